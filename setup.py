@@ -10,7 +10,7 @@ from setuptools import setup
 from setuptools.command.install import install
 
 NAME = "robot_health_monitor"
-FOLDERS = ["core", "runtime", "ros1", "ros2", "rosbridge", "recordings", "ops"]
+FOLDERS = ["core", "runtime", "ros1", "ros2", "rosbridge", "foxglove", "recordings", "ops", "cli"]
 """Top-level folders that are packages below the root package; CMakeLists.txt has the same list."""
 
 
@@ -89,8 +89,9 @@ setup(
     packages=sorted(set(PACKAGES)),
     package_data={
         NAME: ["py.typed"],
-        NAME + ".ops": ["*.css", "*.js"],
+        NAME + ".ops.export": ["files/*.*", "files/*/*.*"],
         NAME + ".ops.plot": ["*.css", "*.js"],
+        NAME + ".ops.report": ["*.css", "*.js"],
         NAME + ".ops.web.page": ["*.css", "*.html", "*.js", "*.svg"],
     },
     data_files=data_files,
@@ -105,10 +106,10 @@ setup(
     entry_points={
         "console_scripts": [
             "robot-health = robot_health_monitor.__main__:main",
-            "battery_sensor = robot_health_monitor.ros2_executables:battery_sensor",
-            "aggregator = robot_health_monitor.ros2_executables:aggregator",
-            "alert_system = robot_health_monitor.ros2_executables:alert_system",
-            "health_monitor = robot_health_monitor.ros2_executables:health_monitor",
+            "battery_sensor = robot_health_monitor.cli.ros2_executables:battery_sensor",
+            "aggregator = robot_health_monitor.cli.ros2_executables:aggregator",
+            "alert_system = robot_health_monitor.cli.ros2_executables:alert_system",
+            "health_monitor = robot_health_monitor.cli.ros2_executables:health_monitor",
         ],
     },
 )

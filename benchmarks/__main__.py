@@ -1,9 +1,7 @@
 """The benchmarks: measures, then prints one table. `make bench` prepares their environment and starts them.
 
     make bench                     everything that can run here
-    make bench ARGS=observe        one part: observe, messages, signals, statuses, black_box, host, footprint,
-                                   rosbridge, recordings, history, notifications, web, fleet,
-                                   forecast, cells, samples
+    make bench ARGS=observe        one part, of those below
     make bench ARGS=--write        everything, and writes the tables of docs/reference/benchmarks.md
 
 Exit code 1 when a requirement is missed.
@@ -12,6 +10,7 @@ Exit code 1 when a requirement is missed.
 from __future__ import annotations
 
 import argparse
+import importlib
 import json
 import os
 import sys
@@ -20,118 +19,53 @@ from typing import Any, Callable, Dict, Iterable, Iterator, List
 from benchmarks.page import PAGE, changed_files, version, write_page
 from benchmarks.table import Row, table
 
-
-def observe() -> Iterator[Row]:
-    """CPU time per sample."""
-    from benchmarks import observe_cost
-
-    yield from observe_cost.rows()
+Part = Callable[[], Iterable[Row]]
 
 
-def messages() -> Iterator[Row]:
-    """CPU time per message."""
-    from benchmarks import message_cost
-
-    yield from on_every_middleware(message_cost.rows, "one message at 1 kHz")
+def alone(module: str) -> Part:
+    """Returns a part that a module measures."""
+    return lambda: importlib.import_module(f"benchmarks.{module}").rows()
 
 
-def signals() -> Iterator[Row]:
-    """CPU time with many signals, and with one whose messages are only counted."""
-    from benchmarks import signals_cost
+def node(*questions: str) -> Part:
+    """Returns a part that compares the alert node with bare subscribers."""
 
-    yield from on_every_middleware(signals_cost.rows, "many signals, and arrivals of one")
+    def measure(target: Any) -> Iterator[Row]:
+        from benchmarks import node_cost
 
+        yield from node_cost.rows(target, *(getattr(node_cost, question) for question in questions))
 
-def statuses() -> Iterator[Row]:
-    """CPU time with 200 statuses, each a signal of its own."""
-    from benchmarks import statuses_cost
-
-    yield from on_every_middleware(statuses_cost.rows, "200 statuses through one wildcard")
+    return lambda: on_every_middleware(measure, ", ".join(questions))
 
 
-def black_box() -> Iterator[Row]:
-    """CPU time of keeping the bytes of ten topics, and memory of recording a camera."""
-    from benchmarks import black_box_cost, black_box_memory
-
-    yield from on_every_middleware(black_box_cost.rows, "black box of ten topics")
-    yield from on_every_middleware(black_box_memory.rows, "black box of a camera")
+def on_ros(module: str) -> Part:
+    """Returns a part that a module measures on ROS 1 and on ROS 2."""
+    return lambda: on_every_middleware(importlib.import_module(f"benchmarks.{module}").rows, module)
 
 
-def host() -> Iterator[Row]:
-    """CPU time of measuring this computer and its processes."""
-    from benchmarks import host_cost
-
-    yield from host_cost.rows()
+def in_turn(*parts: Part) -> Part:
+    """Returns a part that consists of several."""
+    return lambda: (row for part in parts for row in part())
 
 
-def footprint() -> Iterator[Row]:
-    """Memory and CPU of running nodes."""
-    from benchmarks import footprint
-
-    yield from on_every_middleware(footprint.rows, "memory and CPU")
-
-
-def rosbridge() -> Iterator[Row]:
-    """CPU time per delivered message, and memory of a client that never reads."""
-    from benchmarks import rosbridge_cost
-
-    yield from rosbridge_cost.rows()
-
-
-def recordings() -> Iterator[Row]:
-    """CPU time and memory of replays."""
-    from benchmarks import recordings_cost
-
-    yield from recordings_cost.rows()
-
-
-def history() -> Iterator[Row]:
-    """Time and memory of a long history."""
-    from benchmarks import history_cost
-
-    yield from history_cost.rows()
-
-
-def samples() -> Iterator[Row]:
-    """CPU time of the stored samples of 200 robots."""
-    from benchmarks import samples_cost
-
-    yield from samples_cost.rows()
-
-
-def notifications() -> Iterator[Row]:
-    """Time from a sample to its alert, with history and notifications."""
-    from benchmarks import notifications_cost
-
-    yield from notifications_cost.rows()
-
-
-def web() -> Iterator[Row]:
-    """CPU time of open pages, and the time of a scrape."""
-    from benchmarks import web_cost
-
-    yield from web_cost.rows()
-
-
-def fleet() -> Iterator[Row]:
-    """CPU time and memory of 200 robots that are watched by one process."""
-    from benchmarks import fleet_cost
-
-    yield from fleet_cost.rows()
-
-
-def forecast() -> Iterator[Row]:
-    """False alarms of forecasts, and how early they warn."""
-    from benchmarks import forecast_alarms
-
-    yield from forecast_alarms.rows()
-
-
-def cells() -> Iterator[Row]:
-    """How well forecasts know when a battery will be empty."""
-    from benchmarks import forecast_cells
-
-    yield from forecast_cells.rows()
+PARTS: Dict[str, Part] = {
+    "observe": alone("observe_cost"),
+    "messages": node("MESSAGE"),
+    "signals": node("FREQUENCY", "HUNDRED"),
+    "statuses": node("DRIVERS"),
+    "black_box": in_turn(node("BLACK_BOX"), on_ros("black_box_memory")),
+    "host": alone("host_cost"),
+    "footprint": on_ros("footprint"),
+    "rosbridge": alone("rosbridge_cost"),
+    "recordings": alone("recordings_cost"),
+    "history": alone("history_cost"),
+    "samples": alone("samples_cost"),
+    "notifications": alone("notifications_cost"),
+    "web": alone("web_cost"),
+    "fleet": alone("fleet_cost"),
+    "forecast": alone("forecast_alarms"),
+    "cells": alone("forecast_cells"),
+}
 
 
 def on_every_middleware(measure: Callable[[Any], Iterable[Row]], what: str) -> Iterator[Row]:
@@ -148,26 +82,6 @@ def on_every_middleware(measure: Callable[[Any], Iterable[Row]], what: str) -> I
                 yield from measure(target)
         except (OSError, RuntimeError) as problem:
             yield Row(f"{name}, {what}", "", remark=str(problem))
-
-
-PARTS = {
-    "observe": observe,
-    "messages": messages,
-    "signals": signals,
-    "statuses": statuses,
-    "black_box": black_box,
-    "host": host,
-    "footprint": footprint,
-    "rosbridge": rosbridge,
-    "recordings": recordings,
-    "history": history,
-    "samples": samples,
-    "notifications": notifications,
-    "web": web,
-    "fleet": fleet,
-    "forecast": forecast,
-    "cells": cells,
-}
 
 
 def main() -> int:
@@ -187,11 +101,10 @@ def main() -> int:
     for part in asked:
         print(f"measuring {part} ...", file=sys.stderr, flush=True)
         measured[part] = list(PARTS[part]())
-    rows = [row for part in measured.values() for row in part]
-    print(table(rows))
+    print(table(row for part in measured.values() for row in part))
     if arguments.write:
         write_page(measured, version())
-    return 1 if any(row.verdict == "missed" for row in rows) else 0
+    return 1 if any(row.verdict == "missed" for part in measured.values() for row in part) else 0
 
 
 if __name__ == "__main__":

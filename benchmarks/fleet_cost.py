@@ -1,6 +1,7 @@
 """CPU and memory of `robot-health connect` with robots of ten signals at 1 Hz, beside a bare aiohttp client.
 
-With 200 robots, and with 1,000 robots, a history, an open page and a receiver of alerts.
+With 200 robots; with 1,000 robots, a history, an open page and a receiver of alerts; and with 100 robots over each of
+the bridges.
 
 All receive the same messages at the same time from one process, over one connection per robot, in the JSON of a
 rosbridge server. The bare client only parses them. What is compared is the CPU time of the whole process.
@@ -41,7 +42,12 @@ MOST_CORES, MOST_MB, MOST_ALERT_S = 1.0, 200.0, 1.0
 FEW = 20
 """Robots of the run that the memory per robot is compared with."""
 
+OVER_BRIDGE = 100
+"""Robots over each bridge: foxglove must not cost more than rosbridge in CBOR."""
 BARE, ON_HEAP, CONNECT = "bare aiohttp client", "bare, receive buffers on the heap", "robot-health connect"
+CBOR, FOXGLOVE = "connect, rosbridge in CBOR", "connect, foxglove"
+ADDRESSES = {CONNECT: ("ws", "connect"), CBOR: ("ws", "cbor"), FOXGLOVE: ("foxglove", "foxglove")}
+"""Of each contestant: the scheme, and the path at which the robots speak to it."""
 MALLOC = {
     BARE: {"MALLOC_MMAP_THRESHOLD_": "131072", "MALLOC_TRIM_THRESHOLD_": "131072"},
     ON_HEAP: {"MALLOC_MMAP_THRESHOLD_": "524288", "MALLOC_TRIM_THRESHOLD_": "1048576"},
@@ -70,7 +76,20 @@ def rows(rounds: int = ROUNDS) -> Iterator[Row]:
     for name in (BARE, CONNECT):
         per_robot_kb = (found.memory_mb[name] - few_mb[name]) / (ROBOTS - FEW) * 1000.0
         yield Row(f"{what}, memory", name, f"{found.memory_mb[name]:.0f} MB", remark=f"{per_robot_kb:.0f} kB per robot")
+    yield from _over_bridges(rounds)
     yield from _many(rounds)
+
+
+def _over_bridges(rounds: int) -> Iterator[Row]:
+    what = f"{OVER_BRIDGE} robots of {SIGNALS} signals at 1 Hz, by bridge"
+    with _running(OVER_BRIDGE, (), connects=(CBOR, FOXGLOVE)) as (robots, processes):
+        found = _measure(robots, processes, rounds)
+    for name, values in found.cpu_us.items():
+        ratio = median_ratio(values, found.cpu_us[CBOR]) if name == FOXGLOVE else None
+        at_most = 1.0 if name == FOXGLOVE else None
+        yield Row(
+            what, name, f"{statistics.median(values):.1f} us", ratio, at_most, "CPU per message, to rosbridge in CBOR"
+        )
 
 
 def _many(rounds: int) -> Iterator[Row]:
@@ -121,7 +140,10 @@ def _cpu(what: str, found: Figures, required: Dict[str, Optional[float]]) -> Ite
 
 @contextlib.contextmanager
 def _running(
-    count: int, bare: Sequence[str] = (BARE, ON_HEAP), port: Optional[int] = None
+    count: int,
+    bare: Sequence[str] = (BARE, ON_HEAP),
+    port: Optional[int] = None,
+    connects: Sequence[str] = (CONNECT,),
 ) -> Iterator[Tuple[Peer, Dict[str, Process]]]:
     """Starts robots and contestants, and lets them warm up; with a port, `connect` serves there and keeps a history."""
     with contextlib.ExitStack() as stack:
@@ -135,10 +157,6 @@ def _running(
         )
         (folder / "thresholds.yaml").write_text(f"alert_system:\n  ros__parameters:\n    signals:\n{signals}")
         server = f"127.0.0.1:{robots.first}"
-        addresses = "".join(
-            f"  robot{number}: {{url: ws://{server}/connect/robot{number}}}\n" for number in range(count)
-        )
-        (folder / "fleet.yaml").write_text(f"defaults: {{thresholds: thresholds.yaml}}\nrobots:\n{addresses}")
         processes: Dict[str, Process] = {}
         variables = {**os.environ, "PYTHONPATH": str(ROOT)}
         for number, name in enumerate(bare):
@@ -146,12 +164,19 @@ def _running(
             command = [sys.executable, "-m", "benchmarks.fleet_peers", "bare", url, str(count)]
             processes[name] = Process(command, {**variables, **MALLOC[name]})
             stack.callback(processes[name].end)
-        connect = [sys.executable, "-m", "robot_health_monitor", "connect", "--fleet", str(folder / "fleet.yaml")]
-        if port is not None:
-            (folder / "ops.yaml").write_text(json.dumps({"history": {"file": str(folder / "history.db")}}))
-            connect += ["--port", str(port), "--ops", str(folder / "ops.yaml")]
-        processes[CONNECT] = Process(connect, variables)
-        stack.callback(processes[CONNECT].end)
+        for name in connects:
+            scheme, path = ADDRESSES[name]
+            addresses = "".join(
+                f"  robot{number}: {{url: '{scheme}://{server}/{path}/robot{number}'}}\n" for number in range(count)
+            )
+            fleet = folder / f"{path}.yaml"
+            fleet.write_text(f"defaults: {{thresholds: thresholds.yaml}}\nrobots:\n{addresses}")
+            connect = [sys.executable, "-m", "robot_health_monitor", "connect", "--fleet", str(fleet)]
+            if port is not None:
+                (folder / "ops.yaml").write_text(json.dumps({"history": {"file": str(folder / "history.db")}}))
+                connect += ["--port", str(port), "--ops", str(folder / "ops.yaml")]
+            processes[name] = Process(connect, variables)
+            stack.callback(processes[name].end)
         robots.ask(str(len(processes) * count))
         robots.ask(f"{SLICE_S} {SIGNALS}")
         yield robots, processes

@@ -1,14 +1,15 @@
 """The processes that `fleet_cost.py` measures, and the one that sends them messages.
 
-    python3 -m benchmarks.fleet_peers robots              the rosbridge servers of all robots, in one process
+    python3 -m benchmarks.fleet_peers robots              the servers of all robots, in one process
     python3 -m benchmarks.fleet_peers bare URL ROBOTS     receives and parses, with aiohttp and json
     python3 -m benchmarks.fleet_peers alerts URL          receives alerts
 
-The robots write their port and accept a connection each at `/CONTESTANT/ROBOT`. For a line `CONNECTIONS` they write
-`ready` once that many are subscribed. For a line `SECONDS SIGNALS` they send every signal once a second on each
-connection, evenly spread, and write how many messages each contestant was sent. In each second, the first signal of
-another robot is below its bound once. For a line `low` they write when that was, in s, by robot; the receiver of alerts
-answers any line with when their first alerts came.
+The robots write their port and accept a connection each at `/CONTESTANT/ROBOT`. They speak rosbridge in JSON; to the
+contestant `cbor` rosbridge in CBOR, to `foxglove` Foxglove's protocol with messages in CDR. For a line
+`CONNECTIONS` they write `ready` once that many are subscribed. For a line `SECONDS SIGNALS` they send every signal once
+a second on each connection, evenly spread, and write how many messages each contestant was sent. In each second, the
+first signal of another robot is below its bound once. For a line `low` they write when that was, in s, by robot; the
+receiver of alerts answers any line with when their first alerts came.
 """
 
 from __future__ import annotations
@@ -17,14 +18,41 @@ import asyncio
 import contextlib
 import json
 import logging
+import struct
 import sys
 import time
-from typing import Dict, Set, Tuple
+from typing import Dict, Set, Tuple, Union
 
 import aiohttp
+import cbor2
 from aiohttp import web
 
 from benchmarks.peer import requests
+
+SUBPROTOCOLS = {"cbor": ("rosbridge.v2.cbor",), "foxglove": ("foxglove.sdk.v1",)}
+FLOAT32 = {
+    "encoding": "cdr",
+    "schemaName": "std_msgs/msg/Float32",
+    "schemaEncoding": "ros2msg",
+    "schema": "float32 data",
+}
+CHANNELS = [{"id": number, "topic": f"/signal_{number}", **FLOAT32} for number in range(10)]
+CDR_HEADER = 256
+"""The bytes 0, 1, 0, 0: little endian."""
+
+
+def encoded(contestant: str, signal: int, value: float) -> Union[str, bytes]:
+    """Returns a message as a contestant gets it."""
+    if contestant == "foxglove":  # channels are subscribed to in their order
+        return struct.pack("<BIQIf", 1, signal, 0, CDR_HEADER, value)
+    message = {"op": "publish", "topic": f"/signal_{signal}", "msg": {"data": value}}
+    return cbor2.dumps(message) if contestant == "cbor" else json.dumps(message)
+
+
+async def greet(contestant: str, socket: web.WebSocketResponse) -> None:
+    """Offers the channels to `foxglove`."""
+    if contestant == "foxglove":
+        await socket.send_json({"op": "advertise", "channels": CHANNELS})
 
 
 async def serve_robots() -> None:
@@ -34,10 +62,12 @@ async def serve_robots() -> None:
     low_s: Dict[str, float] = {}
 
     async def accept(request: web.Request) -> web.WebSocketResponse:
-        socket = web.WebSocketResponse(compress=False)
+        contestant = request.match_info["contestant"]
+        socket = web.WebSocketResponse(protocols=SUBPROTOCOLS.get(contestant, ()), compress=False)
         await socket.prepare(request)
+        await greet(contestant, socket)
         await socket.receive()  # the first subscription
-        contestants.add(request.match_info["contestant"])
+        contestants.add(contestant)
         latest[request.match_info["contestant"], request.match_info["robot"]] = socket
         async for _ in socket:
             pass
@@ -52,14 +82,14 @@ async def serve_robots() -> None:
             await asyncio.sleep(0.002)
             while sent < min((time.monotonic() - begin_s) * per_second, per_second * seconds):
                 signal, number = divmod(sent % per_second, len(sockets))
-                (_, robot), socket = sockets[number]
+                (contestant, robot), socket = sockets[number]
                 value = 60.0 + sent % 7
                 if signal == 0 and robot == f"robot{first_low + sent // per_second}":
                     value = 5.0
                     low_s.setdefault(robot, time.monotonic())
-                text = json.dumps({"op": "publish", "topic": f"/signal_{signal}", "msg": {"data": value}})
+                message = encoded(contestant, signal, value)
                 with contextlib.suppress(ConnectionResetError):  # it connects again
-                    await socket.send_str(text)
+                    await (socket.send_str(message) if isinstance(message, str) else socket.send_bytes(message))
                 sent += 1
         return sent
 

@@ -11,7 +11,7 @@ from typing import Any, Callable, Dict, Iterator, Mapping, NamedTuple
 
 from benchmarks.table import Row
 from robot_health_monitor.core import Level, Monitor, Sample, Transition, load_config
-from robot_health_monitor.core.forecast import ForecastWindow
+from robot_health_monitor.core.judge.forecast import ForecastWindow
 
 HOURS = 1000
 ONE_LINE_HOURS = 100

@@ -18,9 +18,9 @@ from typing import Any, Dict, Iterator, List, Sequence
 from benchmarks.table import Row
 from benchmarks.targets import ROOT, compile_source
 from robot_health_monitor.core import Level
-from robot_health_monitor.core.model import Status, Transition
+from robot_health_monitor.core.values.model import Status, Transition
 from robot_health_monitor.ops.configuration import HistorySettings
-from robot_health_monitor.ops.history.history import History
+from robot_health_monitor.ops.store.history import History
 
 TRANSITIONS = 100_000
 DAYS = 30.0
@@ -32,9 +32,9 @@ START_LIMIT_S, SINCE_LIMIT_S, MEMORY_LIMIT_KB = 1.0, 0.5, 10_000.0
 _LEVELS = (Level.OK, Level.WARN, Level.ERROR, Level.STALE)
 _START = """
 import resource, sys, time
-from robot_health_monitor.core.faults import Faults
+from robot_health_monitor.core.values.faults import Faults
 from robot_health_monitor.ops.configuration import HistorySettings
-from robot_health_monitor.ops.history.history import History
+from robot_health_monitor.ops.store.history import History
 begin_s = time.perf_counter()
 history = History(HistorySettings(sys.argv[1], keep_mb=10000.0))
 robot = history.of_robot("r1")

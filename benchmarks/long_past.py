@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Iterable, Iterator, List, Tuple
 
 from robot_health_monitor.core import Level
-from robot_health_monitor.core.sample_summary import PERIOD_S
+from robot_health_monitor.core.judge.sample_summary import PERIOD_S
 from robot_health_monitor.ops.configuration import HistorySettings
-from robot_health_monitor.ops.history.history import History
-from robot_health_monitor.ops.history.samples import CELL_S, FINE_S, MERGED_S
+from robot_health_monitor.ops.store.history import History
+from robot_health_monitor.ops.store.samples import CELL_S, FINE_S, MERGED_S
 
 DAYS = 30.0
 _CELLS = 96

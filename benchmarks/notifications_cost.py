@@ -5,8 +5,6 @@ is an alert. The time is that from sending the sample until both the message on 
 line has reached the reader of stdout.
 
 Measured in the same round, on the same disk: one write, which is the rows of one transition committed by SQLite alone.
-And, for comparison, the alert_system alone in this process, without a network: from publishing the sample
-until the log line and the message on `alerts` have come.
 """
 
 from __future__ import annotations
@@ -26,23 +24,16 @@ import time
 from contextlib import AsyncExitStack, closing
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
-from typing import Any, Awaitable, Callable, Dict, Iterator, List, Mapping, Optional
+from typing import Any, Awaitable, Callable, Dict, Iterator, List, Mapping
 
 import aiohttp
 
 from benchmarks.table import Row
 from benchmarks.targets import ROOT
-from robot_health_monitor.core.local import LocalBus, LogLine
-from robot_health_monitor.core.nodes import AlertSystem
-from robot_health_monitor.ops.configuration import HistorySettings, TargetSettings
-from robot_health_monitor.ops.history import schema
-from robot_health_monitor.ops.history.history import History
-from robot_health_monitor.ops.history.rows import INSERT_TRANSITION
-from robot_health_monitor.ops.notifications import Notifier
 
 TRANSITIONS = 1_000
 PAUSE_S = 0.005
-"""Pause before each measurement, in s: six contestants, so an alert_system alerts 40 times a second at most."""
+"""Pause before each measurement, in s: four contestants, so an alert_system alerts 40 times a second at most."""
 
 REQUIRED_RATIO = 1.5
 DEADLINE_S = 30.0
@@ -138,77 +129,22 @@ class _Process:
             self._has_line.set()
 
 
-class _AlertSystem:
-    """An alert_system alone on a separate bus."""
-
-    def __init__(self, make_history: Optional[Callable[[str], Any]] = None) -> None:
-        self._log_s = self._alert_s = self._now_s = 0.0
-        self._bus = LocalBus(on_log=self._note_log)
-        node = self._bus.node("alert_system", parameters={"robot_name": "r3", "signals": {"battery_level": _BATTERY}})
-        history = None if make_history is None else make_history("r3")
-        self._alert_system = AlertSystem(node, history=history)
-        self._peer = self._bus.node("peer")
-        self._peer.advertise("battery_level", "std_msgs/Float32")
-        self._peer.subscribe("alerts", "diagnostic_msgs/DiagnosticStatus", self._note_alert)
-        self._value = 30.0
-
-    async def measure_s(self) -> float:
-        """Publishes a sample that changes the level; returns the time until log line and alert have come, in s."""
-        self._value = 40.0 - self._value
-        self._now_s += 1.0
-        self._bus.run_due(self._now_s)  # the tick, which is not measured
-        self._log_s = self._alert_s = 0.0
-        began_s = time.perf_counter()
-        self._peer.publish("battery_level", {"data": self._value})
-        assert self._log_s and self._alert_s, "no alert"
-        return max(self._log_s, self._alert_s) - began_s
-
-    def _note_log(self, line: LogLine) -> None:
-        self._log_s = time.perf_counter()
-
-    def _note_alert(self, message: Any, now_s: float) -> None:
-        self._alert_s = time.perf_counter()
-
-
 class _Disk:
-    """SQLite alone: commits the rows of a transition as the history does, without a thread."""
+    """SQLite alone: commits as many bytes as the rows of a transition have, without a thread."""
 
     def __init__(self, file: Path) -> None:
         self._connection = sqlite3.connect(str(file), isolation_level=None)
-        self._connection.execute("PRAGMA journal_mode = WAL")
-        self._connection.execute("PRAGMA synchronous = NORMAL")
-        schema.prepare(self._connection)
+        for statement in ("PRAGMA journal_mode = WAL", "PRAGMA synchronous = NORMAL", "CREATE TABLE kept (row BLOB)"):
+            self._connection.execute(statement)
         self.close = self._connection.close
 
     async def measure_s(self) -> float:
-        """Commits the rows; returns the time in s."""
-        execute = self._connection.execute
-        text = "battery_level WARN: 10 % is below 20 % (was OK for 1 s)"
-        row = (
-            time.time(),
-            "r3",
-            "battery_level",
-            0,
-            1,
-            10.0,
-            "last",
-            20.0,
-            1.0,
-            0.0,
-            "0" * 16,
-            text,
-            "x" * 120,
-            0,
-            "",
-            "",
-        )
+        """Commits a transition, its evidence of 60 samples, a state and a notification; returns the time in s."""
         began_s = time.perf_counter()
-        execute("BEGIN IMMEDIATE")
-        number = execute(INSERT_TRANSITION, row).lastrowid
-        execute("INSERT INTO evidence VALUES (?, ?)", (number, b"x" * 728))  # 60 samples
-        execute("INSERT OR REPLACE INTO signal_states VALUES (?, ?, ?)", ("r3", "battery_level", "x" * 400))
-        execute("INSERT INTO noted_transitions (at_s, transition_json) VALUES (?, ?)", (0.0, "x" * 900))
-        execute("COMMIT")
+        self._connection.execute("BEGIN IMMEDIATE")
+        for size in (300, 728, 400, 1000):
+            self._connection.execute("INSERT INTO kept VALUES (?)", (bytes(size),))
+        self._connection.execute("COMMIT")
         return time.perf_counter() - began_s
 
 
@@ -224,11 +160,8 @@ async def measure(count: int, folder: Path) -> Dict[str, List[float]]:
     ops.write_text(json.dumps({"history": {"file": "run.db"}, "notify": notify}))
     recording = folder / "recording.yaml"
     recording.write_text(json.dumps({"history": {"file": "recorded.db"}, "black_box": {"folder": "black_box"}}))
-    targets = [TargetSettings(name, "webhook", url=url) for name, url in urls.items()]
     async with AsyncExitStack() as stack:
         session = await stack.enter_async_context(aiohttp.ClientSession())
-        history = stack.enter_context(closing(History(HistorySettings(str(folder / "history.db")))))
-        stack.enter_context(closing(Notifier(history, targets)))
         stack.callback(_Target.hangs_until.set)
         processes = {
             "run": _Process(folder / "without"),
@@ -240,8 +173,6 @@ async def measure(count: int, folder: Path) -> Dict[str, List[float]]:
             stack.push_async_callback(process.close)
         measurements: Dict[str, Callable[[], Awaitable[float]]] = {
             **{name: process.measure_s for name, process in processes.items()},
-            "alone": _AlertSystem().measure_s,
-            "alone with": _AlertSystem(history.of_robot).measure_s,
             "disk": stack.enter_context(closing(_Disk(folder / "disk.db"))).measure_s,
         }
         found: Dict[str, List[float]] = {name: [] for name in measurements}
@@ -262,16 +193,12 @@ def rows(count: int = TRANSITIONS) -> Iterator[Row]:
     def figure(name: str) -> str:
         return f"{median[name] * 1e6:.0f} us, worst {max(found[name]) * 1e3:.1f} ms"
 
-    yield Row("one disk write", "SQLite, the rows of a transition", figure("disk"))
-    for name, what, required in (
-        ("run", "sample to alert at a client and on stdout", REQUIRED_RATIO),
-        ("alone", "sample to alert inside the process", None),
+    what, remark = f"sample to alert at a client and on stdout, {count:,} alerts", "to without, after one disk write"
+    yield Row("one disk write", "SQLite, the bytes of a transition", figure("disk"))
+    yield Row(what, "without history", figure("run"))
+    for name, contestant in (
+        ("run with", "history, five targets, four hang"),
+        ("run recording", "history, samples, black box"),
     ):
-        what = f"{what}, {count:,} alerts"
-        remark = "to without, after one disk write"
-        ratio = (median[f"{name} with"] - median["disk"]) / median[name]
-        yield Row(what, "without history", figure(name))
-        yield Row(what, "history, five targets, four hang", figure(f"{name} with"), ratio, required, remark)
-        if name == "run":
-            ratio = (median["run recording"] - median["disk"]) / median["run"]
-            yield Row(what, "history, samples, black box", figure("run recording"), ratio, required, remark)
+        ratio = (median[name] - median["disk"]) / median["run"]
+        yield Row(what, contestant, figure(name), ratio, REQUIRED_RATIO, remark)

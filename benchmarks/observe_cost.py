@@ -15,7 +15,7 @@ from typing import Any, Callable, Dict, Iterator, List, Mapping, Sequence
 
 from benchmarks.table import Row, median_ratio
 from robot_health_monitor.core import Monitor, Sample, load_config
-from robot_health_monitor.core.config import DEFAULT_SIGNALS
+from robot_health_monitor.core.config.monitor_config import DEFAULT_SIGNALS
 
 Contestant = Callable[[Sequence[float]], None]
 """Takes samples."""

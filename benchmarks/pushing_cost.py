@@ -19,9 +19,9 @@ from pathlib import Path
 from typing import Dict, List, Sequence
 
 import psutil
+from harness.pushing_fleet import PushingFleet, Scraped, get, pushing_fleet, until
 
-from benchmarks.pushing_fleet import PushingFleet, Scraped, get, pushing_fleet, until
-from robot_health_monitor.core.config import load_config
+from robot_health_monitor.core.config.monitor_config import load_config
 
 SIGNALS = 10
 PER_TARGET = 100
@@ -45,6 +45,7 @@ def exposition(first: int, count: int) -> bytes:
             labels = f'{{robot="r{robot}",signal="signal_{signal}"'
             lines.append(f"robot_health_level{labels}}} 0")
             lines.append(f"robot_health_value{labels}}} {value}")
+            lines.append(f"robot_health_alert_level{labels}}} {1 if value < 20.0 else 0}")
             lines.append(f"robot_health_data_valid{labels}}} 1")
             lines.append(f'robot_health_samples_total{labels},quality="good"}} {now_s:.0f}')
             lines.append(f'robot_health_samples_total{labels},quality="bad"}} 0')

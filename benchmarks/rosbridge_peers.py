@@ -22,7 +22,7 @@ import psutil
 from aiohttp import web
 
 from benchmarks.peer import requests
-from robot_health_monitor.core.local import LocalBus
+from robot_health_monitor.core.port.local import LocalBus
 from robot_health_monitor.rosbridge.server.server import Server
 
 TOPIC = "/battery_level"

@@ -15,9 +15,9 @@ from typing import Iterator
 
 from benchmarks.table import Row
 from robot_health_monitor.core import Monitor, Sample, load_config
-from robot_health_monitor.core.continuity import Continuity
+from robot_health_monitor.core.judge.continuity import Continuity
 from robot_health_monitor.ops.configuration import HistorySettings
-from robot_health_monitor.ops.history.history import History
+from robot_health_monitor.ops.store.history import History
 
 ROBOTS = 200
 SIGNALS = tuple(f"signal_{number}" for number in range(10))

@@ -117,7 +117,7 @@ class Target:
             remap: a name that it is to use in place of another, `old:=new`; empty: none.
             parameters: a file with its configuration.
         """
-        module = f"robot_health_monitor.{self.package}_executables"
+        module = f"robot_health_monitor.cli.{self.package}_executables"
         code = f"import sys; from {module} import {executable} as main; sys.exit(main())"
         arguments = [f"__ns:=/{namespace}", remap]
         if self.package == "ros2":
@@ -132,7 +132,8 @@ class Target:
 
     def peer(self, role: str, topics: int = 1) -> Process:
         """Starts one of the peers with a number of topics."""
-        return Process([self.python, "-m", f"benchmarks.{self.package}_peers", role, str(topics)], self.variables)
+        variables = {**self.variables, "BENCHMARK_ROS": self.package}
+        return Process([self.python, "-m", "benchmarks.ros_peers", role, str(topics)], variables)
 
     def tool(self, *command: str) -> Process:
         """Starts a tool of the middleware."""

@@ -20,10 +20,10 @@ from typing import Any, List, Optional
 from aiohttp import ClientSession, ClientTimeout
 
 from benchmarks.peer import requests
-from robot_health_monitor.core.local import LocalBus
 from robot_health_monitor.core.nodes import AlertSystem
+from robot_health_monitor.core.port.local import LocalBus
 from robot_health_monitor.ops.configuration import HistorySettings
-from robot_health_monitor.ops.history.history import History
+from robot_health_monitor.ops.store.history import History
 from robot_health_monitor.ops.web import WebInterface
 from robot_health_monitor.rosbridge.server.server import Server
 

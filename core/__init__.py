@@ -1,11 +1,11 @@
 """The monitor without a middleware: values, configuration and judging. `core.nodes` runs it on a middleware."""
 
-from .config import MonitorConfig, load_config
-from .errors import ConfigError, LinkError, MessageError, ServiceError
-from .model import Changes, Level, Report, Sample, Status, Transition
-from .monitor import Monitor
-from .outlets import Event, Notice, Outlet, Outlets
-from .signal_config import SignalConfig
+from .config.monitor_config import MonitorConfig, load_config
+from .config.signal_config import SignalConfig
+from .judge.monitor import Monitor
+from .nodes.outlets import Event, Notice, Outlet, Outlets
+from .values.errors import ConfigError, LinkError, MessageError, ServiceError
+from .values.model import Changes, Level, Report, Sample, Status, Transition
 
 __all__ = [
     "Changes", "ConfigError", "Event", "Level", "LinkError", "MessageError", "Monitor", "MonitorConfig", "Notice",

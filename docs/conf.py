@@ -44,10 +44,10 @@ napoleon_google_docstring = True
 napoleon_numpy_docstring = False
 
 nitpicky = True
-_INTERNAL = "explanation.Judgement|faults.Faults|middleware.Severity|model.Forecast|sample_summary.SampleSummary"
+_INTERNAL = "Condition|Faults|Forecast|Judgement|SampleCollector|SampleSummary|Severity|SignalMonitor"
 nitpick_ignore_regex = [
     ("py:.*", r"(?!robot_health_monitor\.).*"),  # Python's own types: no inventory is fetched
-    ("py:class", rf"robot_health_monitor\.core\.({_INTERNAL}|signal_config.Condition)"),  # types of a few fields
+    ("py:class", rf"robot_health_monitor\.core\.[\w.]+\.({_INTERNAL})"),  # types of a few fields
 ]
 
 html_theme = "furo"

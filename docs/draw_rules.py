@@ -1,4 +1,6 @@
-"""Draws docs/rules.svg: a value, its bounds and the resulting states over time, from the real core.
+"""Draws docs/rules.svg and docs/silence.svg from the real core.
+
+The first is a value, its bounds and the resulting states over time, the second a node that dies and comes back.
 
     python docs/draw_rules.py            # needs matplotlib
 
@@ -9,7 +11,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Iterator, List, Tuple
+from typing import Dict, Iterator, List, Tuple
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 from robot_health_monitor.core import Level, Monitor, Sample, Transition, load_config
@@ -115,6 +117,70 @@ def draw(target: Path) -> None:
     figure.savefig(target, metadata={"Date": None, "Creator": None})
 
 
+NODE = {
+    "joint_left": "/joint_states",
+    "joint_right": "/joint_states",
+    "joint_lift": "/joint_states",
+    "scan": "/scan",
+    "imu": "/imu",
+    "odom": "/odom",
+}
+"""The signals of the node that dies, with their topics."""
+DEAD = range(101, 130)
+NODE_END_S = 150
+
+
+def run_node() -> Iterator[Tuple[int, Dict[str, Level], List[Transition]]]:
+    """Yields (time, level of each signal, transitions) of the node, with one message and one tick per second."""
+    monitor = Monitor(load_config({"signals": {name: {"topic": topic} for name, topic in NODE.items()}}))
+    monitor.expect_sources()
+    for now_s in range(NODE_END_S + 1):
+        transitions: List[Transition] = []
+        if now_s not in DEAD:
+            for topic in dict.fromkeys(NODE.values()):
+                transitions += monitor.observe_source(topic, float(now_s))
+                for name in (name for name, read in NODE.items() if read == topic):
+                    transitions += monitor.observe(Sample(name, 1.0, float(now_s)))
+        transitions += monitor.tick(float(now_s))
+        statuses = monitor.report(float(now_s)).statuses
+        yield now_s, {name: statuses[name].level for name in NODE}, transitions
+
+
+def node_lines() -> List[str]:
+    """Returns the transitions of the node."""
+    return [f"{each.now_s:7.3f} {each.text}" for _, _, of_step in run_node() for each in of_step]
+
+
+def draw_node(target: Path) -> None:
+    """Writes the picture of the node."""
+    import matplotlib
+
+    matplotlib.use("svg")
+    from matplotlib import pyplot as plt
+    from matplotlib.patches import Patch
+
+    plt.rcParams.update({"svg.hashsalt": "silence", "font.family": "DejaVu Sans", "font.size": 9})
+    figure, axes = plt.subplots(figsize=(10, 3.2), layout="constrained")
+    first_s, names = 90, list(NODE)
+    for now_s, levels, transitions in run_node():
+        if now_s < first_s or now_s == NODE_END_S:
+            continue
+        for row, name in enumerate(names):
+            axes.barh(row, 1, 0.8, now_s, align="center", color=COLOURS[levels[name]], alpha=0.5, linewidth=0)
+        for transition in transitions:
+            axes.axvline(now_s, color="#1f2933", linewidth=1.0)
+            text = transition.text.partition(":")[0]
+            axes.text(now_s + 0.4, -0.75, text, ha="left", va="bottom", fontweight="bold")
+    axes.axvspan(DEAD.start, DEAD.stop, ymax=0.04, color="#a32018", linewidth=0)
+    axes.text((DEAD.start + DEAD.stop) / 2, 5.85, "the node is dead", ha="center", color="#a32018")
+    axes.set(xlim=(first_s, NODE_END_S), ylim=(6.25, -1.4), xlabel="time in s")
+    axes.set_yticks(range(len(names)), [f"{name}  ({NODE[name]})" for name in names])
+    handles = [Patch(color=COLOURS[level], alpha=0.5, label=level.name) for level in (Level.OK, Level.STALE)]
+    axes.legend(handles=handles, loc="upper left", ncols=2, frameon=False)
+    figure.savefig(target, metadata={"Date": None, "Creator": None})
+
+
 if __name__ == "__main__":
     draw(Path(__file__).with_name("rules.svg"))
-    print("\n".join(lines()))
+    draw_node(Path(__file__).with_name("silence.svg"))
+    print("\n".join([*lines(), *node_lines()]))

@@ -15,13 +15,13 @@ from types import FrameType
 from typing import Any, Dict, Iterator, List, Set, Tuple
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
-from robot_health_monitor.core.local import LocalBus
 from robot_health_monitor.core.nodes import AlertSystem
+from robot_health_monitor.core.port.local import LocalBus
 
 ROOT = Path(__file__).resolve().parent.parent
 PICTURE = ROOT / "docs" / "structure.svg"
 PACKAGE = "robot_health_monitor"
-LAYERS = ((PACKAGE,), ("ros1", "ros2", "rosbridge", "recordings", "ops"), ("runtime",), ("core",))
+LAYERS = (("cli",), ("ros1", "ros2", "rosbridge", "foxglove", "recordings", "ops"), ("runtime",), ("core",))
 """The folders, as the import rules in pyproject.toml order them."""
 SIGNAL = {"topic": "battery", "warn_below": 20.0, "flap_detection": True}
 
@@ -54,22 +54,16 @@ polygon {{ fill: #9198a1 }}
 
 def folders_imported(folder: str) -> Set[str]:
     """Returns the other folders that the modules of a folder import, lazily or not."""
-    known = {name for layer in LAYERS for name in layer}
     found: Set[str] = set()
     for file in (ROOT / folder).rglob("*.py"):
-        if any(part.is_symlink() for part in (file, *file.parents)):
-            continue  # robot_health_monitor/core is a link to core
+        package = [PACKAGE, *file.relative_to(ROOT).parts[:-1]]
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
             if isinstance(node, ast.ImportFrom):
-                names = [node.module or ""]
-            elif isinstance(node, ast.Import):
-                names = [alias.name for alias in node.names]
-            else:
-                continue
-            found.update(name.split(".")[1] for name in names if name.startswith(f"{PACKAGE}."))
-            if folder == PACKAGE and isinstance(node, ast.ImportFrom) and node.level:
-                found.update(name.split(".")[0] for name in names)
-    return (found & known) - {folder}
+                above = package[: len(package) - node.level + 1] if node.level else []
+                imported = [*above, *(node.module or "").split(".")]
+                if imported[0] == PACKAGE:
+                    found.add(imported[1])
+    return found - {folder}
 
 
 def way_of_a_sample() -> List[Tuple[str, str]]:
@@ -126,10 +120,10 @@ def _folders(top: float) -> Iterator[str]:
         yield _box(x, y, f"{folder}/", "")
         for other in sorted(folders_imported(folder)):
             to_x, to_y = places[other]
-            if (folder, other) == (PACKAGE, "core"):
+            if (folder, other) == ("cli", "core"):
                 half = _BOX_WIDTH / 2
                 yield f'<path d="M{x - half:g},{y + 22:g} H5 V{to_y + 22:g} H{to_x - half:g}"/>'
-            elif (folder, other) == (PACKAGE, "runtime"):
+            elif (folder, other) == ("cli", "runtime"):
                 half, right = _BOX_WIDTH / 2, _WIDTH - 5
                 yield f'<path d="M{x + half:g},{y + 22:g} H{right} V{to_y + 22:g} H{to_x + half:g}"/>'
             else:

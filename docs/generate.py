@@ -20,25 +20,27 @@ from unittest import mock
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 from robot_health_monitor.__main__ import main
-from robot_health_monitor.arguments import COMMANDS
-from robot_health_monitor.core.config import MONITOR_PARAMETERS, NODE_PARAMETERS
-from robot_health_monitor.core.explanation import STATES
+from robot_health_monitor.cli.arguments import COMMANDS
+from robot_health_monitor.cli.exit_codes import exit_codes_text
+from robot_health_monitor.cli.fleet_configuration import RobotEntry
+from robot_health_monitor.core.config.monitor_config import MONITOR_PARAMETERS, NODE_PARAMETERS
+from robot_health_monitor.core.config.parameters import Parameter
+from robot_health_monitor.core.config.schema import parameters
+from robot_health_monitor.core.config.signal_config import CONDITION_PARAMETERS, SIGNAL_PARAMETERS
+from robot_health_monitor.core.judge.wording import STATES
 from robot_health_monitor.core.nodes.aggregator import AGGREGATOR_PARAMETERS
 from robot_health_monitor.core.nodes.battery_sensor import SENSOR_PARAMETERS
-from robot_health_monitor.core.parameters import Parameter
 from robot_health_monitor.core.sensors import configuration as sensing
 from robot_health_monitor.core.sensors.catalogue import HOST_SOURCES
-from robot_health_monitor.core.signal_config import CONDITION_PARAMETERS, SIGNAL_PARAMETERS
-from robot_health_monitor.exit_codes import exit_codes_text
-from robot_health_monitor.fleet_configuration import ROBOT_PARAMETERS
-from robot_health_monitor.ops import metrics
+from robot_health_monitor.core.values.model import Level
 from robot_health_monitor.ops.configuration import (
-    BLACK_BOX_PARAMETERS,
-    HISTORY_PARAMETERS,
-    SERVER_PARAMETERS,
-    TARGET_PARAMETERS,
+    BlackBoxSettings,
+    HistorySettings,
+    ServerOptions,
+    TargetSettings,
 )
-from robot_health_monitor.ops.history.samples import SAMPLES_FIELDS
+from robot_health_monitor.ops.store.samples import SAMPLES_FIELDS
+from robot_health_monitor.ops.web import metrics
 
 DOCS = Path(__file__).resolve().parent
 ROOT = DOCS.parent
@@ -59,22 +61,22 @@ def pages() -> Dict[Path, str]:
 
 def _blocks() -> Mapping[str, Callable[[], str]]:
     """Returns the functions that write the blocks, by name."""
-    parameters: Mapping[str, Iterable[Parameter]] = {
+    tables: Mapping[str, Iterable[Parameter]] = {
         "signal": SIGNAL_PARAMETERS,
         "condition": CONDITION_PARAMETERS,
         "node": NODE_PARAMETERS,
         "alert_system": _own(MONITOR_PARAMETERS),
         "aggregator": _own(AGGREGATOR_PARAMETERS),
         "battery_sensor": _sensor_parameters(),
-        "history": HISTORY_PARAMETERS,
-        "black_box": BLACK_BOX_PARAMETERS,
-        "notify": TARGET_PARAMETERS,
-        "server": SERVER_PARAMETERS,
-        "fleet": ROBOT_PARAMETERS,
+        "history": parameters(HistorySettings),
+        "black_box": parameters(BlackBoxSettings),
+        "notify": parameters(TargetSettings),
+        "server": parameters(ServerOptions),
+        "fleet": parameters(RobotEntry),
     }
     blocks: Dict[str, Callable[[], str]] = {
         f"parameters of {name}": lambda table=tuple(table): _parameters(table)  # type: ignore[misc]
-        for name, table in parameters.items()
+        for name, table in tables.items()
     }
     blocks.update((f"command {name}", lambda name=name: _command(name)) for name in COMMANDS)  # type: ignore[misc]
     blocks.update((f"API {name}", lambda name=name: _fields(name)) for name in API)  # type: ignore[misc]
@@ -121,14 +123,16 @@ def _own(parameters: Iterable[Parameter]) -> Iterator[Parameter]:
 
 def _sensor_parameters() -> Iterator[Parameter]:
     yield from _own(SENSOR_PARAMETERS)
-    for metric, parameters in sensing.METRIC_PARAMETERS.items():
-        for parameter in parameters:
+    for metric, table in sensing.METRIC_PARAMETERS.items():
+        for parameter in table:
             yield parameter.below(metric)
 
 
 def _default(default: Any) -> str:
     if default is None or default in ("", ()):
         return ""
+    if isinstance(default, Level):
+        return f"`{default.name}`"
     if isinstance(default, bool):
         return f"`{str(default).lower()}`"
     if isinstance(default, tuple):
@@ -204,9 +208,10 @@ def _metrics() -> str:
 
 
 def _causes() -> str:
-    """Returns the causes of a link that is down: the texts of every `Cause` in the client."""
+    """Returns the causes of a link that is down: the texts of every `Cause`."""
     found: List[str] = []
-    for file in sorted((ROOT / "rosbridge" / "client").glob("*.py")):
+    folders = (ROOT / "rosbridge" / "client", ROOT / "foxglove", ROOT / "runtime" / "bridge")
+    for file in sorted(file for folder in folders for file in folder.glob("*.py")):
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
             if isinstance(node, ast.AnnAssign) and getattr(node.target, "id", "") == "_SYSTEM_ERRORS":
                 found += [text for value in ast.walk(node) for text in _texts(value)]
@@ -248,7 +253,7 @@ API: Mapping[str, Mapping[str, str]] = {
     "robot": {
         "level": "worst level of its signals",
         "link": '`"up"`, `"down"`; `null`: the monitor runs on the robot, there is no link',
-        "signal": "name of the signal that causes the level; `null` if OK",
+        "signal": "name of the signal that causes the level, no effect of another if possible; `null` if OK",
         "message": 'message of that signal; `""` if OK',
         "since": "since when that signal has its level; `null` if OK",
         "monitor": "`level` and `message` of the worst fault of the monitor that concerns this robot",
@@ -282,6 +287,8 @@ API: Mapping[str, Mapping[str, str]] = {
         "time_to_bound_s": "seconds from the newest sample until that line reaches the nearest bound ahead; `null` "
         "also without one",
         "flapping": "whether changes are withheld because there are too many",
+        "cause": "name of the alert whose effect it is: worse levels are not announced meanwhile; `null`: none",
+        "affects": "how many signals are worse than announced because of this one",
         "latch": "whether an alert stays until it is reset",
     },
     "silence": {
@@ -290,8 +297,11 @@ API: Mapping[str, Mapping[str, str]] = {
         "reason": "why; may be empty",
         "author": "who added it",
         "since": "when it was added",
-        "until": "when it ends; `null`: see `until_resolved`",
+        "until": "when it ends; `null`: when it is ended, see also `until_resolved`",
         "until_resolved": "whether it ends when its alerts are resolved",
+        "every": "when it is in force each week, such as `mon-fri 22:00-06:00`; `null`: all the time",
+        "timezone": "the time zone of `every`; `null` without it",
+        "in_force": "whether it silences alerts now",
     },
     "alert": {
         "id": "for `GET /api/history/ID`",
@@ -307,6 +317,7 @@ API: Mapping[str, Mapping[str, str]] = {
         "text": "the alert line",
         "hint": "why there are no samples; may be empty",
         "black_box": "name of the file that records it, for `GET /api/black_box/NAME`; empty: none",
+        "alert_id": "`id` of the transition that began the alert: the same for all of its levels and its end",
         "repeat": "whether it repeats an alert (`repeat_s`)",
         "notes": "what people wrote on it, oldest first, see below",
     },
@@ -332,7 +343,7 @@ API: Mapping[str, Mapping[str, str]] = {
 """Meaning of the keys of each object. The keys themselves are those that the code sends."""
 
 _MARKS = {
-    "state": {"can_change", "robots"},
+    "state": {"can_change", "silencing"},
     "monitor": {"level", "faults"},
     "robot": {"link", "signals"},
     "signal": {"state", "judged"},
@@ -361,8 +372,8 @@ def fields_sent(name: str) -> List[str]:
                 keys = [key.value for key in node.keys if isinstance(key, ast.Constant)]
                 if _MARKS[name] <= set(keys):
                     found.append(keys)
-    (keys,) = found
-    return keys
+    assert len(found) == 1, f"{name}: {len(found)} dictionaries in ops/web have these keys"
+    return [*found[0], "robots"] if name == "state" else found[0]  # robots are added one by one, as JSON
 
 
 if __name__ == "__main__":

@@ -21,23 +21,28 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 import generate
 
 from robot_health_monitor import core
-from robot_health_monitor.arguments import COMMANDS
+from robot_health_monitor.cli.arguments import COMMANDS
+from robot_health_monitor.cli.executables import EXECUTABLES
+from robot_health_monitor.cli.exit_codes import ExitCode
+from robot_health_monitor.cli.fleet_configuration import Options, RobotEntry
+from robot_health_monitor.cli.history.history_entries import CSV_HEAD
 from robot_health_monitor.core import nodes
-from robot_health_monitor.core.config import MONITOR_PARAMETERS
-from robot_health_monitor.core.local import LocalBus
+from robot_health_monitor.core.config.monitor_config import MONITOR_PARAMETERS
+from robot_health_monitor.core.config.parameters import Parameter
+from robot_health_monitor.core.config.schema import parameters
+from robot_health_monitor.core.config.signal_config import (
+    CONDITION_PARAMETERS,
+    CONDITIONS,
+    SIGNAL_PARAMETERS,
+)
 from robot_health_monitor.core.nodes.aggregator import AGGREGATOR_PARAMETERS
-from robot_health_monitor.core.outlets import FIELDS
-from robot_health_monitor.core.parameters import Parameter
+from robot_health_monitor.core.nodes.outlets import FIELDS
+from robot_health_monitor.core.port.local import LocalBus
 from robot_health_monitor.core.sensors.catalogue import HOST_SOURCES
-from robot_health_monitor.core.signal_config import CONDITION_PARAMETERS, CONDITIONS, SIGNAL_PARAMETERS
-from robot_health_monitor.core.version import package_version
-from robot_health_monitor.executables import EXECUTABLES
-from robot_health_monitor.exit_codes import ExitCode
-from robot_health_monitor.fleet_configuration import ROBOT_PARAMETERS
-from robot_health_monitor.history_entries import CSV_HEAD
+from robot_health_monitor.core.values.version import package_version
 from robot_health_monitor.ops import configuration as ops
-from robot_health_monitor.ops import metrics
-from robot_health_monitor.ops.history.samples import SAMPLES_FIELDS
+from robot_health_monitor.ops.store.samples import SAMPLES_FIELDS
+from robot_health_monitor.ops.web import metrics
 from robot_health_monitor.ops.web.interface import WebInterface
 from robot_health_monitor.runtime.tokens import TOKEN_VARIABLE
 
@@ -121,15 +126,15 @@ def _keys() -> Iterator[str]:
         **{f"alert_system signals.*.{key}.": CONDITION_PARAMETERS for key in CONDITIONS},
         "aggregator ": AGGREGATOR_PARAMETERS,
         "battery_sensor ": [*generate._sensor_parameters()],
-        "ops.yaml history.": ops.HISTORY_PARAMETERS,
-        "ops.yaml black_box.": ops.BLACK_BOX_PARAMETERS,
-        "ops.yaml notify.*.": ops.TARGET_PARAMETERS,
-        "ops.yaml server.": ops.SERVER_PARAMETERS,
-        "fleet.yaml robots.*.": ROBOT_PARAMETERS,
-        "fleet.yaml defaults.": [each for each in ROBOT_PARAMETERS if each.name != "url"],
+        "ops.yaml history.": parameters(ops.HistorySettings),
+        "ops.yaml black_box.": parameters(ops.BlackBoxSettings),
+        "ops.yaml notify.*.": parameters(ops.TargetSettings),
+        "ops.yaml server.": parameters(ops.ServerOptions),
+        "fleet.yaml robots.*.": parameters(RobotEntry),
+        "fleet.yaml defaults.": parameters(Options),
     }
-    for place, parameters in tables.items():
-        for parameter in parameters:
+    for place, table in tables.items():
+        for parameter in table:
             yield f"key {place}{parameter.name}"
             yield from (f"key {place}{parameter.name}: {choice}" for choice in filter(None, parameter.choices))
     for source, description in HOST_SOURCES.items():
@@ -175,7 +180,7 @@ def _graph() -> Iterator[str]:
     nodes.AlertSystem(bus.node("alert_system"))
     nodes.Aggregator(bus.node("aggregator"))
     nodes.BatterySensor(bus.node("battery_sensor"))
-    bus.run_until(3.0)
+    bus.run_until(4.0)
     graph = bus.graph()
     for node, info in graph.nodes.items():
         if node == outside.name:
@@ -213,7 +218,7 @@ def difference(before: Sequence[str], now: Sequence[str]) -> str:
     """Returns what to do about names that are in one list only; empty: nothing."""
     lines = [f"- {name}" for name in before if name not in now]
     if lines:
-        lines.append("Users rely on these names. Keep each beside its new one (core/deprecation.py);")
+        lines.append("Users rely on these names. Keep each beside its new one;")
         lines.append("only a new major version may remove it: docs/reference/stability.md.")
     added = [f"+ {name}" for name in now if name not in before]
     if added:

@@ -13,9 +13,9 @@ import tempfile
 from pathlib import Path
 
 from robot_health_monitor.core import Transition
-from robot_health_monitor.core.local import LocalBus
 from robot_health_monitor.core.nodes import AlertSystem
-from robot_health_monitor.core.outlets import Event
+from robot_health_monitor.core.nodes.outlets import Event
+from robot_health_monitor.core.port.local import LocalBus
 
 
 class CsvFile:

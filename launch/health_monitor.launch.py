@@ -124,8 +124,6 @@ def node(executable, **options):
                 "ops": ParameterValue(LaunchConfiguration("ops"), value_type=str),
             }
         ],
-        # With sensors none, aggregator ends at once if no inputs are configured; one that is respawned waits instead.
-        additional_env={"ROBOT_HEALTH_RESPAWN": LaunchConfiguration("respawn")},
         respawn=LaunchConfiguration("respawn"),
         respawn_delay=2.0,
         output="screen",

@@ -1,129 +1,42 @@
-"""Values of fields from serialized messages, ROS 1 and CDR, by the definitions in the recording.
-
-Where core/fixed_fields.py can read a number from the bytes, the message is not deserialized: that is ten times as fast.
-Else it becomes an object with an attribute per field. Work and memory are bounded by the size of the bytes, whatever
-these and the definition say: a length is compared with the bytes that are left, and an element of an array takes at
-least one byte.
-
-Sources: wiki.ros.org/roscpp/Overview/MessagesSerializationAndAdaptingTypes; OMG DDS-XTypes, XCDR version 1.
-"""
+"""The types of recorded messages; those that a recording does not define are the standard ones."""
 
 from __future__ import annotations
 
 import functools
-import struct
-from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Sequence, Set, Tuple
+from typing import Any, Tuple
 
-import numpy as np
-
-from robot_health_monitor.core.definitions import NUMBERS, SEQUENCE, Definitions, Field, parse_definition
-from robot_health_monitor.core.dialect import Dialect, FieldType
-from robot_health_monitor.core.errors import ConfigError
-from robot_health_monitor.core.fixed_fields import Getter, number_getter
-from robot_health_monitor.core.formatting import printable
-from robot_health_monitor.core.native_messages import NativeMessages
-from robot_health_monitor.runtime.libraries import RECORDINGS, libraries
-
+from ..core.messages.fixed_fields import Getter
+from ..core.messages.serialized import SerializedType, json_getter
+from ..core.values.errors import ConfigError
+from ..runtime.libraries import RECORDINGS, libraries
 from .recording import Channel
 
-_LONGEST_PROBLEM = 300  # characters of an error
-_DEEPEST = 32  # types in one another
-_MOST_ELEMENTS = 500_000  # strings and messages in the arrays of one message: each takes a few hundred bytes of memory
-_EMPTY = Field("structure_needs_at_least_one_member", "uint8", None)  # what an empty message consists of in ROS 2
 
-_CDR_HEADER = 4  # bytes before a CDR message, to which its alignment does not refer; the second is its byte order
+@functools.lru_cache(maxsize=256)
+def type_of(channel: Channel) -> SerializedType:
+    """Returns the type of a channel's messages, read once per channel.
 
-_Read = Callable[[bytes, int], Tuple[Any, int]]
-"""Reads a value at a position; returns it with the position behind it. Raises ValueError and struct.error."""
-
-
-class _Shape(NamedTuple):
-    least: int  # bytes that a value has at least
-    values: int  # messages, numbers and strings in it, without the contents of arrays
-
-
-class Types:
-    """The type of one channel's messages, with the types in it."""
-
-    def __init__(self, channel: Channel) -> None:
-        """Parses the definition. Raises ConfigError: it cannot be parsed, or is missing and not of a standard type."""
-        self._channel = channel
-        self._is_cdr = channel.encoding != "ros1"
-        try:
-            self._definitions = _definitions_of(channel, self._is_cdr)
-        except (ValueError, KeyError) as error:
-            raise self._unusable(error) from None
-        self._deserializer = Deserializer(self._definitions, self._is_cdr)
-        self._messages = NativeMessages(
-            Dialect(
-                lambda package, kind, name: self._deserializer.classes.get(f"{package}/{name}"),
-                lambda found: found.type_name,
-                self._field_types,
-                {"secs": "sec", "nsecs": "nanosec"},
-                byte_array=bytes,
-                plain=lambda value: value.tolist() if hasattr(value, "tolist") else value,
-            )
-        )
-
-    def field_getter(self, field: str) -> Getter:
-        """Returns a function that reads `field`, a path as in core/field_path.py, from serialized messages.
-
-        An empty field: the whole message as a mapping. Raises ConfigError: the type has no such field.
-        """
-        type_name = self._channel.type_name
-        try:
-            read = self._messages.field_getter(self._channel.topic, type_name, field)
-            own = self._deserializer.classes[type_name]
-            direct = number_getter(self._field_types, own, field, is_cdr=self._is_cdr)
-            if direct is not None:
-                return direct
-            deserialize = self._deserializer.bind(type_name)
-        except (ValueError, KeyError) as error:
-            raise self._unusable(error) from None
-
-        def get(data: bytes) -> Any:
-            try:
-                message = deserialize(data)
-            except ValueError as error:
-                raise ValueError(f"not a {type_name}: {error}") from None
-            return read(message)
-
-        return get
-
-    @property
-    def definitions(self) -> Definitions:
-        """The type and those that it contains."""
-        return self._definitions
-
-    def _unusable(self, error: Exception) -> ConfigError:
-        text = f"{self._channel.topic}: cannot use the definition of {self._channel.type_name}: {error}"
-        return ConfigError(printable(" ".join(text.split()))[:_LONGEST_PROBLEM])
-
-    def _field_types(self, native_class: Any) -> Mapping[str, FieldType]:
-        return {field.name: self._field_type(field) for field in self._definitions[native_class.type_name].fields}
-
-    def _field_type(self, field: Field) -> FieldType:
-        message = self._deserializer.classes[field.kind] if "/" in field.kind else None
-        size = None if field.size == SEQUENCE else field.size
-        return FieldType(field.kind, field.kind, message, field.size is not None, size)
-
-
-types_of = functools.lru_cache(maxsize=256)(Types)
-"""Returns the message types of a channel, once per channel; raises as `Types` does."""
-
-
-def _definitions_of(channel: Channel, is_cdr: bool) -> Definitions:
-    """Returns the types in the definition of a channel; without one, those of the standard message.
-
-    Raises ValueError: it cannot be parsed. Raises KeyError: it is missing, and the type is not a standard one.
+    Raises ConfigError if its definition cannot be parsed, or is missing and the type is not a standard one.
     """
-    text, form = channel.definition, channel.definition_format
-    if not text:
-        store, name = _standard_types(is_cdr), channel.type_name.replace("/", "/msg/")
-        if name not in store.types:
-            raise KeyError("the recording has no definition of it, and it is not a standard type")
-        text, form = store.generate_msgdef(name, ros_version=2 if is_cdr else 1)[0], "msg"
-    return parse_definition(channel.type_name, text, form, "uint8" if is_cdr else "int8")
+    form = channel.definition_format
+    text, form = (channel.definition, form) if channel.definition else _standard_definition(channel)
+    return SerializedType(channel.topic, channel.type_name, channel.encoding, text, form)
+
+
+def field_getter(channel: Channel, field: str) -> Getter:
+    """Returns a function that reads a field of a channel's messages; raises ConfigError as `type_of` does."""
+    if channel.encoding == "json":
+        return json_getter(channel.topic, channel.type_name, field)
+    return type_of(channel).field_getter(field)
+
+
+def _standard_definition(channel: Channel) -> Tuple[str, str]:
+    is_cdr = channel.encoding == "cdr"
+    store, name = _standard_types(is_cdr), channel.type_name.replace("/", "/msg/")
+    if name not in store.types:
+        problem = "the recording has no definition of it, and it is not a standard type"
+        raise ConfigError(f"{channel.topic}: cannot use the definition of {channel.type_name}: {problem}")
+    return store.generate_msgdef(name, ros_version=2 if is_cdr else 1)[0], "msg"
 
 
 @functools.lru_cache(maxsize=2)
@@ -133,155 +46,3 @@ def _standard_types(is_cdr: bool) -> Any:
 
     ros2 = getattr(Stores, "ROS2_JAZZY", Stores.ROS2_HUMBLE)  # rosbags for Python 3.8 does not know Jazzy
     return get_typestore(ros2 if is_cdr else Stores.ROS1_NOETIC)
-
-
-class Deserializer:
-    """Deserializes messages of the types in one definition."""
-
-    def __init__(self, definitions: Definitions, is_cdr: bool) -> None:
-        """Compiles nothing yet. CDR messages have a header; the others are those of ROS 1."""
-        self._definitions = definitions
-        self._is_cdr = is_cdr
-        self._shapes = {kind: _Shape(struct.calcsize(f"<{letter}"), 1) for kind, letter in NUMBERS.items()}
-        self._shapes["string"] = _Shape(4, 1)
-        self._readers: Dict[Tuple[str, str], _Read] = {}
-        self._elements_left = 0
-        self.classes: Dict[str, Any] = {name: type("Message", (), {"type_name": name}) for name in definitions}
-        """The class of the messages of each type."""
-
-    def bind(self, name: str) -> Callable[[bytes], Any]:
-        """Returns a function that deserializes messages of a type; it raises ValueError if they do not match it.
-
-        Raises ValueError: the type contains itself, is too large, or contains a type that is not known.
-        """
-        self._measure(name, set())
-        readers = [self._message_reader(name, order) for order in "><"]
-        is_cdr = self._is_cdr
-        start, padding = (_CDR_HEADER, 3) if is_cdr else (0, 0)
-
-        def get(data: bytes) -> Any:
-            self._elements_left = _MOST_ELEMENTS
-            try:
-                message, end = readers[data[1] if is_cdr else 1](data, start)
-            except (struct.error, IndexError) as error:
-                raise ValueError(f"too short, or of another format: {error}") from None
-            if not end <= len(data) <= end + padding:
-                raise ValueError(f"{len(data)} bytes, expected {end}")
-            return message
-
-        return get
-
-    def _fields(self, name: str) -> Sequence[Field]:
-        if name not in self._definitions:
-            raise ValueError(f"the definition of {name} is missing")
-        return self._definitions[name].fields or ((_EMPTY,) if self._is_cdr else ())
-
-    def _measure(self, name: str, above: Set[str]) -> _Shape:
-        """Computes the shapes of a type and of the types in it."""
-        if name in self._shapes:
-            return self._shapes[name]
-        if name in above or len(above) >= _DEEPEST:
-            raise ValueError(f"{name} contains itself, or more than {_DEEPEST} levels of types")
-        least, values = 0, 1
-        for field in self._fields(name):
-            one = self._measure(field.kind, above | {name})
-            if field.size is not None and not one.least:
-                raise ValueError(f"{field.name} of {name} is an array of empty values")
-            least += one.least if field.size is None else 4 if field.size == SEQUENCE else field.size * one.least
-            values += one.values if field.size is None else 1
-        # Each value that is not empty takes a byte, and is at most _DEEPEST messages deep.
-        if values > 100 + 2 * _DEEPEST * least:
-            raise ValueError(f"{name} consists of {values} values, nearly all of them empty")
-        self._shapes[name] = _Shape(least, values)
-        return self._shapes[name]
-
-    def _message_reader(self, name: str, order: str) -> _Read:
-        if (name, order) in self._readers:
-            return self._readers[name, order]
-        fields = self._fields(name)
-        names = [field.name for field in fields]
-        readers = [self._field_reader(field, order) for field in fields]
-        new: Any = self.classes[name]
-
-        def read(data: bytes, at: int) -> Tuple[Any, int]:
-            values: List[Any] = []
-            for reader in readers:
-                value, at = reader(data, at)
-                values.append(value)
-            message = new()
-            message.__dict__.update(zip(names, values))
-            return message, at
-
-        self._readers[name, order] = read
-        return read
-
-    def _field_reader(self, field: Field, order: str) -> _Read:
-        if field.kind in NUMBERS:
-            letter = f"{order}{NUMBERS[field.kind]}"
-            one = self._number_reader(letter)
-            return one if field.size is None else self._numbers_reader(letter, field.size, order)
-        one = self._string_reader(order) if field.kind == "string" else self._message_reader(field.kind, order)
-        if field.size is None:
-            return one
-        return self._elements_reader(one, self._shapes[field.kind].least, field.size, order)
-
-    def _number_reader(self, letter: str) -> _Read:
-        number = struct.Struct(letter)
-        unpack, size = number.unpack_from, number.size
-        if not self._is_cdr or size == 1:
-            return lambda data, at: (unpack(data, at)[0], at + size)
-
-        def read(data: bytes, at: int) -> Tuple[Any, int]:
-            at += (_CDR_HEADER - at) % size
-            return unpack(data, at)[0], at + size
-
-        return read
-
-    def _string_reader(self, order: str) -> _Read:
-        unpack = struct.Struct(f"{order}I").unpack_from
-        alignment, terminator = (4, 1) if self._is_cdr else (1, 0)
-
-        def read(data: bytes, at: int) -> Tuple[Any, int]:
-            start = at + -at % alignment + 4
-            end = start + unpack(data, start - 4)[0]
-            if end > len(data):
-                raise ValueError("too short: a string goes beyond the message")
-            return data[start : max(start, end - terminator)].decode("utf-8", "replace"), end
-
-        return read
-
-    def _count_reader(self, size: int, order: str) -> _Read:
-        return self._number_reader(f"{order}I") if size == SEQUENCE else lambda data, at: (size, at)
-
-    def _numbers_reader(self, letter: str, size: int, order: str) -> _Read:
-        count_at = self._count_reader(size, order)
-        form = np.dtype(letter)
-        alignment = form.itemsize if self._is_cdr else 1
-
-        def read(data: bytes, at: int) -> Tuple[Any, int]:
-            count, at = count_at(data, at)
-            if not count:
-                return np.empty(0, form), at
-            at += (_CDR_HEADER - at) % alignment
-            end = at + count * form.itemsize
-            if end > len(data):
-                raise ValueError("too short: an array goes beyond the message")
-            return np.frombuffer(data, form, count, at), end
-
-        return read
-
-    def _elements_reader(self, one: _Read, least: int, size: int, order: str) -> _Read:
-        count_at = self._count_reader(size, order)
-
-        def read(data: bytes, at: int) -> Tuple[Any, int]:
-            count, at = count_at(data, at)
-            self._elements_left -= count
-            if at + count * least > len(data) or self._elements_left < 0:
-                raise ValueError(f"an array of {count} elements, expected at most {_MOST_ELEMENTS} within the message")
-            elements: List[Any] = []
-            for _ in range(count):
-                element, at = one(data, at)
-                elements.append(element)
-            return elements, at
-
-        return read

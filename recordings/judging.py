@@ -7,56 +7,67 @@ for the statistics of each signal and for plots.
 from __future__ import annotations
 
 import math
-import sys
 from array import array
 from dataclasses import dataclass, field
 from typing import Any, Callable, Counter, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
-from robot_health_monitor.core.attachments import TICKS, SavedMonitor
-from robot_health_monitor.core.config import DEFAULT_SIGNALS, Section, read_monitor
-from robot_health_monitor.core.element_signals import element_config, element_signal_name, own_config
-from robot_health_monitor.core.elements import Elements
-from robot_health_monitor.core.middleware import resolve_name
-from robot_health_monitor.core.model import Level, Status, Transition
-from robot_health_monitor.core.monitor import Monitor
-from robot_health_monitor.core.nodes import AlertSystem
-from robot_health_monitor.core.outlets import Event
-from robot_health_monitor.core.quality import as_float
-from robot_health_monitor.core.signal_config import SignalConfig, template_name
-
-from .middleware import Player, RecordedMiddleware, Subscription
-from .saved_states import SavedStates, announced_level
+from ..core.config.monitor_config import DEFAULT_SIGNALS, Section, read_monitor
+from ..core.config.signal_config import LINK, SignalConfig, template_name
+from ..core.judge.attachments import TICKS, SavedMonitor
+from ..core.judge.element_signals import element_config, own_config
+from ..core.judge.sample_summary import SampleCollector, WallClock
+from ..core.judge.signal_monitor import SignalMonitor
+from ..core.nodes import AlertSystem
+from ..core.nodes.outlets import Event
+from ..core.values.model import Level, Transition
+from ..core.values.names import resolve_name
+from .middleware import Player
 
 CHUNK = 4096  # samples that are collected before they are processed together
-_LARGEST = sys.float_info.max
 
 
 class JudgedEvent(NamedTuple):
     """What an alert_system announced."""
 
-    wall_s: float  # log time of the message or tick that caused it, since 1970
-    file: str  # name of the configuration
+    wall_s: float
+    """Log time of the message or tick that caused it, in s since 1970."""
+    file: str
+    """Name of the configuration."""
     event: Event
+
+
+class Samples(NamedTuple):
+    """Samples of one signal as its monitor judged them: arrays of doubles."""
+
+    wall_s: Any
+    """Log times in s since 1970."""
+    now_s: Any
+    """The node's times in s, which differ from the log times with simulated time."""
+    values: Any
+    """Values in the signal's unit; NaN for bad samples."""
+    judged: Any
+    """Values of the statistic that the bounds apply to; NaN for bad samples, and while it is undefined."""
 
 
 class SignalStatistics:
     """Number, range, mean and longest gap of one signal's samples over a whole recording."""
 
-    def __init__(self, config: SignalConfig) -> None:
+    def __init__(self) -> None:
         """Starts before the first sample."""
-        self._config = config
-        self._valid_min = -_LARGEST if config.valid_min is None else config.valid_min
-        self._valid_max = _LARGEST if config.valid_max is None else config.valid_max
-        self.samples = 0  # with the bad ones: those that are no valid number
+        self.samples = 0
+        """With the bad ones."""
         self.bad_samples = 0
         self.min: Optional[float] = None
         """Smallest value of the signal's statistic, in its unit (`judged_unit`); None if it was never defined."""
         self.max: Optional[float] = None
-        self.mean: Optional[float] = None  # of the values of the statistic at the samples
-        self.first_s: Optional[float] = None  # log time of the first sample, since 1970
-        self.longest_gap_s: Optional[float] = None  # between two samples in a row; None with fewer than two
+        self.mean: Optional[float] = None
+        """Of the values of the statistic at the samples."""
+        self.first_s: Optional[float] = None
+        """Log time of the first sample, in s since 1970."""
+        self.longest_gap_s: Optional[float] = None
+        """Between two samples in a row; None with fewer than two."""
         self._last_s: Optional[float] = None
         self._ranged = 0
 
@@ -65,34 +76,18 @@ class SignalStatistics:
         if self._last_s is not None:
             self._last_s += duration_s
 
-    def add(self, times_s: Any, values: Any) -> Any:
-        """Adds samples as they came: arrays of doubles, the log times in s since 1970.
-
-        Returns the values in the signal's unit, an array of doubles with NaN for bad samples.
-        """
-        config = self._config
-        with np.errstate(over="ignore", invalid="ignore"):
-            numbers = values * config.scale if config.scale != 1.0 else values.copy()
-            for placeholder in config.placeholders:
-                tolerance = 1e-6 * np.maximum(np.abs(values), abs(placeholder))
-                numbers[np.abs(values - placeholder) <= tolerance] = math.nan
-            bad = ~((numbers >= self._valid_min) & (numbers <= self._valid_max))  # True for NaN
-        numbers[bad] = math.nan
-        self.samples += len(values)
-        self.bad_samples += int(np.count_nonzero(bad))
-        if config.statistic == "last":
-            self.add_values(numbers)
+    def add(self, samples: Samples) -> None:
+        """Adds samples that came after the others; at least one."""
+        times_s = samples.wall_s
+        self.samples += len(times_s)
+        self.bad_samples += int(np.count_nonzero(np.isnan(samples.values)))
         if self._last_s is None:
             self.first_s = float(times_s[0])
         gaps = np.diff(times_s if self._last_s is None else np.concatenate([[self._last_s], times_s]))
         if len(gaps):
             self.longest_gap_s = max(self.longest_gap_s or 0.0, float(gaps.max()))
         self._last_s = float(times_s[-1])
-        return numbers
-
-    def add_values(self, values: Any) -> None:
-        """Adds values of a statistic other than `last` to the range, an array of doubles; NaN: undefined."""
-        good = values[~np.isnan(values)]
+        good = samples.judged[~np.isnan(samples.judged)]
         if not len(good):
             return
         smallest, largest = float(good.min()), float(good.max())
@@ -120,17 +115,11 @@ class SignalSummary:
     unknown: float = 1.0
     """Share of the recorded time before the first sample or alert, 0 to 1."""
     alerts: int = 0  # transitions to a level other than OK, without repetitions
-    status: Optional[Status] = None
-    """At the end of the recordings; None before."""
 
 
 OnEvent = Callable[[JudgedEvent], None]
-OnSamples = Callable[[str, SignalConfig, Any, Any, Any], None]
-"""Receives the configuration's name, the signal, log times (s since 1970) with values, and times of bad samples.
-
-Arrays of doubles. The values are those that the bounds apply to, NaN while the statistic is undefined; for a forecast,
-which is shown by its line, those that it follows from.
-"""
+OnSamples = Callable[[str, SignalConfig, Samples], None]
+"""Receives the configuration's name, the signal, and some of its samples, in the order in which they came."""
 
 
 class Judge:
@@ -141,10 +130,9 @@ class Judge:
         self._player = player
         self._on_event = on_event
         self._on_samples = on_samples
-        self._tapes: Dict[Tuple[str, str, Optional[str]], _Tape] = {}
+        self._tapes: List[_Tape] = []
         self._signals: Dict[Tuple[str, str], _JudgedSignal] = {}
         self._templates: Dict[Tuple[str, str], SignalConfig] = {}
-        self._systems: Dict[str, AlertSystem] = {}
         player.on_gap.append(self._skip)
 
     def add(self, file: str, parameters: Mapping[str, Any], saved: Optional[SavedMonitor] = None) -> None:
@@ -156,46 +144,44 @@ class Judge:
         tree = parameters if "signals" in parameters else {**parameters, "signals": DEFAULT_SIGNALS}
         config = read_monitor(Section((), tree))
         node_name = self._player.node_name("alert_system")
+        topics = {name: resolve_name(signal.topic, node_name) for name, signal in config.signals.items()}
+        absent = {
+            name: self._player.why_not_recorded(topics[name], signal.type) for name, signal in config.signals.items()
+        }
         missing = {
-            name: self._player.why_not_recorded(resolve_name(signal.topic, node_name), signal.type)
+            name: absent[name] or self._player.why_unreadable(topics[name], signal.type, signal.field or None)
             for name, signal in config.signals.items()
         }
-        # A topic that was not recorded says nothing about the robot: its signal stays `waiting`.
+        # A topic of which nothing can be read says nothing about the robot: its signal stays `waiting`.
         signals = {
             name: {**signal, "stale_after_s": 0.0} if missing[name] else signal
             for name, signal in tree["signals"].items()
         }
         node = self._player.node("alert_system", {**tree, "signals": signals})
-        history = None if saved is None else SavedStates(saved, lambda: self._player.wall_s)
-        outlets = {"replay": lambda event: self._note(file, event)}
-        system = AlertSystem(node, outlets, log_alerts=False, history=history)
-        if saved is not None and not self._player.why_not_recorded(TICKS, ""):
-            system.tick_with(TICKS)
-        self._systems[file] = system
+        system = AlertSystem(node, {"replay": lambda event: self._note(file, event)}, log_alerts=False)
+        if saved is not None:
+            states = {name: state for name, state in saved.states.items() if name != LINK}  # a recording has no link
+            system.monitor.restore(states, None, self._player.wall_s, saved.time_s)
+            if not self._player.why_not_recorded(TICKS, ""):
+                system.tick_with(TICKS)
+        system.monitor.collect_samples(lambda signal: self._tape(file, signal))
         self._player.on_gap.append(system.skip)
         for name, signal in config.signals.items():
-            reason, own = missing[name], own_config(signal)
-            summary = SignalSummary(file, own, node.resolve(signal.topic), not reason, reason, SignalStatistics(own))
+            own, is_recorded = own_config(signal), not absent[name]
+            summary = SignalSummary(file, own, topics[name], is_recorded, missing[name], SignalStatistics())
             judged = self._signals[file, name] = _JudgedSignal(summary, self._player.wall_s)
             if saved is not None:
-                judged.begin(announced_level(saved, name))
+                judged.begin(_announced_level(saved, name))
             if signal.is_template:
                 self._templates[file, name] = signal
-            if not reason:
-                (self._collect_elements if signal.is_template else self._collect)(node, summary, system)
-
-    def monitor(self, file: str) -> Monitor:
-        """Returns the monitor of a configuration."""
-        return self._systems[file].monitor
 
     def run(self, on_progress: Optional[Callable[[float], None]] = None) -> None:
         """Plays the recordings to their end; calls now and then with the fraction played, 0 to 1, which may raise."""
         self._player.play(on_progress)
-        for tape in self._tapes.values():
+        for tape in self._tapes:
             tape.flush()
-        for (file, name), signal in self._signals.items():
+        for signal in self._signals.values():
             signal.finish(self._player.wall_s)
-            signal.summary.status = self._systems[file].status(name)
 
     @property
     def summaries(self) -> List[SignalSummary]:
@@ -218,13 +204,13 @@ class Judge:
         if key not in self._signals and template_key in self._templates:
             template = self._signals[template_key]
             config = element_config(self._templates[template_key], name)
-            summary = SignalSummary(file, config, template.summary.topic, True, "", SignalStatistics(config))
+            summary = SignalSummary(file, config, template.summary.topic, True, "", SignalStatistics())
             self._signals[key] = template.beside(summary)
         return self._signals.get(key)
 
     def _skip(self, begin_s: float, end_s: float) -> None:
         """Leaves a time out of everything that is measured."""
-        for tape in self._tapes.values():
+        for tape in self._tapes:
             tape.flush()
         for signal in self._signals.values():
             signal.skip(end_s - begin_s)
@@ -235,99 +221,74 @@ class Judge:
             judged.note(event, self._player.wall_s)
         self._on_event(JudgedEvent(self._player.wall_s, file, event))
 
-    def _collect(self, node: RecordedMiddleware, summary: SignalSummary, system: AlertSystem) -> None:
-        """Collects the samples of a signal; after alert_system's subscription, so that they have been judged."""
-        config = summary.config
+    def _tape(self, file: str, signal: SignalMonitor) -> _Tape:
+        """Returns what collects the samples of a signal, which may be an element."""
 
-        def subscribe(collect: Callable[[Any, float], None]) -> None:
-            self._player.subscribe(Subscription(node, summary.topic, collect), config.type, config.field or None)
+        def take(samples: Samples) -> None:
+            judged = self._find(file, signal.config.name)
+            if judged is not None:
+                judged.summary.statistics.add(samples)
+                if self._on_samples is not None:
+                    self._on_samples(file, judged.summary.config, samples)
 
-        source = (summary.topic, config.type, config.field or None)
-        if source not in self._tapes:  # one for all configurations
-            self._tapes[source] = _Tape()
-            subscribe(self._tapes[source].collect)
-        self._tapes[source].consumers.append(self._consumers(summary)[0])
-        if config.statistic != "last":
-            judged = self._tape(summary, of_statistic=True)
-            subscribe(lambda _, wall_s: judged.collect(system.monitor.judged_value(config.name), wall_s))
-
-    def _collect_elements(self, node: RecordedMiddleware, summary: SignalSummary, system: AlertSystem) -> None:
-        """Collects the samples of the elements of a template, as `_collect`; its own are how many there are."""
-        file, template, monitor = summary.file, summary.config, system.monitor
-        own = self._tape(summary)
-
-        def collect(value: Any, wall_s: float) -> None:
-            own.collect(monitor.judged_value(template.name) if isinstance(value, Elements) else value, wall_s)
-            for element, datum in value if isinstance(value, Elements) else ():
-                name = element_signal_name(template.name, element)
-                judged = self._find(file, name) if name in monitor.signals() else None
-                if judged is None:  # beyond max_elements
-                    continue
-                self._tape(judged.summary).collect(datum, wall_s)
-                if judged.summary.config.statistic != "last":
-                    self._tape(judged.summary, of_statistic=True).collect(monitor.judged_value(name), wall_s)
-
-        self._player.subscribe(Subscription(node, summary.topic, collect), template.type, template.field)
-
-    def _tape(self, summary: SignalSummary, *, of_statistic: bool = False) -> _Tape:
-        """Returns the tape of a signal: of its samples, or of the values of its statistic."""
-        key = (summary.file, summary.config.name, "" if of_statistic else None)
-        if key not in self._tapes:
-            self._tapes[key] = _Tape()
-            self._tapes[key].consumers.append(self._consumers(summary)[of_statistic])
-        return self._tapes[key]
-
-    def _consumers(self, summary: SignalSummary) -> Tuple[Callable[[Any, Any], None], Callable[[Any, Any], None]]:
-        """Returns what takes the samples of a signal, and the values of its statistic if that is not `last`."""
-        config, on_samples, statistics = summary.config, self._on_samples, summary.statistics
-        shows_values = config.statistic in ("last", "forecast")
-
-        def take(times_s: Any, values: Any) -> None:
-            numbers = statistics.add(times_s, values)
-            if on_samples is not None:
-                good = len(times_s) if shows_values else 0
-                on_samples(summary.file, config, times_s[:good], numbers[:good], times_s[np.isnan(numbers)])
-
-        def take_judged(times_s: Any, values: Any) -> None:
-            statistics.add_values(values)
-            if on_samples is not None and not shows_values:
-                on_samples(summary.file, config, times_s, values, np.empty(0))
-
-        return take, take_judged
+        tape = _Tape(self._player, signal, lambda: self._find(file, signal.config.name), take)
+        self._tapes.append(tape)
+        return tape
 
 
-class _Tape:
-    """Collects numbers, and passes them on in chunks."""
+def _announced_level(saved: SavedMonitor, signal: str) -> Level:
+    """Returns the level of a signal that was announced last; OK if that is not known."""
+    state: Any = saved.states.get(signal)
+    try:
+        return Level[state["announced"]["level"]]
+    except (KeyError, TypeError):
+        return Level.OK
 
-    def __init__(self) -> None:
-        self.consumers: List[Callable[[Any, Any], None]] = []
-        """Each gets the times and values of a chunk, as arrays of doubles."""
-        self._times: List[float] = []
-        self._values: List[Any] = []
 
-    def collect(self, value: Any, wall_s: float) -> None:
-        """Adds a number, with its log time in seconds since 1970."""
-        self._values.append(value)
-        self._times.append(wall_s)
-        if len(self._times) >= CHUNK:
+class _Tape(SampleCollector):
+    """Collects what a signal's monitor made of its samples, and passes it on in chunks."""
+
+    def __init__(
+        self, player: Player, signal: SignalMonitor, begin: Callable[[], object], take: Callable[[Samples], None]
+    ) -> None:
+        """Starts empty; calls `begin` at the first sample of each chunk, and `take` with the chunk."""
+        super().__init__(WallClock(0.0))
+        self._player = player
+        self._signal = signal
+        self._begin_chunk = begin
+        self._take = take
+        self._is_last = signal.config.statistic == "last"
+        self._clear()
+
+    def _clear(self) -> None:
+        self._now_s, self._judged = array("d"), array("d")
+        self._values = self._judged if self._is_last else array("d")
+        self._wall_s = array("d") if self._player.use_sim_time else self._now_s
+
+    def note(self, value: Optional[float], now_s: float, *, good: bool = True) -> None:
+        """Adds a sample with the value of the judged statistic."""
+        now = self._now_s
+        if not now:
+            self._begin_chunk()
+        self._judged.append(math.nan if value is None else value)
+        if not self._is_last:
+            # The monitor has added a good sample to its window.
+            self._values.append(self._signal.window.last() or 0.0 if good else math.nan)
+        now.append(now_s)
+        if self._wall_s is not now:
+            self._wall_s.append(self._player.wall_s)
+        if len(now) >= CHUNK:
             self.flush()
 
+    def note_level(self, level: Level, now_s: float) -> None:
+        """Does nothing: shares of time are those of the announced levels."""
+
     def flush(self) -> None:
-        if not self._times:
+        if not self._now_s:
             return
-        times_s, values = np.array(self._times, dtype=np.float64), as_numbers(self._values)
-        self._times, self._values = [], []
-        for consumer in self.consumers:
-            consumer(times_s, values)
-
-
-def as_numbers(values: Sequence[Any]) -> Any:
-    """Returns values as an array of doubles; NaN for what is not a number."""
-    try:
-        numbers = array("d", values)
-    except (TypeError, OverflowError, ValueError):
-        numbers = array("d", [as_float(value) for value in values])
-    return np.frombuffer(numbers, dtype=np.float64)
+        columns = (self._wall_s, self._now_s, self._values, self._judged)
+        self._clear()
+        self._take(Samples(*(np.frombuffer(column, dtype=np.float64) for column in columns)))
 
 
 class _JudgedSignal:

@@ -22,8 +22,7 @@ from mcap.records import AttachmentIndex, ChunkIndex, Schema, Statistics
 from mcap.records import Channel as McapChannel
 from mcap.stream_reader import StreamReader
 
-from robot_health_monitor.core.attachments import STATE, THRESHOLDS
-
+from ..core.judge.attachments import STATE, THRESHOLDS
 from .recording import LARGEST, Attachment, ChunkedFile, Damaged, Messages, Record, Wanted, check_size, unpack_lz4
 
 _ENCODINGS = ("ros1", "cdr", "json")

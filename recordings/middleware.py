@@ -10,21 +10,35 @@ from __future__ import annotations
 import enum
 import math
 from collections import Counter
-from dataclasses import dataclass
-from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Tuple, Union
+from itertools import chain, groupby
+from operator import itemgetter
+from typing import (
+    Any,
+    Callable,
+    Dict,
+    Iterable,
+    Iterator,
+    List,
+    Mapping,
+    NamedTuple,
+    Optional,
+    Sequence,
+    Tuple,
+    Union,
+)
 
-from robot_health_monitor.core.errors import ConfigError
-from robot_health_monitor.core.field_path import ABSENT
-from robot_health_monitor.core.formatting import count_text, list_text
-from robot_health_monitor.core.hints import Answer, similar_topics, with_similar
-from robot_health_monitor.core.local import LogLine
-from robot_health_monitor.core.mapping_node import CLOCK, MappingNode
-from robot_health_monitor.core.middleware import Callback, Message, RawCallback, Severity, canonical_type
-from robot_health_monitor.core.standard_messages import check_type
-from robot_health_monitor.core.timers import ClockTimer
-
-from .decoding import types_of
-from .json_messages import json_getter
+from ..core.messages.dialect import Message
+from ..core.messages.standard_messages import check_type
+from ..core.port.hints import Answer, similar_topics, with_similar
+from ..core.port.local import LogLine
+from ..core.port.mapping_node import CLOCK, MappingNode
+from ..core.port.middleware import Callback, RawCallback, Severity
+from ..core.port.timers import ClockTimer
+from ..core.values.errors import ConfigError
+from ..core.values.field_path import ABSENT
+from ..core.values.formatting import count_text, list_text
+from ..core.values.names import canonical_type
+from .decoding import field_getter
 from .reading import Recordings
 from .recording import Channel, RecordingError, raw_format_of
 
@@ -52,14 +66,11 @@ class Subscription:
         self.callback = self.receive = callback
         """`receive` is called with the field of each message and its log time, in s since 1970, while `active`."""
         self.active = True
+        self.number = 0
+        """Its place among all: those of one message are called in this order."""
 
 
-@dataclass
-class _Tally:
-    """How many fields of one recording could be read, and how many could not."""
-
-    decoded: int = 0
-    undecodable: int = 0
+_Delivery = Callable[[bytes, float], None]
 
 
 class _Reader(NamedTuple):
@@ -168,7 +179,7 @@ class Player:
         self._start_ns = min(begin_ns or span[0], span[0]) + round(from_s * 1e9)
         self._end_ns = min(span[1], span[0] + round(to_s * 1e9)) if to_s < math.inf else span[1]
         self.end_s = self._end_ns / 1e9  # log time at which playing ends, since 1970
-        self._use_sim_time = use_sim_time
+        self.use_sim_time = use_sim_time
         self.wall_s = self._start_ns / 1e9  # log time of the current message, since 1970
         self.late = 0  # messages that came out of the order of their log times and were delivered late
         # Per topic and field, the messages from which it could not be read.
@@ -185,6 +196,9 @@ class Player:
         for channel in recordings.channels:
             self._channels.setdefault(channel.topic, []).append(channel)
         self._readers: Dict[Channel, Dict[_Field, _Reader]] = {}
+        self._subscribed = 0
+        self._firsts: Dict[Tuple[Channel, ...], Optional[Tuple[Channel, bytes]]] = {}
+        """The first message of the channels of a topic, as far as it was needed; None: there is none."""
         if use_sim_time and not self._channels.get(CLOCK):
             raise ConfigError("simulated time was requested, but the recordings have no topic /clock")
 
@@ -214,13 +228,37 @@ class Player:
             return f"{topic} is recorded as {found[0].type_name}, configured as {canonical_type(type_name)}"
         return ""
 
+    def why_unreadable(self, topic: str, type_name: str, field: Optional[str]) -> str:
+        """Returns why no message of a topic can be read with a field (None: its arrival).
+
+        Empty if one can, if there is none, or if the recorded type has no such field.
+        """
+        channels = tuple(self._matching(topic, type_name))
+        try:
+            getters = {channel: _getter(channel, field) for channel in channels}
+        except ConfigError:  # raised with its place in the configuration when the topic is subscribed
+            return ""
+        if channels not in self._firsts:
+            self._firsts[channels] = next(self._messages_of(channels), None)
+        first = self._firsts[channels]
+        if first is None:
+            is_damaged = any(map(self._recordings.has_holes, channels))
+            return f"{topic} is in damaged parts only" if is_damaged else ""
+        messages = chain([first], self._messages_of(channels))
+        is_readable = any(_can_read(getters[channel], data) for channel, data in messages)
+        return "" if is_readable else f"no message on {topic} can be decoded"
+
+    def _messages_of(self, channels: Iterable[Channel]) -> Iterator[Tuple[Channel, bytes]]:
+        targets = [{channel: channel for channel in channels}] * len(self._recordings.paths)
+        return ((channel, data) for _, channel, data in self._recordings.messages(targets))
+
     def topic_types(self) -> Mapping[str, str]:
         """Returns the type of every recorded topic."""
         return {topic: channels[0].type_name for topic, channels in self._channels.items()}
 
     def node(self, name: str, parameters: Mapping[str, Any]) -> RecordedMiddleware:
         """Adds a node with a base name, `alert_system`, and parameters as in the file under `ros__parameters`."""
-        node = RecordedMiddleware(self, self.node_name(name), parameters, self._use_sim_time)
+        node = RecordedMiddleware(self, self.node_name(name), parameters, self.use_sim_time)
         self._nodes.append(node)
         return node
 
@@ -234,6 +272,8 @@ class Player:
         A topic that is not recorded, or with another type only, delivers nothing: see `why_not_recorded`. Raises
         ConfigError: the recorded type has no such field, or no definition.
         """
+        self._subscribed += 1
+        subscription.number = self._subscribed
         for channel in self._matching(subscription.topic, type_name):
             self._subscriptions(channel, field).append(subscription)
         return subscription
@@ -242,27 +282,23 @@ class Player:
         """Plays the recordings to their end. Subscriptions must exist before.
 
         `on_progress` is called about a thousand times with the fraction that has been played, 0 to 1; it may raise.
-        Raises RecordingError: a recording has messages of the subscribed topics, but none that can be read.
+        Raises RecordingError at once if a recording has messages of the subscribed topics, but none that can be read.
         """
-        if self._use_sim_time:
+        if self.use_sim_time:
             self._follow_clock()
+        self._require_readable()
         report = on_progress or _ignore
         start_ns, end_ns = self._start_ns, self._end_ns
         step_ns = max(1, (end_ns - start_ns) // 1000)
         last_ns = progress_ns = start_ns
         now_s = self.wall_s
         first_ns, past_ns = self._recordings.span_ns or (0, 0)
-        if not self._use_sim_time:
+        if not self.use_sim_time:
             self._gaps_ns = [gap for gap in self._recordings.gaps_ns if start_ns < gap[0] and gap[1] <= end_ns]
-        tallies = [_Tally() for _ in self._recordings.paths]
-        deliveries = [
-            {
-                channel: tuple(self._delivery(channel.topic, field, readers[field], tally) for field in readers)
-                for channel, readers in self._readers.items()
-            }
-            for tally in tallies
-        ]
-        for time_ns, of_channel, data in self._recordings.messages(deliveries):
+        deliveries = {
+            channel: tuple(self._deliveries(channel.topic, readers)) for channel, readers in self._readers.items()
+        }
+        for time_ns, of_channel, data in self._recordings.messages([deliveries] * len(self._recordings.paths)):
             if not start_ns <= time_ns <= end_ns:
                 self._outside += not first_ns <= time_ns <= past_ns
                 continue
@@ -290,7 +326,6 @@ class Player:
             self._run_due(end_s)
         self.wall_s = end_s
         report(1.0)
-        self._check_readable(tallies)
 
     def note_timer(self, timer: ClockTimer) -> None:
         """Notes a new timer of a node."""
@@ -307,40 +342,70 @@ class Player:
             readers[field] = _Reader(_getter(channel, field), [])
         return readers[field].subscriptions
 
-    def _delivery(self, topic: str, field: _Field, reader: _Reader, tally: _Tally) -> Callable[[bytes, float], None]:
-        """Returns a function that passes the field of a serialized message, with its time, to the subscriptions."""
-        get, undecodable = reader.get, self._undecodable
-        receivers = tuple((each, each.receive) for each in reader.subscriptions)
+    def _deliveries(self, topic: str, readers: Mapping[_Field, _Reader]) -> Iterator[_Delivery]:
+        """Yields functions that pass a serialized message to the subscriptions in their order, each field read once."""
+        in_order = sorted(
+            ((each.number, field, each) for field, reader in readers.items() for each in reader.subscriptions),
+            key=itemgetter(0),
+        )
+        values: Dict[_Field, Any] = {}
+        for field, group in groupby(in_order, key=itemgetter(1)):
+            get = None if field in values else readers[field].get
+            values[field] = ABSENT
+            yield self._delivery(topic, field, get, values, tuple((each, each.receive) for _, _, each in group))
+
+    def _delivery(
+        self,
+        topic: str,
+        field: _Field,
+        get: Optional[Callable[[bytes], Any]],
+        values: Dict[_Field, Any],
+        receivers: Sequence[Tuple[Subscription, Callback]],
+    ) -> _Delivery:
+        """Returns a function that passes the field of a serialized message, with its time, to subscriptions.
+
+        Without `get`, the field is that in `values`, where an earlier delivery of the message has left it.
+        """
+        undecodable = self._undecodable
 
         def deliver(data: bytes, wall_s: float) -> None:
-            try:
-                value = get(data)
-            except ValueError:
-                tally.undecodable += 1
-                undecodable[topic, field] += 1
-                return
-            tally.decoded += 1
-            if value is not ABSENT:
-                for subscription, receive in receivers:
-                    if subscription.active:
-                        try:
-                            receive(value, wall_s)
-                        except Exception as error:
-                            subscription.node.log_failure(error)
+            if get is not None:
+                try:
+                    values[field] = get(data)
+                except ValueError:
+                    undecodable[topic, field] += 1
+                    values[field] = ABSENT  # a sign of life
+            value = values[field]
+            for subscription, receive in receivers:
+                if subscription.active:
+                    try:
+                        receive(value, wall_s)
+                    except Exception as error:
+                        subscription.node.log_failure(error)
 
         return deliver
 
-    def _check_readable(self, tallies: List[_Tally]) -> None:
-        for number, tally in enumerate(tallies):
-            if tally.decoded:
-                continue
-            path = self._recordings.paths[number]
-            if tally.undecodable:
-                topics = list_text(sorted({topic for topic, _ in self._undecodable}))
-                raise RecordingError(f"none of its messages on {topics} can be decoded", file=path)
-            problem = self._recordings.problem_without(number, self._readers)
-            if problem:
-                raise RecordingError(problem, file=path)
+    def _require_readable(self) -> None:
+        """Raises RecordingError if a recording has messages of the subscribed topics, but none that can be read."""
+        targets = {channel: (channel.topic, readers) for channel, readers in self._readers.items()}
+        firsts = [first for first in self._firsts.values() if first is not None]
+        if len(self._recordings.paths) == 1 and any(
+            _can_read(reader.get, data)
+            for channel, data in firsts
+            for reader in self._readers.get(channel, {}).values()
+        ):
+            return  # as nearly always
+        for number, path in enumerate(self._recordings.paths):
+            undecodable = set()
+            for _, (topic, readers), data in self._recordings.messages([{}] * number + [targets]):
+                if any(_can_read(reader.get, data) for reader in readers.values()):
+                    break
+                undecodable.add(topic)
+            else:
+                problem = f"none of its messages on {list_text(sorted(undecodable))} can be decoded"
+                problem = problem if undecodable else self._recordings.problem_without(number, targets)
+                if problem:
+                    raise RecordingError(problem, file=path)
 
     def _follow_clock(self) -> None:
         for channel in self._channels[CLOCK]:
@@ -361,7 +426,7 @@ class Player:
         while self._due_s < before_s:
             if self._due_s > stop_s:
                 self._skipped_s += before_s - self._due_s
-                if not self._use_sim_time:
+                if not self.use_sim_time:
                     self._skip(self._due_s, before_s)
                 self._due_s = before_s
             self._run_due(max(self.wall_s, self._due_s))
@@ -387,9 +452,17 @@ def _getter(channel: Channel, field: _Field) -> Callable[[bytes], Any]:
     if field is None:
         return _arrival
     if isinstance(field, str):
-        return json_getter(channel, field) if channel.encoding == "json" else types_of(channel).field_getter(field)
+        return field_getter(channel, field)
     raw_format = raw_format_of(channel)
     return lambda data: (data, raw_format)
+
+
+def _can_read(get: Callable[[bytes], Any], data: bytes) -> bool:
+    try:
+        get(data)
+    except ValueError:
+        return False
+    return True
 
 
 def _arrival(data: bytes) -> float:

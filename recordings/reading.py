@@ -10,10 +10,9 @@ import tempfile
 from itertools import chain
 from typing import Any, Collection, Iterator, List, Mapping, Optional, Sequence, Tuple
 
-from robot_health_monitor.core.errors import ConfigError, Problems
-from robot_health_monitor.core.yaml_loader import load
-from robot_health_monitor.runtime.libraries import RECORDINGS, libraries
-
+from ..core.config.yaml_loader import load
+from ..core.values.errors import ConfigError, Problems
+from ..runtime.libraries import RECORDINGS, libraries
 from .recording import LARGEST, Attachment, Channel, RawMessage, RecordedFile, RecordingError, Span, Target, log_time
 from .ros1_bag import Ros1Bag
 from .sqlite_file import SqliteFile
@@ -115,6 +114,10 @@ class Recordings:
                 row.append(file)
         streams = [chain.from_iterable(file.messages(wanted) for _, _, file, wanted in row) for row in rows]
         return streams[0] if len(streams) == 1 else heapq.merge(*streams, key=log_time)
+
+    def has_holes(self, channel: Channel) -> bool:
+        """Whether messages of a channel may have been left out, in what was read until now."""
+        return any(file.has_holes for file in self._files if channel in file.channels)
 
     def problem_without(self, number: int, wanted: Collection[Channel]) -> str:
         """Returns why the recording `paths[number]` gave no message of some channels: it is damaged.

@@ -16,11 +16,12 @@ import struct
 from operator import itemgetter
 from typing import Any, BinaryIO, Dict, Iterable, Iterator, List, Mapping, NamedTuple, Optional, Tuple, Type, TypeVar
 
-from robot_health_monitor.core.errors import ConfigError, MessageError
-from robot_health_monitor.core.formatting import count_text
-from robot_health_monitor.core.middleware import RawFormat, canonical_type
-from robot_health_monitor.core.raw_messages import ros1_format, ros2_format
-from robot_health_monitor.runtime.libraries import RECORDINGS, libraries
+from ..core.port.middleware import RawFormat
+from ..core.port.raw_messages import ros1_format, ros2_format
+from ..core.values.errors import ConfigError, MessageError
+from ..core.values.formatting import count_text
+from ..core.values.names import canonical_type
+from ..runtime.libraries import RECORDINGS, libraries
 
 LARGEST = 64 << 20
 """Bytes of a record, a chunk or a message, packed or unpacked: several of them are in memory at the same time."""
@@ -98,6 +99,8 @@ class RecordedFile(abc.ABC):
         self.name = name or path  # for messages to people
         self.problem = ""
         """One line that says what could not be read; empty if everything could so far."""
+        self.has_holes = False
+        """Whether messages between others were left out so far, because they could not be read."""
         self.span_ns: Span = None
         """When reading stops at damage, the end becomes the last message that was read."""
         self.attachments: Mapping[str, Attachment] = {}
@@ -177,6 +180,7 @@ class RecordedFile(abc.ABC):
                 unpacked = decompressor.decompress(data, max_output_size=LARGEST)
             except (zstandard.ZstdError, Damaged):
                 damaged += 1
+                self.has_holes = True
             else:
                 yield time_ns, target, unpacked
         if damaged and not self.problem:
@@ -213,6 +217,8 @@ class ChunkedFile(RecordedFile):
             self.problem = self.problem or (missing and f"{self.name}: {missing}: read to its end")
 
     def _messages(self, wanted: Mapping[int, Target]) -> Iterator[RawMessage[Target]]:
+        if self._counts is not None and not any(self._counts.get(number) for number in wanted):
+            return
         with open(self._path, "rb") as file:
             yield from in_time_order(self._counted(self._chunks(file, wanted), wanted))
 
@@ -278,11 +284,13 @@ class ChunkedFile(RecordedFile):
             yield chunk
         if self._counts is not None:
             expected = sum(self._counts.get(number, 0) for number in wanted)
+            self.has_holes = self.has_holes or found != expected
             if found != expected and not self.problem:
                 self.problem = f"{self.name}: damaged: expected {expected} messages, got {found}"
 
     def _leave_out(self, position: int, size: int, error: Exception) -> None:
         """Notes that a part of a record is left out; only the first damage is named."""
+        self.has_holes = True
         self.problem = self.problem or f"{self._damage_at(position, size, error)}: a part of it is left out"
 
     def _damage_at(self, position: int, size: int, error: Exception) -> str:

@@ -7,7 +7,7 @@ import os
 import sqlite3
 import struct
 from pathlib import Path
-from typing import Any, BinaryIO, Dict, Iterator, Mapping, Sequence, Tuple
+from typing import Any, BinaryIO, Dict, Iterator, Mapping, Tuple
 
 from .recording import LARGEST, Damaged, Messages, RawMessage, RecordedFile, RecordingError, in_time_order
 
@@ -15,15 +15,12 @@ _FORMATS = {"ros2msg": "msg", "ros2idl": "idl"}
 _BATCH = 1024
 _BATCH_BYTES = 4_000_000  # messages that are read together: at most so many, and about so many bytes
 
-_LARGEST_IN_BATCH = 65_536  # bytes of a message that is read together with others
 _MOST_TOPICS = 10_000
 _LONGEST_TEXT = 2_000_000  # bytes of a definition
 _STEPS = 10_000  # steps of SQLite's virtual machine between two looks at how many are left
 _STEPS_PER_BYTE, _LEAST_STEPS = 10, 1_000_000
 """Reading a row takes about 25 steps, and a row takes about 20 bytes. A page that is its own child has no end."""
 
-_Row = Tuple[int, Any, Any]
-"""Number of the topic, time, data or the number of the row instead."""
 _header = struct.Struct(">16sH6xII60xI").unpack_from
 """Of the file: magic, bytes per page (1: 65536), change counter, pages, change counter when `pages` was written."""
 _DAMAGE = (sqlite3.Error, ValueError, OverflowError, Damaged)  # what reading a damaged file raises
@@ -63,9 +60,20 @@ class SqliteFile(RecordedFile):
         try:
             if self._missing:
                 raise ValueError
-            for batch in self._batches(database, wanted):
-                last_ns = batch[-1][0]
-                yield from batch
+            places = ",".join("?" * len(wanted))
+            data_column = f"CASE WHEN length(data) <= {LARGEST} THEN data END"
+            query = f"SELECT topic_id, timestamp, {data_column} FROM messages WHERE topic_id IN ({places})"
+            left = os.path.getsize(self._path)
+            for number, time_ns, data in database.execute(f"{query} ORDER BY timestamp, id", list(wanted)):
+                if type(time_ns) is not int or type(data) is not bytes:
+                    self.has_holes = True
+                    self.problem = self.problem or f"{self.name}: a row without a time or data is left out"
+                    continue
+                left -= len(data)
+                if left < 0:
+                    raise Damaged("it has more data than bytes")
+                last_ns = time_ns
+                yield time_ns, wanted[number], data
         except _DAMAGE as error:
             self._note_damage(error)
             for message in in_time_order(self._remaining(database, wanted, last_ns)):
@@ -74,42 +82,6 @@ class SqliteFile(RecordedFile):
             self._end_span(last_ns)
         finally:
             database.close()
-
-    def _batches(self, database: sqlite3.Connection, wanted: Mapping[int, Any]) -> Iterator[Messages]:
-        """Yields the messages in the order of their times: few at once if they are large."""
-        places = ",".join("?" * len(wanted))
-        data_column = f"CASE WHEN length(data) <= {_LARGEST_IN_BATCH} THEN data ELSE id END"
-        query = f"SELECT topic_id, timestamp, {data_column} FROM messages WHERE topic_id IN ({places})"
-        cursor = database.execute(f"{query} ORDER BY timestamp, id", list(wanted))
-        left = os.path.getsize(self._path)
-        count = 1
-        while True:
-            rows: Sequence[_Row] = cursor.fetchmany(count)
-            if not rows:
-                return
-            numbers, times, data = zip(*rows)
-            if set(map(type, times)) != {int} or set(map(type, data)) != {bytes}:
-                rows = list(self._repaired(database, rows))
-                if not rows:
-                    continue
-                numbers, times, data = zip(*rows)
-            size = sum(map(len, data))
-            left -= size
-            if left < 0:
-                raise Damaged("it has more data than bytes")
-            count = min(_BATCH, 1 + _BATCH_BYTES * len(rows) // (1 + size))
-            yield list(zip(times, map(wanted.__getitem__, numbers), data))
-
-    def _repaired(self, database: sqlite3.Connection, rows: Sequence[_Row]) -> Iterator[_Row]:
-        """Yields rows with their data in place of their numbers, without those that lack a time or have no data."""
-        query = "SELECT CASE WHEN length(data) <= ? THEN data END FROM messages WHERE id = ?"
-        for number, time_ns, data in rows:
-            if type(data) is int:
-                (data,) = database.execute(query, [LARGEST, data]).fetchone() or (None,)
-            if type(time_ns) is int and type(data) is bytes:
-                yield number, time_ns, data
-            else:
-                self.problem = self.problem or f"{self.name}: a row without a time or data is left out"
 
     def _remaining(self, database: sqlite3.Connection, wanted: Mapping[int, Any], last_ns: int) -> Iterator[Messages]:
         """Yields the messages of a damaged file after a time, in the order of recording, which needs no index."""
@@ -140,6 +112,7 @@ class SqliteFile(RecordedFile):
         return bool(self._missing and data) and data.endswith(bytes(min(self._missing, len(data))))
 
     def _note_damage(self, error: Exception) -> None:
+        self.has_holes = True
         if not self._missing:
             self.problem = f"{self.name}: damaged ({error}): read as far as possible"
 

@@ -27,6 +27,7 @@ sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
 from harness.requirements import runtime_requirements  # noqa: E402  # found through the line above
 
 from release import manifest  # noqa: E402
+from robot_health_monitor.cli.arguments import complete_parser  # noqa: E402
 from robot_health_monitor.runtime.libraries import debian_package  # noqa: E402
 
 COMMAND_LINE = "robot-health"
@@ -48,6 +49,9 @@ DISTROS = {
     "debian": Distro("debian", "bookworm", "ros1", "debian"),
 }
 PACKAGES = (COMMAND_LINE, *DISTROS)
+OVERRIDES = ("dir-or-file-in-opt", "package-installs-python-pycache-dir", "python3-script-but-no-python3-dep")
+"""What lintian calls an error in every package of bloom with Python: it is installed to /opt/ros, its modules are
+compiled, since the users of robots cannot write them there, and rosdep has no key for python3 alone."""
 
 
 def dependencies() -> Tuple[Sequence[str], Sequence[str]]:
@@ -90,6 +94,14 @@ def write_debian_folder(source: Path, date_s: float) -> None:
         if file.is_file():
             text = re.sub(r"@([A-Z]+)@", lambda found: known.get(found[1], found[0]), file.read_text("utf-8"))
             file.write_text(text, "utf-8")
+
+
+def write_completions(folder: Path) -> None:
+    """Writes what completes the arguments of robot-health in bash and zsh."""
+    import shtab
+
+    for shell, name in (("bash", "robot-health.bash"), ("zsh", "_robot-health")):
+        (folder / name).write_text(shtab.complete(complete_parser(), shell), "utf-8")
 
 
 def write_index(folder: Path) -> Dict[str, str]:
@@ -144,6 +156,10 @@ def generate(source: Path, name: str, index: Mapping[str, str]) -> None:
     if distro.generator == "debian":  # modules in /usr are compiled when they are installed, and cleaned when removed
         replace(source / "debian" / "rules", "dh $@ -v ", "dh $@ -v --with python3 ")
         replace(source / "debian" / "control", "${shlibs:Depends}", "${python3:Depends}")
+    else:
+        package = f"ros-{name}-{manifest.text('name').replace('_', '-')}"
+        lines = [f"{package} binary: {tag}\n" for tag in OVERRIDES]
+        (source / "debian" / f"{package}.lintian-overrides").write_text("".join(lines), "utf-8")
 
 
 def replace(file: Path, old: str, new: str) -> None:
@@ -204,6 +220,7 @@ def main() -> None:
             source = copy_sources(folder)
             if name == COMMAND_LINE:
                 write_debian_folder(source, date_s)
+                write_completions(source / "debian")
             else:
                 if not index:
                     (work / "index").mkdir()

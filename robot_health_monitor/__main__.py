@@ -10,9 +10,8 @@ import os
 import sys
 from typing import Optional, Sequence
 
-from robot_health_monitor.runtime.interrupts import Interrupts
-
-from .exit_codes import ExitCode
+from .cli.exit_codes import ExitCode
+from .runtime.interrupts import Interrupts
 
 
 def main(argv: Optional[Sequence[str]] = None) -> int:
@@ -29,7 +28,7 @@ def main(argv: Optional[Sequence[str]] = None) -> int:
             _abandon_stdout()
             return ExitCode.SUCCESS
         except ModuleNotFoundError as error:
-            from robot_health_monitor.runtime.libraries import missing_libraries, missing_text
+            from .runtime.libraries import missing_libraries, missing_text
 
             return _fail(missing_text(missing_libraries(error)))
         except OSError as error:
@@ -41,16 +40,8 @@ def main(argv: Optional[Sequence[str]] = None) -> int:
 
 
 def _run_command(argv: Optional[Sequence[str]], interrupts: Interrupts) -> int:
-    from robot_health_monitor.core.deprecation import shown_in_one_line
-
-    with shown_in_one_line("robot-health"):
-        return _run_parsed(argv, interrupts)
-
-
-def _run_parsed(argv: Optional[Sequence[str]], interrupts: Interrupts) -> int:
-    from robot_health_monitor.core.errors import ConfigError, LinkError, MessageError, ServiceError
-
-    from .arguments import parse
+    from .cli.arguments import parse
+    from .core.values.errors import ConfigError, LinkError, MessageError, ServiceError
 
     try:
         arguments = parse(argv)
@@ -90,7 +81,7 @@ def _fail(text: str) -> int:
 
 
 def _write_error(text: str) -> None:
-    from robot_health_monitor.core.formatting import printable
+    from .core.values.formatting import printable
 
     try:
         sys.stderr.write(f"{printable(text)}\n")

@@ -12,9 +12,9 @@ import genpy
 import rosgraph.network
 import rospy
 
-from robot_health_monitor.core.errors import ConfigError, MessageError, ServiceError
-from robot_health_monitor.core.middleware import Graph, Message, NodeInfo, RawFormat
-
+from ..core.messages.dialect import Message
+from ..core.port.middleware import Graph, NodeInfo, RawFormat
+from ..core.values.errors import ConfigError, MessageError, ServiceError
 from . import messages
 from .middleware import Ros1Middleware
 

@@ -15,11 +15,10 @@ from typing import Any, Callable, Dict, List, Optional, Tuple, TypeVar
 import rosgraph
 import rospy.core
 
-from robot_health_monitor.core.errors import ServiceError
-from robot_health_monitor.core.formatting import printable
-from robot_health_monitor.core.model import Level
-from robot_health_monitor.core.parameters import describe
-from robot_health_monitor.runtime.threads import MonotonicEvent
+from ..core.values.errors import ServiceError
+from ..core.values.formatting import describe, printable
+from ..core.values.model import Level
+from ..runtime.threads import MonotonicEvent
 
 _SUCCESS = 1
 _ERRORS = (

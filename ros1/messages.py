@@ -1,4 +1,4 @@
-"""ROS 1 messages: how genpy finds, describes and represents them. `core/native_messages.py` converts them."""
+"""ROS 1 messages: how genpy finds, describes and represents them. `core/messages/native_messages.py` converts them."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from typing import Any, Mapping
 import genpy
 import rospy
 
-from robot_health_monitor.core.definitions import ROS1_KINDS
-from robot_health_monitor.core.dialect import Dialect, FieldType
-from robot_health_monitor.core.middleware import RawFormat
-from robot_health_monitor.core.native_fields import as_it_is
-from robot_health_monitor.core.native_messages import NativeMessages, find_generated
-from robot_health_monitor.core.raw_messages import ros1_format
-from robot_health_monitor.core.serialized_statuses import serialized_getter as serialized_getter_of
+from ..core.messages.definitions import ROS1_KINDS
+from ..core.messages.dialect import Dialect, FieldType
+from ..core.messages.native_fields import as_it_is
+from ..core.messages.native_messages import NativeMessages, find_generated
+from ..core.messages.serialized_statuses import serialized_getter as serialized_getter_of
+from ..core.port.middleware import RawFormat
+from ..core.port.raw_messages import ros1_format
 
 _TIMES = {"time": genpy.Time, "duration": genpy.Duration}
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 import threading
 import time
 import weakref
+from functools import partial
 from typing import Any, Callable, Container, Dict, List, Mapping, Optional, Sequence, Set, Tuple
 
 import rospy
@@ -19,25 +20,17 @@ import rospy.core
 import rospy.rostime
 import rospy.topics
 
-from robot_health_monitor.core.errors import ConfigError, ServiceError
-from robot_health_monitor.core.field_path import ABSENT, Getter
-from robot_health_monitor.core.hints import Answer, explain, similar_topics
-from robot_health_monitor.core.middleware import (
-    Callback,
-    Message,
-    OnChange,
-    RawCallback,
-    RawFormat,
-    Severity,
-    canonical_type,
-    resolve_name,
-    split_type_name,
-)
-from robot_health_monitor.core.parameters import Parameter
-from robot_health_monitor.core.timers import PeriodicSchedule
-from robot_health_monitor.runtime.native_node import NativeNode
-from robot_health_monitor.runtime.threads import MonotonicEvent
-
+from ..core.config.parameters import Parameter
+from ..core.messages.dialect import Message
+from ..core.port.hints import Answer, explain, similar_topics
+from ..core.port.middleware import Callback, OnChange, RawCallback, RawFormat, Severity
+from ..core.port.timers import PeriodicSchedule
+from ..core.values.errors import ConfigError, ServiceError
+from ..core.values.field_path import ABSENT, Getter
+from ..core.values.formatting import with_degree_sign
+from ..core.values.names import canonical_type, resolve_name, split_type_name
+from ..runtime.native_node import NativeNode
+from ..runtime.threads import MonotonicEvent
 from . import messages
 from .master import Master
 from .parameters import NodeParameters, set_log_level
@@ -126,8 +119,13 @@ class Ros1Middleware(NativeNode):
             raise ConfigError(f"expected a type such as std_msgs/Float32, got {type_name!r}")
         if type_name and shared not in (None, rospy.AnyMsg) and shared._type != canonical_type(type_name):
             raise _another_type(mapped, shared, canonical_type(type_name))
-        reader = BytesReader(mapped, type_name, self.log)
-        subscription = self._deliver(resolved, shared or rospy.AnyMsg, reader.read, callback)
+        reader = BytesReader(mapped, type_name, partial(self._failures.write, mapped))
+
+        def take(item: Any, now_s: float) -> None:
+            if item is not ABSENT:
+                callback(item, now_s)
+
+        subscription = self._deliver(resolved, shared or rospy.AnyMsg, reader.read, take)
         subscription.move_first()
         return subscription
 
@@ -141,9 +139,7 @@ class Ros1Middleware(NativeNode):
             with lock:
                 if subscription.active:
                     try:
-                        value = 1.0 if get is None else get(native)
-                        if value is not ABSENT:
-                            callback(value, clock())
+                        callback(1.0 if get is None else get(native), clock())
                     except Exception as error:
                         log_failure(error)
 
@@ -176,7 +172,7 @@ class Ros1Middleware(NativeNode):
 
     def log(self, severity: Severity, text: str) -> None:
         stream = "stdout" if severity < Severity.WARN else "stderr"
-        self.faults.guard(f"log on {stream}", _LOG[severity], text)
+        self.faults.guard(f"log on {stream}", _LOG[severity], with_degree_sign(text))
 
     def close(self) -> None:
         with self._lock:
@@ -191,7 +187,7 @@ class Ros1Middleware(NativeNode):
                 for subscription in self._subscriptions:
                     subscription.end()
                 for publisher, _ in self._publishers.values():
-                    publisher.unregister()
+                    _unregister(publisher)
                 for service in self._services:
                     service.shutdown("node closed")
             self._timers.clear()
@@ -249,9 +245,9 @@ class Ros1Middleware(NativeNode):
         shared = _shared_class(rospy.topics.get_topic_manager().get_subscriber_impl(topic))
         if field is None:
             return shared or rospy.AnyMsg, None
-        decoder = self._decoders.setdefault(topic, Decoder())
+        decoder, log = self._decoders.setdefault(topic, Decoder()), partial(self._failures.write, topic)
         if not type_name and shared in (None, rospy.AnyMsg):
-            return rospy.AnyMsg, FieldReader(topic, "", field, decoder, self.log).read
+            return rospy.AnyMsg, FieldReader(topic, "", field, decoder, log).read
         type_name = type_name or messages.type_name(shared)
         cls, get = messages.message_class(type_name), messages.field_getter(topic, type_name, field)
         if shared is not rospy.AnyMsg:
@@ -259,7 +255,7 @@ class Ros1Middleware(NativeNode):
         # As bytes, since others may need these: `subscribe_raw`, or the number in them.
         shared = shared or messages.serialized_class(cls)
         if issubclass(shared, rospy.AnyMsg):
-            return shared, FieldReader(topic, type_name, field, decoder, self.log).read
+            return shared, FieldReader(topic, type_name, field, decoder, log).read
         return cls, get
 
 
@@ -281,7 +277,19 @@ class Subscription:
     def end(self) -> None:
         """Unsubscribes."""
         self.active = False
-        self._subscriber.unregister()
+        _unregister(self._subscriber)
+
+
+def _unregister(topic: Any) -> None:
+    """Unregisters a publisher or subscriber, and closes what rospy leaves open with the last one of a topic.
+
+    The `Poller` of a topic refers to itself: its epoll descriptor would stay until the garbage collector finds it.
+    """
+    impl = topic.impl
+    topic.unregister()
+    if impl is not None and impl.closed:
+        with impl.c_lock:  # it is held while a connection is added, which is refused from now on
+            impl.connection_poll.poller.close()
 
 
 class PublisherLookup:

@@ -12,13 +12,13 @@ import logging
 import threading
 from typing import Any, Dict, Iterator, Mapping, Optional
 
-from robot_health_monitor.core.config import NODE_PARAMETERS
-from robot_health_monitor.core.errors import ConfigError, Path, Problems
-from robot_health_monitor.core.faults import PARAMETERS_FAULT, Faults
-from robot_health_monitor.core.middleware import Message, OnChange
-from robot_health_monitor.core.parameters import describe
-from robot_health_monitor.runtime.native_node import Log, apply_change
-
+from ..core.config.monitor_config import NODE_PARAMETERS
+from ..core.messages.dialect import Message
+from ..core.port.middleware import OnChange
+from ..core.values.errors import ConfigError, Path, Problems
+from ..core.values.faults import PARAMETERS_FAULT, Faults
+from ..core.values.formatting import describe
+from ..runtime.native_node import Log, apply_change
 from .master import Master
 
 _FILE_KEY = "ros__parameters"

@@ -1,6 +1,6 @@
 """This process as a ROS 1 node. Its logical nodes (`middleware.py`) share the connection to the master.
 
-`Ros1Process` has the methods of `Process` in `robot_health_monitor/executables.py`, as `Ros2Process` does.
+`Ros1Process` has the methods of `Process` in `cli/executables.py`, as `Ros2Process` does.
 """
 
 from __future__ import annotations
@@ -15,18 +15,17 @@ import rosgraph
 import rospy
 import rospy.impl.paramserver
 
-from robot_health_monitor.core.config import load_config
-from robot_health_monitor.core.errors import ConfigError, ServiceError
-from robot_health_monitor.core.faults import PARAMETERS_FAULT
-from robot_health_monitor.core.model import Level
-
+from ..core.config.monitor_config import load_config
+from ..core.values.errors import ConfigError, ServiceError
+from ..core.values.faults import PARAMETERS_FAULT
+from ..core.values.model import Level
 from .introspection import Ros1ServedMiddleware
 from .master import Master, MasterWatch, limit_calls_of_rospy
 from .middleware import Ros1Middleware
 from .parameters import NodeParameters, set_log_level
 
 if TYPE_CHECKING:
-    from robot_health_monitor.runtime.interrupts import Interrupts
+    from ..runtime.interrupts import Interrupts
 
 _REPORT_S = 2.0
 """How long the nodes have to report a fault before the process ends, in s: twice their period."""

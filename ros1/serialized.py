@@ -11,12 +11,12 @@ from typing import Any, Dict, Mapping, Tuple
 import genpy
 import rospy
 
-from robot_health_monitor.core.errors import ConfigError, MessageError
-from robot_health_monitor.core.field_path import ABSENT, Getter
-from robot_health_monitor.core.middleware import RawFormat, Severity, canonical_type
-from robot_health_monitor.core.raw_messages import ros1_format
-from robot_health_monitor.runtime.native_node import Log
-
+from ..core.port.middleware import RawFormat, Severity
+from ..core.port.raw_messages import ros1_format
+from ..core.values.errors import ConfigError, MessageError
+from ..core.values.field_path import ABSENT, Getter
+from ..core.values.names import canonical_type
+from ..runtime.native_node import Log
 from . import messages
 
 _MOST_HEADERS = 100
@@ -54,6 +54,8 @@ class FieldReader:
     def _reader_of(self, type_name: str, checksum: str) -> Getter:
         key = type_name, checksum
         if key not in self._readers:
+            if len(self._readers) >= _MOST_HEADERS:
+                self._readers.clear()
             try:
                 self._readers[key] = self._new_reader(type_name, checksum)
             except ConfigError as error:

@@ -7,11 +7,10 @@ import sys
 from pathlib import Path
 from typing import Any, Dict
 
-from robot_health_monitor.core.definitions import LONGEST_TEXT, parse_msg
-from robot_health_monitor.core.dialect import FieldType
-from robot_health_monitor.core.middleware import RawFormat
-from robot_health_monitor.core.raw_messages import ros2_format
-
+from ..core.messages.definitions import LONGEST_TEXT, parse_msg
+from ..core.messages.dialect import FieldType
+from ..core.port.middleware import RawFormat
+from ..core.port.raw_messages import ros2_format
 from . import messages
 
 _SEPARATOR = "=" * 80

@@ -6,9 +6,9 @@ import threading
 import time
 from typing import Any, Dict, List
 
-from robot_health_monitor.core.errors import MessageError, ServiceError
-from robot_health_monitor.core.middleware import Graph, Message, NodeInfo, RawFormat
-
+from ..core.messages.dialect import Message
+from ..core.port.middleware import Graph, NodeInfo, RawFormat
+from ..core.values.errors import MessageError, ServiceError
 from . import messages
 from .definitions import raw_format
 from .middleware import Ros2Middleware

@@ -1,4 +1,4 @@
-"""ROS 2 messages: how rosidl finds, describes and represents them. `core/native_messages.py` converts them."""
+"""ROS 2 messages: how rosidl finds, describes and represents them. `core/messages/native_messages.py` converts them."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ import functools
 import re
 from typing import Any, Mapping
 
-from robot_health_monitor.core.dialect import Dialect, FieldType
-from robot_health_monitor.core.native_messages import NativeMessages, find_generated
-from robot_health_monitor.core.serialized_statuses import serialized_getter as serialized_getter_of
+from ..core.messages.dialect import Dialect, FieldType
+from ..core.messages.native_messages import NativeMessages, find_generated
+from ..core.messages.serialized_statuses import serialized_getter as serialized_getter_of
 
 _KINDS = {"boolean": "bool", "float": "float32", "double": "float64"}
 """Kinds of types that rosidl names differently. (A `char` is a uint8 there.)"""

@@ -18,20 +18,14 @@ from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallba
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message, serialize_message
 
-from robot_health_monitor.core.errors import ConfigError
-from robot_health_monitor.core.field_path import ABSENT, Getter
-from robot_health_monitor.core.middleware import (
-    Callback,
-    Message,
-    OnChange,
-    RawCallback,
-    RawFormat,
-    Severity,
-    canonical_type,
-)
-from robot_health_monitor.core.parameters import Parameter
-from robot_health_monitor.runtime.native_node import NativeNode
-
+from ..core.config.parameters import Parameter
+from ..core.messages.dialect import Message
+from ..core.port.middleware import Callback, OnChange, RawCallback, RawFormat, Severity
+from ..core.values.errors import ConfigError
+from ..core.values.field_path import Getter
+from ..core.values.formatting import with_degree_sign
+from ..core.values.names import canonical_type
+from ..runtime.native_node import NativeNode
 from . import messages
 from .definitions import raw_format
 from .parameters import NodeParameters, ParameterNode
@@ -162,7 +156,7 @@ class Ros2Middleware(NativeNode):
 
     def log(self, severity: Severity, text: str) -> None:
         if self.node.context.ok():  # otherwise rcl would print that it cannot publish the line
-            self.faults.guard("log", _LOG[severity], self._logger, text)
+            self.faults.guard("log", _LOG[severity], self._logger, with_degree_sign(text))
 
     def close(self) -> None:
         with self._lock:
@@ -289,8 +283,7 @@ class Ros2Middleware(NativeNode):
                                 value = subscription.get(message)
                             else:
                                 value = subscription.get(data)
-                            if value is not ABSENT:
-                                subscription.callback(value, now_s)
+                            subscription.callback(value, now_s)
                         except Exception as error:
                             log_failure(error)
 
@@ -337,7 +330,7 @@ class Ros2Middleware(NativeNode):
                     try:
                         self._start(subscription, type_name)
                     except ConfigError as error:
-                        self.log(Severity.ERROR, str(error))
+                        self._failures.write(subscription.topic, Severity.ERROR, str(error))
             for channel in tuple(self._channels.values()):
                 topic, cls, _ = channel.key
                 unheard = self.node.count_publishers(topic) > channel.native.get_publisher_count()

@@ -16,12 +16,12 @@ from rclpy.logging import LoggingSeverity
 from rclpy.node import Node
 from rclpy.qos import qos_profile_services_default
 
-from robot_health_monitor.core.config import NODE_PARAMETERS, load_config, sections
-from robot_health_monitor.core.errors import ConfigError, Path
-from robot_health_monitor.core.middleware import OnChange
-from robot_health_monitor.core.parameters import Parameter, unflatten, with_present_names
-from robot_health_monitor.core.yaml_file import YamlFile, read_yaml
-from robot_health_monitor.runtime.native_node import Log, apply_change
+from ..core.config.monitor_config import NODE_PARAMETERS, load_config, sections
+from ..core.config.parameters import Parameter, unflatten
+from ..core.config.yaml_file import YamlFile, read_yaml
+from ..core.port.middleware import OnChange
+from ..core.values.errors import ConfigError, Path
+from ..runtime.native_node import Log, apply_change
 
 EXECUTOR, USE_SIM_TIME = (
     next(parameter for parameter in NODE_PARAMETERS if parameter.name == name) for name in ("executor", "use_sim_time")
@@ -106,7 +106,6 @@ class NodeParameters:
         Types are dynamic, so that a bound may be set to the whole number 30, as in the file.
         """
         self._declared = {parameter.name: parameter for parameter in parameters}
-        self._rename(parameters)
         for parameter in self._declared.values():
             self._declare(parameter)
         self._set_log_level(self._given)
@@ -114,15 +113,6 @@ class NodeParameters:
         # that the node has accepted is never rejected afterwards.
         self._node.add_on_set_parameters_callback(partial(self._propose, apply, log))
         self._node.add_post_set_parameters_callback(self._declare_deleted)
-
-    def _rename(self, parameters: Sequence[Parameter]) -> None:
-        """Declares values that were given by former names by the present ones, so that these can be changed."""
-        given, self._given = self._given, dict(with_present_names(self._given, parameters))
-        for name in given.keys() - self._given.keys():
-            self._node.undeclare_parameter(name)
-        for name in self._given.keys() - given.keys():
-            value = self._given[name]
-            self._node.declare_parameter(name, value, ParameterDescriptor(dynamic_typing=True))
 
     def _declare(self, parameter: Parameter) -> None:
         descriptor = ParameterDescriptor(

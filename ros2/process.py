@@ -1,6 +1,6 @@
 """This process as one or several ROS 2 nodes (`middleware.py`), which one executor spins.
 
-`Ros2Process` has the methods of `Process` in `robot_health_monitor/executables.py`, as `Ros1Process` does.
+`Ros2Process` has the methods of `Process` in `cli/executables.py`, as `Ros1Process` does.
 """
 
 from __future__ import annotations
@@ -21,16 +21,15 @@ from rclpy.signals import SignalHandlerOptions, install_signal_handlers, uninsta
 from rclpy.task import Future
 from std_msgs.msg import Empty
 
-from robot_health_monitor.core.errors import ConfigError, ServiceError
-from robot_health_monitor.core.middleware import Severity
-from robot_health_monitor.core.model import Level
-
+from ..core.port.middleware import Severity
+from ..core.values.errors import ConfigError, ServiceError
+from ..core.values.model import Level
 from .introspection import Ros2ServedMiddleware
 from .middleware import Ros2Middleware
 from .parameters import ParameterFiles
 
 if TYPE_CHECKING:
-    from robot_health_monitor.runtime.interrupts import Interrupts
+    from ..runtime.interrupts import Interrupts
 
 _DEFAULTS = ("--ros-args", "-p", "start_type_description_service:=false", "--")
 """Arguments before those of the user, which override them. Without the service, a node takes 0.2 MB less."""

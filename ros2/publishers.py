@@ -8,7 +8,7 @@ from typing import Callable, Container, Iterator, Mapping, Sequence
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSCompatibility, QoSProfile, ReliabilityPolicy, qos_check_compatible
 
-from robot_health_monitor.core.hints import INCOMPATIBLE_QOS, Answer, explain, similar_topics
+from ..core.port.hints import INCOMPATIBLE_QOS, Answer, explain, similar_topics
 
 _TOPICS_PERIOD_S = 1.0
 """Reading the list of all topics takes milliseconds on a large graph; several signals may need it at once."""

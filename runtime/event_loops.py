@@ -11,7 +11,7 @@ import queue
 import threading
 from typing import Any, Callable, Coroutine, Optional, TypeVar
 
-from robot_health_monitor.core.errors import ServiceError
+from ..core.values.errors import ServiceError
 
 __all__ = ["LoopThread", "ThreadPool", "run_in_daemon_thread"]
 

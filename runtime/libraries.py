@@ -9,13 +9,14 @@ import sys
 import sysconfig
 from typing import Iterator, List
 
-from robot_health_monitor.core.errors import ServiceError
+from ..core.values.errors import ServiceError
 
 __all__ = [
     "RECORDINGS",
     "ROSBRIDGE",
     "MissingLibraryError",
     "debian_package",
+    "install_command",
     "libraries",
     "missing_libraries",
     "missing_text",
@@ -29,6 +30,8 @@ RECORDINGS = ("lz4", "mcap", "numpy", "rosbags", "zstandard")
 _PACKAGES = {"yaml": "PyYAML"}
 """Packages whose modules have other names."""
 _NOT_IN_DEBIAN = {"mcap", "rosbags"}
+_PROGRAMS = {"apprise"}
+"""Packages of the same name in Debian."""
 
 
 class MissingLibraryError(ServiceError):
@@ -58,24 +61,31 @@ def missing_libraries(error: ImportError, *names: str) -> List[str]:
 def missing_text(packages: List[str]) -> str:
     """Returns one line: what is missing, and the command that installs it."""
     verb = "is" if len(packages) == 1 else "are"
-    return f"{', '.join(packages)} {verb} not installed: {_install_command(packages)}"
+    return f"{', '.join(packages)} {verb} not installed: {install_command(packages)}"
 
 
-def _install_command(packages: List[str]) -> str:
-    if not _is_debian_python() or _NOT_IN_DEBIAN & set(packages):
+def install_command(packages: List[str]) -> str:
+    """Returns what installs packages of PyPI to where this program was installed: with pipx, apt or pip."""
+    if os.path.exists(os.path.join(sys.prefix, "pipx_metadata.json")):
+        return f"pipx inject {os.path.basename(sys.prefix)} {' '.join(packages)}"
+    if not _is_system_python():
         return f"pip install {' '.join(packages)}"
-    return f"apt install {' '.join(map(debian_package, packages))}"
+    others = [package for package in packages if package in _NOT_IN_DEBIAN]
+    if not others:
+        return f"apt install {' '.join(map(debian_package, packages))}"
+    if not os.path.exists(os.path.join(sysconfig.get_path("stdlib"), "EXTERNALLY-MANAGED")):  # such as Ubuntu 20.04
+        return f"pip3 install --user {' '.join(packages)}"
+    return f"apt has no {', '.join(others)}; install robot-health with pipx, which has all of them (docs/install.md)"
 
 
 def debian_package(package: str) -> str:
     """Returns the name in Debian and Ubuntu, and the rosdep key, of a package of PyPI."""
-    return f"python3-{package.lower().replace('_', '-').replace('pyyaml', 'yaml')}"
+    return package if package in _PROGRAMS else f"python3-{package.lower().replace('_', '-').replace('pyyaml', 'yaml')}"
 
 
-def _is_debian_python() -> bool:
-    """Returns True for the system's Python where pip refuses to install into it (PEP 668) and apt is there instead."""
-    marker = os.path.join(sysconfig.get_path("stdlib"), "EXTERNALLY-MANAGED")
-    return sys.prefix == sys.base_prefix and os.path.exists(marker) and os.path.exists("/usr/bin/apt")
+def _is_system_python() -> bool:
+    """Returns True for the Python of Debian and Ubuntu, for which apt has the libraries."""
+    return sys.prefix == sys.base_prefix == "/usr" and os.path.exists("/usr/bin/apt")
 
 
 def _can_be_imported(name: str) -> bool:

@@ -1,6 +1,6 @@
 """What the adapters over rospy and rclpy share: a node whose messages are objects of generated classes.
 
-`core/mapping_node.py` has what the other adapters share, whose messages are mappings.
+`core/port/mapping_node.py` has what the other adapters share, whose messages are mappings.
 """
 
 from __future__ import annotations
@@ -10,11 +10,13 @@ import threading
 import time
 from typing import Any, Callable, Dict, List, Optional, Tuple
 
-from robot_health_monitor.core.errors import ConfigError, MessageError, ServiceError
-from robot_health_monitor.core.faults import Faults
-from robot_health_monitor.core.hints import Answer, Hints
-from robot_health_monitor.core.middleware import NOTHING_CHANGED, Message, Result, Severity
-from robot_health_monitor.core.native_messages import NativeMessages
+from ..core.messages.dialect import Message
+from ..core.messages.native_messages import NativeMessages
+from ..core.port.hints import Answer, Hints
+from ..core.port.log_limit import LimitedLog
+from ..core.port.middleware import NOTHING_CHANGED, Result, Severity
+from ..core.values.errors import ConfigError, MessageError, ServiceError
+from ..core.values.faults import Faults
 
 Log = Callable[[Severity, str], None]
 
@@ -42,6 +44,8 @@ class NativeNode(abc.ABC):
         self._subscriptions: List[Any] = []
         self._timers: List[Any] = []
         self._hints = Hints(look_up, time.monotonic)
+        self._failures = LimitedLog(self.log, time.monotonic)
+        """Writes what is wrong with messages, by topic: a robot may invent topics."""
 
     @abc.abstractmethod
     def log(self, severity: Severity, text: str) -> None: ...

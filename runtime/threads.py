@@ -6,18 +6,21 @@ would delay the exit by half a minute, and a folder on a server that does not an
 
 from __future__ import annotations
 
+import math
 import os
 import queue
 import select
 import threading
+import time
 from contextlib import closing
 from typing import Callable, List, Optional
 
-from robot_health_monitor.core.sensors.source import SensorError
+from ..core.values.errors import ServiceError
 
 __all__ = ["DetachedCalls", "MonotonicEvent", "StepThread"]
 
 _WAIT_AFTER_ERROR_S = 1.0
+_JOIN_PERIOD_S = 0.005
 _LONGEST_WAIT_S = 86400.0
 """Of one call of `poll`, which takes at most 24 days."""
 
@@ -88,12 +91,12 @@ class DetachedCalls:
     def __call__(self, function: Callable[[], None]) -> bool:
         """Starts a function, which must not raise; returns whether it has finished.
 
-        Raises SensorError if too many functions are running already.
+        Raises ServiceError if too many functions are running already.
         """
         self._idle += [thread for thread in self._busy if thread.finished.is_set()]
         self._busy = [thread for thread in self._busy if not thread.finished.is_set()]
         if not self._idle and len(self._busy) >= self._most_threads:
-            raise SensorError(f"{len(self._busy)} sources do not answer: no thread is left")
+            raise ServiceError(f"{len(self._busy)} sources do not answer: no thread is left")
         thread = self._idle.pop() if self._idle else _DetachedThread(self._name)
         self._busy.append(thread)
         thread.finished.clear()
@@ -150,6 +153,12 @@ class StepThread(threading.Thread):
         """Ends the thread after the present step; returns at once."""
         self._is_closed = True
         self._wake.set()
+
+    def join(self, timeout: Optional[float] = None) -> None:
+        """Waits for the end of the thread, for `timeout` seconds of the monotonic clock; None: without a limit."""
+        until_s = math.inf if timeout is None else time.monotonic() + timeout
+        while self.is_alive() and time.monotonic() < until_s:
+            select.select([], [], [], _JOIN_PERIOD_S)  # not `sleep`, which fails where the clock is set meanwhile
 
     def run(self) -> None:
         """Calls the function until `close`."""

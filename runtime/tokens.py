@@ -9,7 +9,7 @@ import os
 import stat
 from typing import Callable, Dict, Set
 
-from robot_health_monitor.core.errors import ConfigError
+from ..core.values.errors import ConfigError
 
 TOKEN_VARIABLE = "ROBOT_HEALTH_TOKEN"
 SHORTEST_TOKEN = 16

@@ -7,18 +7,18 @@ import re
 from functools import partial
 from typing import Any, Dict, Mapping, Optional, Tuple
 
-from ..config import DEFAULT_SIGNALS, NODE_PARAMETERS, MonitorConfig, load_config
-from ..elements import ARRAY_TYPE
-from ..errors import ConfigError
-from ..formatting import number_text
-from ..middleware import Middleware, Severity, Subscription
-from ..model import Level, Sample, Status
-from ..monitor import Monitor
-from ..outlets import array_message
-from ..parameters import Parameter, read_parameters
+from ..config.monitor_config import DEFAULT_SIGNALS, NODE_PARAMETERS, MonitorConfig, load_config
+from ..config.parameters import Parameter, read_parameters
+from ..config.signal_config import LONGEST_S, SignalConfig, read_signal
+from ..judge.monitor import Monitor
+from ..port.middleware import Middleware, Severity, Subscription
 from ..sensors.configuration import METRICS
-from ..signal_config import LONGEST_S, SignalConfig, read_signal
+from ..values.elements import ARRAY_TYPE, OWN_TOPICS
+from ..values.errors import ConfigError
+from ..values.formatting import number_text
+from ..values.model import Level, Sample, Status
 from .node import DIAGNOSTICS, FLOAT_TYPE, base_name, describe_changes, host_name, refuse_changes
+from .outlets import array_message
 
 AGGREGATOR_PARAMETERS = (
     *NODE_PARAMETERS,
@@ -62,7 +62,7 @@ class Aggregator:
         self._monitor = Monitor(_window_config(self._values, self._inputs), self._values["robot_name"] or host_name())
         self._subscriptions: Dict[str, Subscription] = {}
         middleware.declare_parameters(AGGREGATOR_PARAMETERS, self._reconfigure)
-        middleware.advertise("system_health", FLOAT_TYPE)
+        self._topic = middleware.advertise("system_health", FLOAT_TYPE)
         middleware.advertise(DIAGNOSTICS, ARRAY_TYPE)
         self._follow_inputs()
         self._timer = middleware.create_timer(1.0 / self._values["publish_rate"], self._publish)
@@ -102,7 +102,7 @@ class Aggregator:
             level, message = Level.OK, f"{self._values['method']} is {number_text(health)}"
             self._middleware.publish("system_health", {"data": health})
         if self._middleware.has_listeners(DIAGNOSTICS):
-            key_values = {"method": self._values["method"], "missing": ", ".join(missing)}
+            key_values = {"method": self._values["method"], "missing": ", ".join(missing), OWN_TOPICS: self._topic}
             key_values.update((self._inputs[name], number_text(value)) for name, value in values.items())
             status = Status("system_health", level, message, self._monitor.robot, key_values)
             statuses = [*self._monitor.report(now_s).statuses.values(), status]

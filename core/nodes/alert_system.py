@@ -7,18 +7,25 @@ from functools import partial
 from types import MappingProxyType
 from typing import Any, Callable, Dict, FrozenSet, List, Mapping, Optional, Set, Tuple
 
-from ..config import DEFAULT_SIGNALS, MonitorConfig, described_parameters, is_whole_file, load_config
-from ..continuity import Continuity, SignalHistory
-from ..element_signals import MOST_REFUSED
-from ..elements import ARRAY_TYPE, STATUS_TYPE, with_ages
-from ..errors import ConfigError
-from ..explanation import source_text
-from ..faults import Fault
-from ..formatting import printable
-from ..middleware import Message, Middleware, Result, Severity, Subscription, resolve_name
-from ..model import Changes, Level, Sample, Status, Transition
-from ..monitor import Monitor
-from ..outlets import (
+from ..config.monitor_config import DEFAULT_SIGNALS, MonitorConfig, described_parameters, is_whole_file, load_config
+from ..config.signal_config import LINK
+from ..judge.causes import causes_first
+from ..judge.continuity import Continuity, SignalHistory
+from ..judge.element_signals import MOST_REFUSED
+from ..judge.monitor import Monitor
+from ..judge.sources import is_source
+from ..judge.wording import source_text
+from ..messages.dialect import Message
+from ..port.middleware import Middleware, Result, Severity, Subscription
+from ..values.elements import ARRAY_TYPE, STATUS_TYPE, with_ages
+from ..values.errors import ConfigError
+from ..values.faults import Fault
+from ..values.field_path import ABSENT
+from ..values.formatting import printable
+from ..values.model import Changes, Level, Sample, Status, Transition
+from ..values.names import resolve_name
+from . import node
+from .outlets import (
     Event,
     Notice,
     Outlet,
@@ -29,8 +36,6 @@ from ..outlets import (
     event_text,
     status_message,
 )
-from ..signal_config import LINK
-from . import node
 from .self_monitor import CHECK_PERIOD_S, EMPTY_REPORT, SelfMonitor, SelfReport
 
 TRIGGER_TYPE = "std_srvs/Trigger"
@@ -102,9 +107,13 @@ class AlertSystem:
             self.outlets.add("log", self._log)
         self.outlets.add("alerts", self._publish_alert)
         self.outlets.add(node.DIAGNOSTICS, self._publish_change)
+        alerts = middleware.advertise("alerts", STATUS_TYPE)
         self_report = replace(
             self_report,
-            signals=lambda: len(self.monitor.configs() or self.monitor.config.signals),
+            published_topics=lambda: alerts,
+            signals=lambda: (
+                sum(not is_source(name) for name in self.monitor.configs()) or len(self.monitor.config.signals)
+            ),
             simulated=lambda: filter(self.is_simulated, self._config.signals),
             without_sensor=lambda: sorted(self._unavailable),
             silenced=self.count_silenced,
@@ -113,17 +122,13 @@ class AlertSystem:
         """Watches the node itself and makes its status."""
         self._continuity = None if history is None else Continuity(self.monitor, history)
         self._subscriptions: Dict[_Source, Subscription] = {}
+        self._topics: Mapping[str, str] = {}
+        """The resolved topic of each signal."""
         described = described_parameters(config, are_default=self._watches_defaults)
         middleware.declare_parameters(described, self._reconfigure)
-        middleware.advertise("alerts", STATUS_TYPE)
         middleware.advertise(node.DIAGNOSTICS, ARRAY_TYPE)
-        if self._continuity is not None:
-            now_s = middleware.now_s()
-            self._continuity.record_configuration(node.sections_of(config))
-            restored = self._continuity.restore(now_s, at_first_call=middleware.waiting_for_clock())
-            self._announce(restored, now_s)
         middleware.subscribe(node.SIMULATED_SENSORS, node.STRING_TYPE, self._note_simulated, field="data", latched=True)
-        self._follow_topics(config)
+        middleware.exclusively(lambda: self._begin(config))  # no message comes before the states are restored
         middleware.subscribe(node.UNAVAILABLE_SENSORS, node.STRING_TYPE, self._note_unavailable, field="data")
         middleware.advertise_service("~reset", TRIGGER_TYPE, lambda _: {"success": True, "message": self._reset()})
         self._tick_timer = middleware.create_timer(TICK_PERIOD_S, self._tick)
@@ -134,12 +139,21 @@ class AlertSystem:
         self._reported_steady_s = middleware.steady_s()
         if self._watches_defaults:
             middleware.log(Severity.INFO, f"no signals configured: watching {', '.join(DEFAULT_SIGNALS)}")
-        for signal in config.signals.values():
-            middleware.log(Severity.INFO, f"watching {source_text(signal)}")
+        for name, signal in config.signals.items():
+            middleware.log(Severity.INFO, f"watching {source_text(signal, self._topics[name])}")
         latching = [name for name, signal in config.signals.items() if signal.latch]
         if latching and (history is None or not history.is_kept):
             text = f"no history: latched alerts of an earlier run are not restored ({', '.join(latching)})"
             middleware.log(Severity.INFO, text)
+
+    def _begin(self, config: MonitorConfig) -> None:
+        """Subscribes, and continues from the saved states."""
+        self._follow_topics(config)
+        if self._continuity is not None:
+            now_s = self._middleware.now_s()
+            self._continuity.record_configuration(config)
+            restored = self._continuity.restore(now_s, at_first_call=self._middleware.waiting_for_clock())
+            self._announce(restored, now_s)
 
     def observe(self, sample: Sample) -> None:
         """Judges a sample that does not come from a topic, such as that of the signal `link`."""
@@ -204,6 +218,11 @@ class AlertSystem:
         status = self.monitor.status(signal, self._middleware.now_s())
         return None if status is None else self._with_silence(status)
 
+    def _count_signals(self) -> int:
+        """Counts the watched signals, with elements and without silent topics."""
+        monitor = self.monitor
+        return sum(not is_source(name) for name in monitor.configs()) or len(monitor.config.signals)
+
     def count_silenced(self) -> int:
         """Counts the signals that are not OK and silenced."""
         now_s = self._middleware.now_s()
@@ -212,8 +231,9 @@ class AlertSystem:
         return sum(1 for status in statuses if status is not None and status.level is not Level.OK)
 
     def is_simulated(self, signal: str) -> bool:
-        """Returns whether battery_sensor invents the values of a signal. May be called in any thread."""
-        return signal.partition("[")[0] in self._simulated  # all elements of an array are of one topic
+        """Returns whether battery_sensor invents the values of a signal or source. May be called in any thread."""
+        # All elements of an array are of one topic.
+        return signal.partition("[")[0] in self._simulated or signal in map(self._topics.get, self._simulated)
 
     def stop_watching(self) -> None:
         """Ends every open alert with a transition to OK, `no longer watched`; `close` must follow."""
@@ -245,9 +265,11 @@ class AlertSystem:
         }
         added: Dict[_Source, Subscription] = {}
         try:
-            # Signals with a type and a field first: those that only count messages can share their subscription.
+            # Signals with a type and a field first: those that only count messages can share their subscription. Of one
+            # message, they are handed over in this order: causes first.
+            order = {name: place for place, name in enumerate(causes_first(config.signals))}
             new = wanted - self._subscriptions.keys()
-            for source in sorted(new, key=lambda key: (key[3] == "", key[2] == "", key)):
+            for source in sorted(new, key=lambda key: (key[3] == "", key[2] == "", order[key[0]])):
                 name, topic, type_name, field = source
                 take = partial(self._take, name)
                 added[source] = self._middleware.subscribe(topic, type_name, take, field=field or None)
@@ -258,18 +280,24 @@ class AlertSystem:
         for source in self._subscriptions.keys() - wanted:
             self._middleware.unsubscribe(self._subscriptions.pop(source))
         self._subscriptions.update(added)
+        self._topics = {key[0]: subscription.topic for key, subscription in self._subscriptions.items()}
+        self.monitor.expect_sources({key[1]: each.topic for key, each in self._subscriptions.items()})
         self._simulated = frozenset(self._signals_on(self._simulated_topics))
 
     def _take(self, name: str, value: Any, now_s: float) -> None:
+        """Judges a message on the topic of a signal; it may hold no sample of it."""
         self.samples += 1
         if self._unavailable:
             self._watch_only_without(self._unavailable - {name}, now_s)
         if self._excused_since_s is not None or now_s > self.self_monitor.look_due_s:
             self._look_for_pause(now_s)
             self._excused_since_s = None
-        if type(value) is not float:
-            value = with_ages(value, self._middleware.stamp_s)
-        changes = self.monitor.observe_value(name, value, now_s)
+        if value is ABSENT:
+            changes = self.monitor.observe_source(self._topics[name], now_s)
+        else:
+            if type(value) is not float:
+                value = with_ages(value, self._middleware.stamp_s)
+            changes = self.monitor.observe_value(name, value, now_s)
         if changes or changes.notices:
             self._announce(changes, now_s)
 
@@ -292,8 +320,7 @@ class AlertSystem:
         """Returns the signals on the topics of a list from battery_sensor."""
         given = [name.strip() for name in str(names)[:_MAX_LIST].split(",")]
         topics = {resolve_name(name, self._middleware.name) for name in given if name}
-        subscriptions = tuple(self._subscriptions.items())
-        return {source[0] for source, subscription in subscriptions if subscription.topic in topics}
+        return {name for name, topic in tuple(self._topics.items()) if topic in topics}
 
     def _watch_only_without(self, unavailable: Set[str], now_s: float) -> None:
         if unavailable == self._unavailable:
@@ -442,7 +469,7 @@ class AlertSystem:
         self._config = config
         if self._continuity is not None:
             record = self._continuity.record_configuration
-            self._middleware.faults.guard("storing the configuration", record, node.sections_of(config))
+            self._middleware.faults.guard("storing the configuration", record, config)
         same = {name for name, signal in config.signals.items() if old.signals.get(name) == signal}
         self._unavailable &= same
         self._configure_monitor(self._middleware.now_s())

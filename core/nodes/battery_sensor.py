@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from typing import Any, Dict, List, Mapping, Optional, Set, Tuple
 
-from ..config import NODE_PARAMETERS
-from ..elements import ARRAY_TYPE
-from ..errors import Problems
-from ..formatting import number_text
-from ..middleware import Middleware, Severity
-from ..model import Level, Status
-from ..outlets import array_message
-from ..parameters import Parameter, read_parameters
+from ..config.monitor_config import NODE_PARAMETERS
+from ..config.parameters import Parameter, read_parameters
+from ..port.middleware import Middleware, Severity
 from ..sensors import configuration
 from ..sensors.computer import Computer
 from ..sensors.source import NoSuchSensor, NotMeasuredYet, SensorError, Source
+from ..values.elements import ARRAY_TYPE, OWN_TOPICS
+from ..values.errors import Problems
+from ..values.formatting import number_text
+from ..values.model import Level, Status
 from . import node
+from .outlets import array_message
 
 SENSOR_PARAMETERS = (
     *NODE_PARAMETERS,
@@ -72,11 +72,12 @@ class BatterySensor:
         self._of_preset = {metric for metric in metrics if metric not in named}
         """Metrics that only `host_preset` adds: one that this machine lacks is logged as INFO, not as WARN."""
         self._simulated = [metric for metric, kind in self._kinds.items() if kind == "simulated"]
-        self._middleware.advertise(node.SIMULATED_SENSORS, node.STRING_TYPE, latched=True)
+        own = [self._middleware.advertise(node.SIMULATED_SENSORS, node.STRING_TYPE, latched=True)]
         self._topics = {metric: self._middleware.advertise(metric, node.FLOAT_TYPE) for metric in metrics}
         self._publish_simulated()
         if "host" in self._kinds.values():
-            self._middleware.advertise(node.UNAVAILABLE_SENSORS, node.STRING_TYPE)
+            own.append(self._middleware.advertise(node.UNAVAILABLE_SENSORS, node.STRING_TYPE))
+        self._own_topics = ", ".join([*own, *(self._topics[metric] for metric in sources)])
 
     def _publish(self, now_s: float) -> None:
         for metric, source in self._sources.items():
@@ -113,7 +114,7 @@ class BatterySensor:
 
     def _status(self, unavailable: List[str]) -> Status:
         broken = [metric for metric in self._failed if metric not in unavailable]
-        values = {"simulated": "true" if self._simulated else "false", **self._kinds}
+        values = {"simulated": "true" if self._simulated else "false", **self._kinds, OWN_TOPICS: self._own_topics}
         values.update((metric, f"not published: {error}") for metric, error in self._failed.items())
         if broken:
             level, message = Level.WARN, f"cannot read {', '.join(broken)}"

@@ -5,21 +5,21 @@ from __future__ import annotations
 import os
 from typing import List, Mapping, Tuple
 
-from ..config import NODE_PARAMETERS, MonitorConfig
-from ..errors import ConfigError, Problems
-from ..formatting import bound_text
-from ..middleware import NOTHING_CHANGED, Middleware
+from ..config.monitor_config import NODE_PARAMETERS, MonitorConfig
+from ..port.middleware import NOTHING_CHANGED, Middleware
+from ..values.errors import ConfigError, Problems
+from ..values.formatting import bound_text
 
 FLOAT_TYPE = "std_msgs/Float32"
 STRING_TYPE = "std_msgs/String"
 LOG_LEVEL = "log_level"
 DIAGNOSTICS = "/diagnostics"
-UNAVAILABLE_SENSORS = "unavailable_sensors"
+UNAVAILABLE_SENSORS = "_unavailable_sensors"
 """Topic on which battery_sensor lists the metrics that its host has no sensor for, separated by commas.
 
 alert_system does not wait for their samples: a desktop without a battery is not a robot whose battery fell silent.
 """
-SIMULATED_SENSORS = "simulated_sensors"
+SIMULATED_SENSORS = "_simulated_sensors"
 """Topic on which battery_sensor lists the topics of its simulated metrics, separated by commas.
 
 They are judged like all others. A target is notified of them only if it has `simulated: true`.

@@ -6,12 +6,12 @@ import math
 from dataclasses import dataclass, fields, replace
 from typing import Any, Callable, Dict, Iterable, Mapping, Optional, Tuple
 
-from ..faults import summary_of
-from ..formatting import duration_text, number_text
-from ..middleware import Middleware, Severity
-from ..model import Level, Status
-from ..outlets import Notice, Outlet
-from ..version import package_version
+from ..port.middleware import Middleware, Severity
+from ..values.faults import summary_of
+from ..values.formatting import duration_text, number_text
+from ..values.model import Level, Status
+from ..values.version import package_version
+from .outlets import Notice, Outlet
 
 MONITOR = "monitor"
 """Name of the status, which /diagnostics shows as `alert_system: monitor`."""
@@ -47,6 +47,8 @@ class SelfReport:
     clients: Callable[[], int] = int
     """Number of clients of the server."""
     pending_notifications: Callable[[], int] = int
+    published_topics: Callable[[], Optional[str]] = lambda: None
+    """As `OWN_TOPICS` of core/values/elements.py."""
     simulated: Callable[[], Optional[Iterable[str]]] = lambda: None
     """Names of signals with invented values."""
     without_sensor: Callable[[], Optional[Iterable[str]]] = lambda: None

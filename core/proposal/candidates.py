@@ -5,10 +5,10 @@ from __future__ import annotations
 import re
 from typing import Any, Collection, Dict, Iterable, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple
 
-from ..definitions import NUMBERS, SEQUENCE, TEXTS, Definitions, Field
-from ..elements import NAME_ARRAYS, TIME_TYPES
-from ..formatting import list_text
-from ..signal_config import LINK
+from ..config.signal_config import LINK
+from ..messages.definitions import NUMBERS, SEQUENCE, TEXTS, Definitions, Field
+from ..values.elements import NAME_ARRAYS, TIME_TYPES
+from ..values.formatting import list_text
 from .suggestion import NO_RULES, Rules
 
 MOST_SIGNALS = 300
@@ -32,6 +32,11 @@ _TEMPERATURE = "sensor_msgs/Temperature"
 _CLOUDS = ("sensor_msgs/PointCloud",)
 
 _TIMES = (*TIME_TYPES, "builtin_interfaces/Duration")
+
+_EIGHT_BITS = ("uint8", "int8", "byte", "char")
+_ENDS = ("min", "max")
+"""What an array of numbers is reduced to: two signals."""
+_OF_ITS_FIELDS = "a message, whose fields are looked at"
 
 _XYZ = "xyz"
 _UNITS: Mapping[str, Mapping[str, str]] = {
@@ -142,6 +147,8 @@ class Listing(NamedTuple):
     """Sorted by topic; the arrivals of a topic come first."""
     left_out: Mapping[str, str]
     """Why topics are not looked at, by their names."""
+    fields: Mapping[str, Mapping[str, Sequence[str]]]
+    """Fields that are not looked at, by the names of topics and the reasons."""
     problems: Sequence[str]
     """One line for each topic of which something is left out."""
 
@@ -176,8 +183,10 @@ def list_candidates(
         else:
             known[each.topic] = each
     found: List[Tuple[int, int, Candidate]] = []
+    fields: Dict[str, Dict[str, List[str]]] = {}
     for at, topic in enumerate(known.values()):
-        of_topic = list(_of_topic(topic, namespace, names, ages_of_bulk=ages_of_bulk))
+        others = fields.setdefault(topic.topic, {})
+        of_topic = list(_of_topic(topic, namespace, names, others, ages_of_bulk=ages_of_bulk))
         numbers = [each for each in of_topic if each.kind == "number"]
         if len(numbers) > MOST_FIELDS:
             problems.append(f"{topic.topic}: expected at most {MOST_FIELDS} numbers, got more: the rest is left out")
@@ -196,15 +205,18 @@ def list_candidates(
     if cut:
         problems.append(f"more than {MOST_SIGNALS} signals: numbers are left out of {list_text(cut)}")
     kept.sort(key=lambda each: (each[1], each[0]))
-    return Listing([each for _, _, each in kept], left_out, problems)
+    fields = {name: reasons for name, reasons in fields.items() if reasons}
+    return Listing([each for _, _, each in kept], left_out, fields, problems)
 
 
 def _priority(candidate: Candidate) -> int:
     return 0 if candidate.kind in ("rate", "statuses") else 1 if candidate.rules else _NUMBER
 
 
-def _of_topic(topic: Topic, namespace: str, names: Names, *, ages_of_bulk: bool) -> Iterator[Candidate]:
-    """Yields the signals of one topic."""
+def _of_topic(
+    topic: Topic, namespace: str, names: Names, others: Dict[str, List[str]], *, ages_of_bulk: bool
+) -> Iterator[Candidate]:
+    """Yields the signals of one topic; `others` receives its other fields by the reasons."""
     prefix = f"/{namespace}/" if namespace else "/"
     short = topic.topic[len(prefix) :] if topic.topic.startswith(prefix) else topic.topic
     short = topic.topic if short[0].isdigit() or topic.type_name == _DIAGNOSTICS else short  # `2d` is no name
@@ -218,12 +230,17 @@ def _of_topic(topic: Topic, namespace: str, names: Names, *, ages_of_bulk: bool)
         return
     definitions = topic.definitions
     fields = list(_walk(definitions, topic.type_name)) if definitions is not None else []
-    numbers = [] if _is_bulk(topic.type_name, fields) else [each for each in fields if _is_number(topic, each)]
+    is_bulk = _is_bulk(topic.type_name, fields)
+    named = list(_named_arrays(fields))
+    watched = [*named, "cell_voltage"] if topic.type_name == _BATTERY else named  # by the spread of the cells
+    numbers = _numbers(topic, fields, watched, others, is_bulk=is_bulk)
     yield candidate("rate", "", "rate", statistic="frequency_hz")
     has_header = any(path == "header" and field.kind == _HEADER for path, field, _ in fields)
-    if has_header and (ages_of_bulk or not _is_bulk(topic.type_name, fields)):
+    if has_header and (ages_of_bulk or not is_bulk):
         yield candidate("age", "header.stamp", "age", rules=AGE_RULES, unit="s")
-    for path, _, unit in numbers:
+    for path, field, unit in numbers:
+        if field.size is not None:
+            continue
         rules = _CHARGE_RULES if (topic.type_name, path) == FRACTIONS[0] else NO_RULES
         rules = _TEMPERATURE_RULES if (topic.type_name, path) == (_TEMPERATURE, "temperature") else rules
         words = () if path == "data" else (path,)
@@ -231,8 +248,35 @@ def _of_topic(topic: Topic, namespace: str, names: Names, *, ages_of_bulk: bool)
     if topic.type_name == _BATTERY:
         settings = {"reduce": "spread", "unit": "V"}
         yield candidate("number", "cell_voltage[*]", "cell_spread", rules=_SPREAD_RULES, **settings)
-    for path in _named_arrays(fields):
+    for path in named:
         yield candidate("elements", f'{path}["*"]', path)
+    for path, unit, reduce in [(path, unit, each) for path, field, unit in numbers if field.size for each in _ENDS]:
+        ends = (reduce,) if path == "data" else (path, reduce)
+        ends_of: Dict[str, Any] = {"reduce": reduce, **({"unit": unit} if unit else {})}
+        yield candidate("number", f"{path}[*]", *ends, **ends_of)
+
+
+def _numbers(
+    topic: Topic,
+    fields: Sequence[Tuple[str, Field, str]],
+    watched: Sequence[str],
+    others: Dict[str, List[str]],
+    *,
+    is_bulk: bool,
+) -> List[Tuple[str, Field, str]]:
+    """Returns the fields that are numbers or arrays of numbers, apart from `watched` and those of the header."""
+    numbers = []
+    for path, field, unit in fields:
+        reason = _why_no_number(topic.type_name, field, is_bulk=is_bulk)
+        if path in watched or path.split(".")[0] == "header" or reason == _OF_ITS_FIELDS:
+            continue
+        if reason:
+            others.setdefault(reason, []).append(path)
+        else:
+            numbers.append((path, field, unit))
+    if topic.definitions is None:
+        others["the definition of its type is not known"] = ["its fields"]
+    return numbers
 
 
 def _walk(definitions: Definitions, type_name: str) -> Iterator[Tuple[str, Field, str]]:
@@ -255,20 +299,24 @@ def _walk(definitions: Definitions, type_name: str) -> Iterator[Tuple[str, Field
         waiting[:0] = nested
 
 
-def _is_number(topic: Topic, found: Tuple[str, Field, str]) -> bool:
-    package, _, name = topic.type_name.partition("/")
-    _, field, _ = found
-    if package == "std_msgs" and (name in ("Byte", "Char") or name.endswith("MultiArray")):
-        return False
-    is_code = package == "sensor_msgs" and field.kind in ("int8", "uint8")
-    return field.size is None and field.kind in NUMBERS and field.kind != "bool" and not is_code
+def _why_no_number(type_name: str, field: Field, *, is_bulk: bool) -> str:
+    """Returns why a field is no number to watch, and no array of numbers; empty if it is one."""
+    package, _, name = type_name.partition("/")
+    if field.kind in TEXTS:
+        return "text"
+    if field.kind not in NUMBERS and field.kind not in _EIGHT_BITS:
+        return _OF_ITS_FIELDS if field.size is None and field.kind not in _TIMES else "times and arrays of messages"
+    if is_bulk:
+        return "a block of bytes, or beside one: not read"
+    if field.kind == "bool":
+        return "flags"
+    is_code = package == "sensor_msgs" or name in ("Byte", "Char", "ByteMultiArray") or field.size is not None
+    return "8 bits: a state or a code" if field.kind in _EIGHT_BITS and is_code else ""
 
 
 def _is_bulk(type_name: str, fields: Sequence[Tuple[str, Field, str]]) -> bool:
     """Returns whether a message is an image, a cloud or another block of bytes."""
-    return type_name in _CLOUDS or any(
-        field.kind in ("uint8", "int8", "byte", "char") and field.size == SEQUENCE for _, field, _ in fields
-    )
+    return type_name in _CLOUDS or any(field.kind in _EIGHT_BITS and field.size == SEQUENCE for _, field, _ in fields)
 
 
 def _named_arrays(fields: Sequence[Tuple[str, Field, str]]) -> Iterator[str]:

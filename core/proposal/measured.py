@@ -6,8 +6,8 @@ import math
 from array import array
 from typing import Optional, Set
 
-from ..formatting import count_text, duration_text, number_text, with_unit
-from ..signal_config import SignalConfig
+from ..config.signal_config import SignalConfig
+from ..values.formatting import count_text, duration_text, number_text, with_unit
 from .quantiles import Quantiles
 
 MOST_CODES = 10
@@ -108,14 +108,23 @@ class Measured:
         """Messages per second from the first to the last; NaN if no time has passed."""
         return self.gaps.count / self.duration_s if self.duration_s > 0.0 else math.nan
 
+    @property
+    def needed_s(self) -> float:
+        """Time in which there are enough samples for a range, in whole minutes; 0 if there were, or if none came."""
+        if not self.values.count or not self.duration_s or self.values.count >= _LEAST_SAMPLES:
+            return 0.0
+        needed_s = max(_LEAST_DURATION_S, self.duration_s * _LEAST_SAMPLES / self.values.count)
+        return 60.0 * math.ceil(1.05 * needed_s / 60.0)
+
     def unsuitable(self) -> str:
         """Returns why no bound can be derived from the values; empty if one can."""
         values = self.values
-        if values.count < _LEAST_SAMPLES or self.duration_s < _LEAST_DURATION_S * 0.999:
-            return (
-                f"{count_text(values.count, 'valid sample')} in {duration_text(self.duration_s)}; "
-                f"expected at least {_LEAST_SAMPLES} in {duration_text(_LEAST_DURATION_S)}"
-            )
+        if values.count < _LEAST_SAMPLES:
+            takes = f", which takes about {duration_text(self.needed_s)}" if self.needed_s else ""
+            seen = f"only {count_text(values.count, 'valid sample')} in {duration_text(self.duration_s)}"
+            return f"{seen}; a range needs {_LEAST_SAMPLES}{takes}"
+        if self.duration_s < _LEAST_DURATION_S * 0.999:
+            return f"seen for {duration_text(self.duration_s)} only; a range needs {duration_text(_LEAST_DURATION_S)}"
         if values.min == values.max:
             return f"the value is always {self.text(values.min)}"
         if self.codes is not None:

@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from dataclasses import dataclass, field
-from typing import Any, Container, Dict, Iterable, List, Mapping, Optional
+from typing import Any, Container, Dict, Iterable, List, Mapping, Optional, Set
 
-from ..errors import ConfigError
-from ..field_path import element_path
-from ..formatting import duration_text, list_text
-from ..middleware import Middleware
-from ..model import Level
-from ..signal_config import BOUNDS, read_signal
+from ..config.signal_config import BOUNDS, read_signal
+from ..port.middleware import Middleware
+from ..values.elements import ARRAY_TYPE, OWN_TOPICS, is_own_status
+from ..values.errors import ConfigError
+from ..values.field_path import element_path
+from ..values.formatting import duration_text, list_text
+from ..values.model import Level
 from .candidates import FRACTIONS, Candidate, Names, Topic, list_candidates
 from .measured import Measured
 from .suggestion import LEAST_RANGE_S, Setting, Suggestion, rounded, suggest
-from .survey import Survey
+from .survey import MOST_ELEMENTS, Survey
 
 ORDER = (*BOUNDS, "hysteresis", "for_s", "stale_after_s")
 """Keys that are proposed, in the order in which they are written."""
@@ -27,6 +29,10 @@ FORECASTS = ((600.0, 1800.0, 300.0), (600.0, 600.0, 300.0), (1200.0, 1200.0, 600
 
 EARLIEST_S = 0.001
 """Times are rounded: a stamp may be this much younger than its arrival, in s."""
+
+PUBLISHED_HERE = "published by this monitor"
+"""Why the topics of this package's own nodes are not watched."""
+_MORE_ELEMENTS = f"more than {MOST_ELEMENTS} elements: the others are left out"
 
 _OF_BOUNDS = ("hysteresis", "for_s")
 """Keys that refer to the bounds: they are not proposed for bounds that were given."""
@@ -84,6 +90,9 @@ class Proposal:
         self._survey = Survey()
         self._candidates: Dict[str, Candidate] = {}
         self._left_out: Dict[str, str] = {}
+        self._fields: Dict[str, Dict[str, List[str]]] = {}
+        self.own_topics: Set[str] = set()
+        """Topics that this package's nodes publish, as their statuses say: a monitor is not watched by itself."""
 
     def take(self, topics: Iterable[Topic]) -> None:
         """Adds topics, for `listen`; those that were added before are ignored."""
@@ -92,8 +101,14 @@ class Proposal:
         listing = list_candidates(new, self._namespace, self._names, ages_of_bulk=self._ages_of_bulk, before=before)
         self.problems += listing.problems
         self._left_out.update(listing.left_out)
+        for topic, reasons in listing.fields.items():
+            self._fields[topic] = {reason: list(fields) for reason, fields in reasons.items()}
         self.topics.update((each.topic, each.type_name) for each in reversed(new))
         self._candidates.update((each.name, each) for each in listing.candidates)
+
+    def begin_recording(self) -> None:
+        """As of `Survey`."""
+        self._survey.begin_recording()
 
     def listen(self, node: Middleware, topics: Container[str]) -> None:
         """Subscribes to topics that were taken, by their absolute names; one that cannot be subscribed is left out."""
@@ -101,9 +116,12 @@ class Proposal:
             if candidate.topic in topics:
                 try:
                     self._survey.listen(node, {name: read_signal(name, candidate.settings)})
+                    if candidate.kind == "statuses":
+                        node.subscribe(candidate.topic, ARRAY_TYPE, self._note_own_topics)
                 except ConfigError as error:
                     del self._candidates[name]
-                    self._left_out.setdefault(candidate.topic, error.problem)
+                    reasons = self._fields.setdefault(candidate.topic, {})
+                    reasons.setdefault(error.problem, []).append(candidate.settings["field"])
 
     @property
     def samples(self) -> int:
@@ -119,13 +137,18 @@ class Proposal:
         `longest_s` has the longest healthy excursion of signals, as `suggest` takes it. `forecasts` has which of
         `FORECASTS` a forecast uses, 0 if it is not there; None: forecasts are only shown, since nothing was replayed.
         """
-        proposed = Proposed([], dict(self._left_out))
+        proposed = Proposed([], dict(self._left_out), copy.deepcopy(self._fields))
         rates: Dict[str, Signal] = {}
         for name, candidate in sorted(self._candidates.items(), key=lambda each: each[1].topic):
             measured = self._survey.measured.get(name)
+            if candidate.topic in self.own_topics:
+                proposed.not_watched[candidate.topic] = PUBLISHED_HERE
+                proposed.fields.pop(candidate.topic, None)
+                continue
             if measured is None or not measured.samples:
                 if candidate.kind in ("rate", "statuses"):
                     proposed.not_watched[candidate.topic] = "no message" if candidate.kind == "rate" else "no status"
+                    proposed.fields.pop(candidate.topic, None)
                 continue
             for signal in self._signals(candidate, measured, longest_s or {}):
                 self._sort_in(candidate, signal, proposed, rates)
@@ -140,6 +163,20 @@ class Proposal:
             elif not others:
                 proposed.not_watched[topic] = rate.suggestion.left_out[0].replace("no bounds: ", "")
         return proposed
+
+    @property
+    def needed_s(self) -> float:
+        """How long to listen, in s, so that everything that came has enough samples for a range; 0 if it has."""
+        names = [each.name for each in self._candidates.values() if each.kind in ("number", "elements")]
+        measured = [self._survey.measured[name] for name in names if name in self._survey.measured]
+        measured += [each for name in names for each in self._survey.elements.get(name, {}).values()]
+        return max((each.needed_s for each in measured), default=0.0)
+
+    def _note_own_topics(self, message: Any, now_s: float) -> None:
+        for status in message["status"]:
+            values = {pair["key"]: pair["value"] for pair in status["values"]}
+            if OWN_TOPICS in values and is_own_status(status["name"], values):
+                self.own_topics.update(values[OWN_TOPICS].split(", "))
 
     def _sort_in(self, candidate: Candidate, signal: Signal, proposed: Proposed, rates: Dict[str, Signal]) -> None:
         if candidate.kind == "rate":
@@ -158,6 +195,8 @@ class Proposal:
             return
         if candidate.kind == "elements":
             elements = self._survey.elements.get(candidate.name, {})
+            if candidate.name in self._survey.cut:
+                yield Signal(candidate.name, candidate.topic, given, Suggestion({}, {}, [_MORE_ELEMENTS]), measured)
             for element, found in elements.items():
                 name = f"{candidate.name}_{element}"
                 path = element_path(given["field"], element)

@@ -9,8 +9,8 @@ from __future__ import annotations
 import math
 from typing import Callable, Dict, List, Mapping, NamedTuple, Optional, Tuple
 
-from ..formatting import bound_text, count_text, duration_text, with_unit
-from ..signal_config import BOUNDS, SignalConfig
+from ..config.signal_config import BOUNDS, SignalConfig
+from ..values.formatting import bound_text, count_text, duration_text, with_unit
 from .measured import Measured
 from .quantiles import Quantiles
 
@@ -104,8 +104,8 @@ def suggest(measured: Measured, longest_excursion_s: Optional[float] = None, rul
 def _add_rate_bounds(measured: Measured, settings: Dict[str, Setting], left_out: List[str]) -> None:
     lasted = duration_text(measured.duration_s)
     if measured.samples < LEAST_MESSAGES or not measured.mean_rate_hz > 0.0:
-        seen = f"{count_text(measured.samples, 'message')} in {lasted}"
-        left_out.append(f"no bounds: {seen}; expected at least {LEAST_MESSAGES}")
+        seen = f"only {count_text(measured.samples, 'message')} in {lasted}"
+        left_out.append(f"no bounds: {seen}: a rate needs {LEAST_MESSAGES}")
         return
     if not measured.irregularity < MOST_IRREGULAR:
         gaps = f"{duration_text(measured.gaps.min)} to {duration_text(measured.gaps.max)}"

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Callable, Dict, List, Mapping
+from typing import Callable, Dict, List, Mapping, Set
 
-from ..elements import DriverStatus, Elements, with_ages
-from ..middleware import Middleware
-from ..signal_config import BOUNDS, SignalConfig
-from ..signal_monitor import SignalMonitor
+from ..config.signal_config import BOUNDS, SignalConfig
+from ..judge.signal_monitor import SignalMonitor
+from ..port.middleware import Middleware
+from ..values.elements import DriverStatus, Elements, with_ages
+from ..values.field_path import ABSENT
 from .measured import Measured
 
 MOST_ELEMENTS = 64
@@ -24,26 +25,36 @@ class Survey:
         """What was measured of each signal."""
         self.elements: Dict[str, Dict[str, Measured]] = {}
         """What was measured of each element, by its name, of signals that select several."""
+        self._monitors: List[List[SignalMonitor]] = []
+        self.cut: Set[str] = set()
+        """Signals that have more than `MOST_ELEMENTS` elements."""
+
+    def begin_recording(self) -> None:
+        """Ends the previous recording: the time up to the next one is no gap."""
+        elements = [each for of_signal in self.elements.values() for each in of_signal.values()]
+        for measured in (*self.measured.values(), *elements):
+            measured.begin_recording()
+        for monitor in self._monitors:
+            monitor.clear()
 
     def listen(self, node: Middleware, configs: Mapping[str, SignalConfig]) -> None:
-        """Subscribes to the topics of signals, as another recording or with more signals than before.
+        """Subscribes to the topics of signals.
 
         Raises ConfigError: a type is unknown, or has no such field.
         """
         for name, config in configs.items():
             measured = self.measured.setdefault(name, Measured(config))
-            measured.begin_recording()
-            for each in self.elements.get(name, {}).values():
-                each.begin_recording()
             node.subscribe(
                 config.topic, config.type, self._receiver(config, measured, node), field=config.field or None
             )
 
     def _receiver(self, config: SignalConfig, measured: Measured, node: Middleware) -> Callable[[object, float], None]:
-        take = _taker(config, measured)
+        take = self._taker(config, measured)
         elements: Dict[str, Callable[[object, float], None]] = {}
 
         def receive(value: object, now_s: float) -> None:
+            if value is ABSENT:
+                return
             value = with_ages(value, node.stamp_s)
             if type(value) is not Elements or config.reduce:
                 take(value, now_s)
@@ -52,26 +63,27 @@ class Survey:
             for name, element in value:
                 if name not in elements:
                     if len(elements) >= MOST_ELEMENTS:
+                        self.cut.add(config.name)
                         continue
                     known = self.elements.setdefault(config.name, {})
-                    elements[name] = _taker(config, known.setdefault(name, Measured(config)))
+                    elements[name] = self._taker(config, known.setdefault(name, Measured(config)))
                 elements[name](element.level if type(element) is DriverStatus else element, now_s)
 
         return receive
 
+    def _taker(self, config: SignalConfig, measured: Measured) -> Callable[[object, float], None]:
+        """Returns a function that adds a datum to what is measured of a signal."""
+        monitor: List[SignalMonitor] = []
+        self._monitors.append(monitor)
+        is_last = config.statistic == "last"
 
-def _taker(config: SignalConfig, measured: Measured) -> Callable[[object, float], None]:
-    """Returns a function that adds a datum to what is measured of a signal."""
-    monitor: List[SignalMonitor] = []
-    is_last = config.statistic == "last"
+        def take(value: object, now_s: float) -> None:
+            if not monitor:
+                monitor.append(SignalMonitor(_unbounded(config), "", now_s))
+            monitor[0].observe(value, now_s)
+            measured.add(now_s, monitor[0].latest_good if is_last else monitor[0].judged)
 
-    def take(value: object, now_s: float) -> None:
-        if not monitor:
-            monitor.append(SignalMonitor(_unbounded(config), "", now_s))
-        monitor[0].observe(value, now_s)
-        measured.add(now_s, monitor[0].latest_good if is_last else monitor[0].judged)
-
-    return take
+        return take
 
 
 def _unbounded(config: SignalConfig) -> SignalConfig:

@@ -7,7 +7,7 @@ import re
 from itertools import groupby
 from typing import Any, Callable, Iterable, List, Mapping
 
-from ..formatting import count_text, duration_text, list_text, number_text, printable
+from ..values.formatting import count_text, duration_text, list_text, number_text, printable
 from .proposal import ORDER, Proposed, Signal
 
 MOST_NOT_WATCHED = 60
@@ -51,14 +51,13 @@ def thresholds_text(
             else:
                 lines += _signal(signal, alerts)
         lines += _at_most(comments, topic, "more of them")
-        reasons = [
-            f"      # {topic}, {list_text(fields, most=_MOST_FIELDS)}: {reason}"
-            for reason, fields in proposed.fields.get(topic, {}).items()
-        ]
-        lines += _at_most(reasons, topic, "more without bounds")
+        lines += _fields(proposed, topic)
     for name, settings in unchanged.items():
         lines += [f"      {name}:", "        # not recorded: unchanged"]
         lines += [f"        {key}: {yaml_text(value)}" for key, value in settings.items()] or ["        {}"]
+    shown = {signal.topic for signal in proposed.signals}
+    unshown = [topic for topic in sorted(proposed.fields) if topic not in shown][:MOST_NOT_WATCHED]
+    lines += [line for topic in unshown for line in _fields(proposed, topic)]
     if proposed.not_watched:
         lines.append("    # Not watched:")
         topics = sorted(proposed.not_watched.items())
@@ -66,6 +65,15 @@ def thresholds_text(
         if len(topics) > MOST_NOT_WATCHED:
             lines.append(f"    #   and {count_text(len(topics) - MOST_NOT_WATCHED, 'other topic')}")
     return "".join(f"{printable(line)}\n" for line in lines)
+
+
+def _fields(proposed: Proposed, topic: str) -> List[str]:
+    """Returns the fields of a topic that have no line, with the reasons."""
+    reasons = [
+        f"      # {topic}, {list_text(fields, most=_MOST_FIELDS)}: {reason}"
+        for reason, fields in proposed.fields.get(topic, {}).items()
+    ]
+    return _at_most(reasons, topic, "more without bounds")
 
 
 def _signal(signal: Signal, alerts: Alerts) -> List[str]:

@@ -9,23 +9,15 @@ docs/signals.md is generated from this table, and `robot-health sources` lists i
 from __future__ import annotations
 
 import itertools
+import os
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, Callable, Dict, Iterable, List, Mapping, NamedTuple, Tuple
 
-from ..parameters import Parameter
+from ..config.parameters import Parameter
 from . import daemons, disks, gpu, network, operating_system, processes
-from .computer import Computer, HostPaths
-from .host import (
-    Battery,
-    HostCpuUsage,
-    HostTemperature,
-    fan_rpm,
-    rail_volts,
-    read_chips,
-    read_cpu_ticks,
-    temperature_sensors,
-)
+from .computer import Computer, HostPaths, call_psutil
+from .host import Battery, HostCpuUsage, fan_rpm, rail_volts, read_cpu_ticks, sensor_names, temperature
 from .processes import ProcessSource
 from .source import Source
 
@@ -65,39 +57,40 @@ class HostReading:
         return self.function(now_s)
 
 
-def _reading(function: Callable[..., float], *arguments: object) -> Callable[..., Source]:
-    """Returns what makes a source of a function, which gets the paths, its arguments and the options."""
-
-    def make(computer: Computer, **options: Any) -> Source:
-        return HostReading(lambda now_s: computer.once(now_s, function, *arguments, *options.values()))
-
-    return make
-
-
-def _shared(read: Callable[..., Any], value: Callable[..., float], *arguments: object) -> Callable[..., Source]:
-    """Returns what makes a source of a part of what `read` returns, which all sources share."""
-
-    def make(computer: Computer, **options: Any) -> Source:
-        return HostReading(lambda now_s: value(computer.once(now_s, read, *arguments), *options.values()))
-
-    return make
-
-
 def _asked(
-    subject: str, every_s: float, read: Callable[..., Any], value: Callable[..., float]
+    subject: str, read: Callable[..., Any], value: Callable[[Any], float] = float, every_s: float = 0.0
 ) -> Callable[..., Source]:
-    """Returns what makes a source of a part of what `read` returns, which may hang."""
+    """Returns what makes a source of a part of what `read` returns, which gets the paths and the options.
+
+    Sources with the same `read` and the same options share what it returns.
+    """
 
     def make(computer: Computer, **options: Any) -> Source:
         arguments = tuple(options.values())
-        named = " ".join([subject, *map(str, arguments)])
+        named = " ".join([subject, *map(str, arguments)]).rstrip()
         return HostReading(lambda now_s: value(computer.ask(now_s, every_s, named, read, *arguments)))
 
     return make
 
 
 def _battery(read: Callable[[Battery], float]) -> Callable[..., Source]:
-    return _shared(Battery, lambda battery: float(read(battery)))
+    return _asked("the battery", lambda paths: read(Battery(paths)))
+
+
+def _load(index: int) -> Callable[..., Source]:
+    return _asked("the load", lambda paths: os.getloadavg()[index])
+
+
+def _pressure(resource: str) -> Callable[..., Source]:
+    return _asked("the pressure", lambda paths: operating_system.pressure_percent(paths, resource))
+
+
+def _memory(paths: HostPaths) -> Any:
+    return call_psutil("virtual_memory", "the memory", paths)
+
+
+def _swap(paths: HostPaths) -> Any:
+    return call_psutil("swap_memory", "the swap", paths)
 
 
 def _listed(option: str, names: Callable[[HostPaths], Iterable[Any]]) -> Callable[[HostPaths], Iterable[Options]]:
@@ -109,9 +102,13 @@ def _cores(paths: HostPaths) -> List[Any]:
     return list(read_cpu_ticks(paths))
 
 
-def _temperature_sensors(paths: HostPaths) -> List[str]:
-    sensors = temperature_sensors(paths)
-    return ["", *sensors] if sensors else []
+def _sensors(kind: str) -> Callable[[HostPaths], Iterable[Options]]:
+    return _listed("sensor", lambda paths: sensor_names(paths, kind))
+
+
+def _temperatures(paths: HostPaths) -> List[str]:
+    names = sensor_names(paths, "temp")
+    return ["", *names] if names else []
 
 
 def _nodes(paths: HostPaths) -> Iterable[Options]:
@@ -143,27 +140,19 @@ def _rate(fields: Tuple[str, ...], scale: float = 1.0) -> Callable[..., Source]:
 
 
 def _can_rate(computer: Computer, interface: str = "") -> Source:
-    return network.CounterRate(network.ERRORS, 1.0, computer, interface, network.can_interfaces)
+    return network.CounterRate(("errin", "errout"), 1.0, computer, interface, network.can_interfaces)
 
 
 def _space(value: Callable[[disks.Space], float]) -> Callable[..., Source]:
-    return _asked("the disk at", 5.0, disks.read_space, value)
+    return _asked("the disk at", disks.read_space, value, 5.0)
 
 
 def _gpu(name: str) -> Callable[..., Source]:
-    return _asked("graphics processor", 0.0, gpu.read_gpu, partial(_gpu_value, name))
-
-
-def _gpu_value(name: str, found: gpu.Gpu) -> float:
-    return gpu.gpu_value(found, name)
+    return _asked("graphics processor", gpu.read_gpu, lambda found: gpu.gpu_value(found, name))
 
 
 def _clock(value: Callable[[daemons.Clock], float]) -> Callable[..., Source]:
-    return _asked("the time daemon", 5.0, daemons.read_clock, value)
-
-
-def _memory(value: Callable[[bytes], float]) -> Callable[..., Source]:
-    return _shared(operating_system.meminfo, value)
+    return _asked("the time daemon", daemons.read_clock, value, 5.0)
 
 
 _ON_DISK = (_PATH,), _listed("path", disks.mount_points)
@@ -176,27 +165,29 @@ HOST_SOURCES: Mapping[str, HostSource] = {
         "%", "CPU load", HostCpuUsage, (_CORE,),
         _listed("core", _cores),
     ),
-    "load_1min": HostSource("", "load average over 1 minute", _reading(operating_system.load, 0)),
-    "load_5min": HostSource("", "load average over 5 minutes", _reading(operating_system.load, 1)),
-    "load_15min": HostSource("", "load average over 15 minutes", _reading(operating_system.load, 2)),
-    "memory_percent": HostSource("%", "memory in use", _memory(operating_system.memory_percent)),
-    "memory_available": HostSource("MB", "memory available to programs", _memory(operating_system.memory_available)),
-    "swap_percent": HostSource("%", "swap in use", _memory(operating_system.swap_percent)),
+    "load_1min": HostSource("", "load average over 1 minute", _load(0)),
+    "load_5min": HostSource("", "load average over 5 minutes", _load(1)),
+    "load_15min": HostSource("", "load average over 15 minutes", _load(2)),
+    "memory_percent": HostSource("%", "memory in use", _asked("the memory", _memory, operating_system.memory_percent)),
+    "memory_available": HostSource(
+        "MB", "memory available to programs", _asked("the memory", _memory, lambda memory: memory.available * 1e-6)
+    ),
+    "swap_percent": HostSource("%", "swap in use", _asked("the swap", _swap, operating_system.swap_percent)),
     "pressure_cpu": HostSource(
         "%", "share of the last 10 s in which a process waited for the CPU",
-        _reading(operating_system.pressure_percent, "cpu"),
+        _pressure("cpu"),
     ),
     "pressure_memory": HostSource(
         "%", "share of the last 10 s in which a process waited for memory",
-        _reading(operating_system.pressure_percent, "memory"),
+        _pressure("memory"),
     ),
     "pressure_io": HostSource(
         "%", "share of the last 10 s in which a process waited for a disk",
-        _reading(operating_system.pressure_percent, "io"),
+        _pressure("io"),
     ),
     "oom_kills": HostSource(
         "", "processes that were killed since the start because memory was used up",
-        _reading(operating_system.oom_kills),
+        _asked("the kernel", operating_system.oom_kills),
     ),
     "disk_percent": HostSource("%", "disk in use", _space(lambda space: space.percent), *_ON_DISK),
     "disk_free": HostSource("GB", "free disk space", _space(lambda space: space.free_gb), *_ON_DISK),
@@ -208,20 +199,18 @@ HOST_SOURCES: Mapping[str, HostSource] = {
         "ms", "mean time of a request of the disk", disks.DiskLatency, (_DISK,), _listed("device", disks.devices)
     ),
     "temperature": HostSource(
-        "degC", "temperature", lambda computer, sensor="": HostTemperature(sensor, computer.paths), (_SENSOR,),
-        _listed("sensor", _temperature_sensors),
+        "degC", "temperature", _asked("temperature sensor", temperature), (_SENSOR,),
+        _listed("sensor", _temperatures),
     ),
     "fan_rpm": HostSource(
-        "rpm", "speed of a fan", _shared(read_chips, fan_rpm, "fan"), (_FAN,),
-        _listed("sensor", lambda paths: read_chips(paths, "fan")),
+        "rpm", "speed of a fan", _asked("fan", fan_rpm), (_FAN,), _sensors("fan"),
     ),
     "voltage_rail": HostSource(
-        "V", "voltage of a supply", _shared(read_chips, rail_volts, "in"), (_RAIL,),
-        _listed("sensor", lambda paths: read_chips(paths, "in")),
+        "V", "voltage of a supply", _asked("voltage sensor", rail_volts), (_RAIL,), _sensors("in"),
     ),
     "throttled": HostSource(
         "", "1 while a Raspberry Pi is slowed down by its supply or temperature, else 0",
-        _reading(operating_system.throttled),
+        _asked("the firmware", operating_system.throttled),
     ),
     "gpu_percent": HostSource("%", "load of the graphics processor", _gpu("percent"), *_OF_GPU),
     "gpu_memory_percent": HostSource(
@@ -232,16 +221,16 @@ HOST_SOURCES: Mapping[str, HostSource] = {
     "battery_plugged": HostSource("", "1 while the charger is connected, else 0", _battery(Battery.is_plugged)),
     "battery_voltage": HostSource("V", "battery voltage", _battery(Battery.volts)),
     "battery_current": HostSource("A", "battery current, negative when discharging", _battery(Battery.amperes)),
-    "network_receive": HostSource("MB/s", "data received", _rate(("received",), 1e-6), *_OF_INTERFACE),
-    "network_send": HostSource("MB/s", "data sent", _rate(("sent",), 1e-6), *_OF_INTERFACE),
-    "network_errors": HostSource("1/s", "packets with errors", _rate(network.ERRORS), *_OF_INTERFACE),
-    "network_drops": HostSource("1/s", "dropped packets", _rate(("drops_received", "drops_sent")), *_OF_INTERFACE),
+    "network_receive": HostSource("MB/s", "data received", _rate(("bytes_recv",), 1e-6), *_OF_INTERFACE),
+    "network_send": HostSource("MB/s", "data sent", _rate(("bytes_sent",), 1e-6), *_OF_INTERFACE),
+    "network_errors": HostSource("1/s", "packets with errors", _rate(("errin", "errout")), *_OF_INTERFACE),
+    "network_drops": HostSource("1/s", "dropped packets", _rate(("dropin", "dropout")), *_OF_INTERFACE),
     "network_carrier": HostSource(
-        "", "1 while there is a carrier (cable connected, Wi-Fi associated), else 0", _reading(network.carrier),
-        (_CARRIER,), _listed("interface", network.interfaces),
+        "", "1 while there is a carrier (cable connected, Wi-Fi associated), else 0",
+        _asked("the network", network.carrier), (_CARRIER,), _listed("interface", network.interfaces),
     ),
-    "wifi_signal": HostSource("dBm", "signal of the Wi-Fi", _reading(network.signal_dbm), *_OF_WIFI),
-    "wifi_bitrate": HostSource("Mbit/s", "bit rate of the Wi-Fi", _reading(network.bitrate), *_OF_WIFI),
+    "wifi_signal": HostSource("dBm", "signal of the Wi-Fi", _asked("the Wi-Fi", network.signal_dbm), *_OF_WIFI),
+    "wifi_bitrate": HostSource("Mbit/s", "bit rate of the Wi-Fi", _asked("the Wi-Fi", network.bitrate), *_OF_WIFI),
     "can_errors": HostSource(
         "1/s", "errors of a CAN bus", _can_rate, (_CAN,), _listed("interface", network.can_interfaces)
     ),
@@ -253,7 +242,7 @@ HOST_SOURCES: Mapping[str, HostSource] = {
         "", "1 while the clock is synchronized, else 0", _clock(lambda clock: float(clock.is_synchronized))
     ),
     "systemd_failed": HostSource(
-        "", "failed units of systemd", _asked("systemd", 10.0, daemons.failed_units, float)
+        "", "failed units of systemd", _asked("systemd", daemons.failed_units, every_s=10.0)
     ),
     "process_cpu_percent": HostSource(
         "%", "CPU time, in % of one core", partial(ProcessSource, "process_cpu_percent"), (*_PROCESS, _REDUCE), _nodes,
@@ -262,10 +251,6 @@ HOST_SOURCES: Mapping[str, HostSource] = {
     "process_memory": HostSource(
         "MB", "resident memory", partial(ProcessSource, "process_memory"), (*_PROCESS, _REDUCE), _nodes,
         ("command", "node"),
-    ),
-    "process_memory_growth": HostSource(
-        "MB/h", "growth of the resident memory over the last 10 min; not before 2 min",
-        partial(ProcessSource, "process_memory_growth"), (*_PROCESS, _REDUCE), _nodes, ("command", "node"),
     ),
     "process_threads": HostSource(
         "", "threads", partial(ProcessSource, "process_threads"), (*_PROCESS, _REDUCE), _nodes, ("command", "node")

@@ -1,7 +1,7 @@
-"""This computer, as all sources of one node read it: the kernel's files, once per period, within bounds.
+"""This computer, as all sources of one node read it: within bounds, and never waiting for it.
 
-Sources share what they read: `Computer.once` reads a file, or scans the processes, once for all of them. What may hang
-(a disk on a network, a daemon) is read by `Computer.ask`, in a thread where there are threads: core itself has none.
+A driver, a disk on a network or a daemon may hang, so everything is read by `Computer.ask`, in a thread where there are
+threads: core itself has none. Sources share what they ask for: it is read once per period for all of them.
 """
 
 from __future__ import annotations
@@ -10,8 +10,11 @@ import fnmatch
 import glob
 import os
 import re
+import warnings
 from typing import Any, Callable, Dict, List, NamedTuple, Optional, Tuple, TypeVar
 
+from ..values.errors import ServiceError
+from ..values.formatting import printable
 from .source import NoSuchSensor, NotMeasuredYet, SensorError
 
 __all__ = [
@@ -20,6 +23,7 @@ __all__ = [
     "Computer",
     "HostPaths",
     "call_psutil",
+    "load_psutil",
     "read_bytes",
     "read_float",
     "read_line",
@@ -53,7 +57,7 @@ HOST_PATHS = HostPaths()
 Background = Callable[[Callable[[], None]], bool]
 """Runs a function that may hang. Returns whether it has finished; if not, it is still running in a thread.
 
-Raises SensorError if too many functions hang already.
+Raises ServiceError if too many functions hang already.
 """
 
 
@@ -83,16 +87,12 @@ class _Question:
 
 
 class Computer:
-    """A computer, and what has been read of it in the current period."""
+    """A computer, and what has been read of it."""
 
     def __init__(self, paths: HostPaths = HOST_PATHS, background: Background = run_at_once) -> None:
         """Reads the files below `paths`; `background` runs what may hang."""
         self.paths = paths
         self._background = background
-        self._now_s: Optional[float] = None
-        self._found: Dict[Tuple[Any, ...], Tuple[Any, Optional[SensorError]]] = {}
-        self._absent: Dict[Tuple[Any, ...], Tuple[float, NoSuchSensor]] = {}
-        """What was searched for in vain, and when."""
         self._questions: Dict[Tuple[Any, ...], _Question] = {}
         self._kept: Dict[Callable[..., Any], Any] = {}
 
@@ -103,53 +103,24 @@ class Computer:
         found: Result = self._kept[make]
         return found
 
-    def once(self, now_s: float, function: Callable[..., Result], *arguments: Any) -> Result:
-        """Returns or raises what `function(paths, *arguments)` does; called once for all reads at the same time.
-
-        Where it raises NoSuchSensor, it is called again after `ABSENT_S`.
-        """
-        if now_s != self._now_s:
-            self._now_s = now_s
-            self._found.clear()
-        key = (function, *arguments)
-        found: Any = self._found.get(key)
-        if found is None:
-            found = self._found[key] = self._searched(now_s, key)
-        value, failure = found
-        if failure is not None:
-            raise failure.with_traceback(None)
-        result: Result = value
-        return result
-
-    def _searched(self, now_s: float, key: Tuple[Any, ...]) -> Tuple[Any, Optional[SensorError]]:
-        absent_s, absent = self._absent.get(key, (0.0, None))
-        if absent is not None and 0.0 <= now_s - absent_s < ABSENT_S:
-            return None, absent
-        function, *arguments = key
-        try:
-            return function(self.paths, *arguments), None
-        except NoSuchSensor as error:
-            self._absent[key] = now_s, error
-            return None, error
-        except SensorError as error:
-            return None, error
-
     def ask(
         self, now_s: float, every_s: float, subject: str, function: Callable[..., Result], *arguments: Any
     ) -> Result:
         """Returns or raises what `function(paths, *arguments)` does, which may hang: nothing waits for it.
 
-        All sources share the answer. One that came after its period is given at the next read.
+        An answer that came after its period is given at the next read. Where the function raises NoSuchSensor, it is
+        called again after `ABSENT_S`.
 
         Args:
             now_s: the time of the read.
             every_s: how old an answer may be before it is asked for again; 0: it is that of this period.
             subject: what is asked, for errors.
-            function: runs in a thread, where there are threads; a function of a module, the same at each read.
+            function: runs in a thread, where there are threads; the same at each read.
             *arguments: what it is called with, after the paths.
         """
         question = self._questions.setdefault((function, *arguments), _Question())
         asked_s = question.asked_s
+        every_s = ABSENT_S if isinstance(question.error, NoSuchSensor) else every_s
         is_due = asked_s is None or now_s < asked_s or (now_s != asked_s and now_s - asked_s >= every_s)
         if not question.is_pending and question.is_late:
             question.is_late = False
@@ -157,9 +128,9 @@ class Computer:
             question.asked_s, question.is_pending = now_s, True
             try:
                 question.is_late = not self._background(lambda: question.run(function, self.paths, arguments))
-            except SensorError:
+            except ServiceError as error:
                 question.is_pending = False
-                raise
+                raise SensorError(str(error)) from None
         if question.is_pending:
             if question.asked_s is not None and now_s - question.asked_s >= LATE_S:
                 raise SensorError(f"no answer from {subject} for more than {LATE_S:g} s")
@@ -167,7 +138,7 @@ class Computer:
         if isinstance(question.error, SensorError):
             raise question.error.with_traceback(None)
         if question.error is not None:
-            raise SensorError(f"{type(question.error).__name__}: {question.error}")
+            raise SensorError(f"{type(question.error).__name__}: {printable(str(question.error)[:200])}")
         found: Result = question.value
         return found
 
@@ -229,16 +200,23 @@ def sorted_paths(pattern: str) -> List[str]:
         return []
 
 
-def call_psutil(function: str, subject: str, paths: HostPaths, *arguments: Any, **options: Any) -> Any:
-    """Calls a function of psutil, which reads a `subject`; raises SensorError if that is not possible."""
+def load_psutil(paths: HostPaths) -> Any:
+    """Returns psutil, which then reads the files of this computer; raises SensorError if it is not installed."""
     try:
         import psutil
     except ImportError:
         raise SensorError("psutil is not installed: install python3-psutil with apt or psutil with pip") from None
-    if not hasattr(psutil, function):
-        raise SensorError(f"psutil cannot read {subject} on this system; set the source to simulated or none")
     psutil.PROCFS_PATH = paths.proc
+    # It warns of figures that are not used here, such as the traffic of the swap.
+    warnings.filterwarnings("ignore", category=RuntimeWarning, module="psutil")
+    return psutil
+
+
+def call_psutil(function: str, subject: str, paths: HostPaths, **options: Any) -> Any:
+    """Calls a function of psutil, which reads a `subject`; raises SensorError if that is not possible."""
+    psutil = load_psutil(paths)
     try:
-        return getattr(psutil, function)(*arguments, **options)
-    except Exception as error:  # psutil raises anything when a driver's file is odd
-        raise SensorError(f"psutil cannot read {subject}: {type(error).__name__}: {error}") from error
+        return getattr(psutil, function)(**options)
+    except Exception as error:  # psutil raises anything when a file is odd
+        text = printable(str(error)[:200])
+        raise SensorError(f"psutil cannot read {subject}: {type(error).__name__}: {text}") from error

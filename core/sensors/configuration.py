@@ -11,8 +11,8 @@ import re
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Dict, Mapping, Optional, Tuple
 
-from ..errors import ConfigError, Path, Problems
-from ..parameters import Parameter, read_parameters, require_mapping
+from ..config.parameters import Parameter, read_parameters, require_mapping
+from ..values.errors import ConfigError, Path, Problems
 from .computer import Computer
 from .simulated import SimulatedBattery, SimulatedCpuUsage, SimulatedTemperature
 from .source import Source

@@ -1,7 +1,7 @@
-"""What the daemons of this computer know, as sources: chrony, systemd-timesyncd and systemd, by their own sockets.
+"""What the daemons of this computer know, as sources: chrony, systemd-timesyncd and systemd.
 
-No program is run. Protocols: chrony's command port (candm.h, version 6); the D-Bus specification, of which this module
-reads one property per connection. A daemon may hang: everything here is called with `Computer.ask`.
+Protocol of chrony: its command port (candm.h, version 6). On D-Bus, systemd's busctl asks. A daemon may hang:
+everything here is called with `Computer.ask`.
 """
 
 from __future__ import annotations
@@ -9,8 +9,10 @@ from __future__ import annotations
 import os
 import socket
 import struct
-from typing import NamedTuple, Optional, Tuple
+import subprocess
+from typing import List, NamedTuple, Optional, Tuple
 
+from ..values.formatting import printable
 from .computer import HostPaths
 from .source import NoSuchSensor, SensorError
 
@@ -18,8 +20,6 @@ __all__ = ["Clock", "clock_offset_ms", "failed_units", "read_chrony", "read_cloc
 
 _TIMEOUT_S = 2.0
 _CHRONY = "127.0.0.1", 323
-_MOST_BYTES = 1 << 16
-"""Of an answer on D-Bus."""
 
 
 class Clock(NamedTuple):
@@ -78,119 +78,46 @@ def _chrony_float(bits: int) -> float:
 def _timesyncd_offset_ms(paths: HostPaths) -> Optional[float]:
     """Returns the offset of the latest answer of the server (RFC 5905, section 8), None without one."""
     try:
-        body = read_property(paths, "org.freedesktop.timesync1", "Manager", "NTPMessage")
-        place = _after_signature(body, b"(uuuuittayttttbtt)", 8) + 20  # leap, version, mode, stratum, precision
-        place = _aligned(place, 8) + 16  # root delay and dispersion
-        (length,) = struct.unpack_from("<I", body, place)
-        times = struct.unpack_from("<4Q", body, _aligned(place + 4 + length, 8))
-    except (SensorError, struct.error):
+        words = read_property(paths, "org.freedesktop.timesync1", "NTPMessage")
+        # (uuuuittayttttbtt): leap, version, mode, stratum, precision, two delays, the bytes of a name, four times.
+        begin = 9 + int(words[8])
+        origin, received, transmitted, arrived = map(int, words[begin : begin + 4])
+    except (SensorError, ValueError, IndexError):
         return None
-    origin, received, transmitted, arrived = times
     return None if not origin else ((received - origin) + (transmitted - arrived)) / 2000.0
 
 
 def failed_units(paths: HostPaths) -> float:
     """Returns the number of units of systemd that failed; raises SensorError. May hang."""
-    body = read_property(paths, "org.freedesktop.systemd1", "Manager", "NFailedUnits")
-    try:
-        (number,) = struct.unpack_from("<I", body, _after_signature(body, b"u", 4))
-    except struct.error:
-        raise SensorError("systemd's answer is cut off") from None
-    return float(number)
+    words = read_property(paths, "org.freedesktop.systemd1", "NFailedUnits")
+    if len(words) != 2 or words[0] != "u" or not words[1].isdigit():
+        raise SensorError(f"unexpected answer of systemd on D-Bus: {printable(' '.join(words)[:40])}")
+    return float(words[1])
 
 
-def read_property(paths: HostPaths, service: str, interface: str, name: str) -> bytes:
-    """Returns a property of a service on the system's D-Bus, as the body of the answer; raises SensorError."""
+def read_property(paths: HostPaths, service: str, name: str) -> List[str]:
+    """Returns a property of a service's manager on the system's D-Bus, as busctl prints it: its type, then its values.
+
+    Starts no service. Raises SensorError.
+    """
     address = os.path.join(paths.run, "dbus", "system_bus_socket")
     if not os.path.exists(address):
         raise NoSuchSensor(f"no D-Bus of the system: there is no {address}")
-    path = "/" + service.replace(".", "/")
+    options = [f"--address=unix:path={address}", "--auto-start=no", f"--timeout={_TIMEOUT_S:g}"]
+    names = [service, "/" + service.replace(".", "/"), f"{service}.Manager", name]
     try:
-        with socket.socket(socket.AF_UNIX) as bus:
-            bus.settimeout(_TIMEOUT_S)
-            bus.connect(address)
-            bus.sendall(b"\0AUTH EXTERNAL " + str(os.getuid()).encode().hex().encode() + b"\r\n")
-            if not _receive_line(bus).startswith(b"OK"):
-                raise SensorError("the system's D-Bus refuses this user")
-            own = "org.freedesktop.DBus"
-            get = _call(2, service, path, f"{own}.Properties", "Get", f"{service}.{interface}", name)
-            bus.sendall(b"BEGIN\r\n" + _call(1, own, "/org/freedesktop/DBus", own, "Hello") + get)
-            _receive_reply(bus)
-            is_error, body = _receive_reply(bus)
-    except OSError as error:
-        raise SensorError(f"{service} does not answer on D-Bus: {error}") from None
-    if is_error:
-        text = body[4:-1].decode("utf-8", "replace") if len(body) > 5 else "no reason given"
-        raise NoSuchSensor(f"{service} is not there: {text[:200]}")
-    return body
-
-
-def _call(serial: int, destination: str, path: str, interface: str, member: str, *arguments: str) -> bytes:
-    """Returns a call of a method with texts as arguments, which starts no service."""
-    fields = [(1, "o", path), (2, "s", interface), (3, "s", member), (6, "s", destination)]
-    body = b""
-    for argument in arguments:
-        body = _padded(body, 4) + _text(argument)
-    header = b""
-    for code, kind, value in fields:
-        header = _padded(header, 8) + bytes([code, 1]) + kind.encode() + b"\0" + _text(value)
-    if arguments:
-        signature = b"s" * len(arguments)
-        header = _padded(header, 8) + bytes([8, 1]) + b"g\0" + bytes([len(signature)]) + signature + b"\0"
-    no_auto_start = 2
-    start = struct.pack("<cBBBIII", b"l", 1, no_auto_start, 1, len(body), serial, len(header))
-    return _padded(start + header, 8) + body
-
-
-def _text(value: str) -> bytes:
-    content = value.encode()
-    return struct.pack("<I", len(content)) + content + b"\0"
-
-
-def _aligned(place: int, to: int) -> int:
-    return -(-place // to) * to
-
-
-def _padded(content: bytes, to: int) -> bytes:
-    return content.ljust(_aligned(len(content), to), b"\0")
-
-
-def _after_signature(body: bytes, signature: bytes, to: int) -> int:
-    """Returns where the value of a variant begins."""
-    expected = bytes([len(signature)]) + signature + b"\0"
-    if not body.startswith(expected):
-        raise SensorError(f"unexpected answer on D-Bus: {body[:40]!r}")
-    return _aligned(len(expected), to)
-
-
-def _receive_line(bus: socket.socket) -> bytes:
-    line = b""
-    while not line.endswith(b"\r\n"):
-        byte = bus.recv(1)
-        if not byte or len(line) > 1000:
-            raise SensorError("the system's D-Bus closed the connection")
-        line += byte
-    return line
-
-
-def _receive_reply(bus: socket.socket) -> Tuple[bool, bytes]:
-    """Returns whether the next reply is an error, and its body; signals are skipped."""
-    for _ in range(20):
-        start = _receive(bus, 16)
-        order, kind, _, _, length, _, header = struct.unpack("<cBBBIII", start)
-        if order != b"l" or length + header > _MOST_BYTES:
-            break
-        rest = _receive(bus, _aligned(header, 8) + length)
-        if kind in (2, 3):
-            return kind == 3, rest[_aligned(header, 8) :]
-    raise SensorError("unexpected answer on D-Bus")
-
-
-def _receive(bus: socket.socket, length: int) -> bytes:
-    content = b""
-    while len(content) < length:
-        part = bus.recv(length - len(content))
-        if not part:
-            raise SensorError("the system's D-Bus closed the connection")
-        content += part
-    return content
+        done = subprocess.run(
+            ["busctl", *options, "get-property", *names],
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            timeout=2.0 * _TIMEOUT_S,
+            check=False,
+        )
+    except FileNotFoundError:
+        raise NoSuchSensor("no systemd: busctl is not installed") from None
+    except subprocess.TimeoutExpired:
+        raise SensorError(f"{service} does not answer on D-Bus") from None
+    if done.returncode:
+        text = printable(done.stderr.decode("utf-8", "replace").strip()[:200])
+        raise NoSuchSensor(f"{service} is not there: {text or 'no reason given'}")
+    return done.stdout.decode("utf-8", "replace").split()

@@ -1,7 +1,8 @@
 """Disks of this computer, as sources: space, inodes, whether they can be written, and how long they take.
 
 A disk on a network that does not answer blocks whatever touches it, so `read_space` is called with `Computer.ask`.
-Format of /proc/diskstats: the kernel's Documentation/admin-guide/iostats.rst.
+Format of /proc/diskstats: the kernel's Documentation/admin-guide/iostats.rst; psutil 5.5, that of Noetic, cannot read
+the one of Linux 5.5 and newer.
 """
 
 from __future__ import annotations
@@ -47,8 +48,25 @@ def read_space(paths: HostPaths, path: str) -> Space:
         free_gb=found.f_bavail * found.f_frsize * 1e-9,
         inodes=found.f_files,
         free_inodes=found.f_ffree,
-        is_read_only=bool(found.f_flag & os.ST_RDONLY),
+        is_read_only=_is_read_only(paths, os.path.realpath(path), bool(found.f_flag & os.ST_RDONLY)),
     )
+
+
+def _is_read_only(paths: HostPaths, path: str, is_for_us: bool) -> bool:
+    """Returns whether nobody can write to the disk at a mount point.
+
+    A mount may be read-only for this process alone (`is_for_us`), as under systemd's ProtectSystem=strict.
+    """
+    escaped = "".join(f"\\{ord(letter):03o}" if letter in " \t\n\\" else letter for letter in path)
+    options = []
+    try:
+        for line in read_bytes(f"{paths.proc}/self/mountinfo").decode("utf-8", "surrogateescape").splitlines():
+            words = line.split(" ")
+            if words[4:5] == [escaped]:
+                options.append(words[-1].split(","))  # those of the disk; those of the mount are before
+    except OSError:
+        pass
+    return "ro" in options[-1] if options else is_for_us
 
 
 def inodes_percent(space: Space) -> float:
@@ -89,7 +107,7 @@ class DiskLatency:
 
     def read(self, now_s: float) -> float:
         """Returns the time in ms, 0 without a request; the previous one if no time has passed since. May raise."""
-        found = self._computer.once(now_s, read_requests)
+        found = self._computer.ask(now_s, 0.0, "the disks", read_requests)
         names = [self._device] if self._device else whole_disks(found)
         if not names:
             raise NoSuchSensor("this machine has no disk")

@@ -1,18 +1,20 @@
-"""Reads this machine: temperatures and batteries from the kernel's files below /sys, CPU load from /proc.
+"""Reads this machine: temperatures, fans, voltages and batteries from files below /sys, CPU load from /proc.
 
 Formats: the kernel's Documentation/hwmon/sysfs-interface.rst (thousandths of a degree C) and
 Documentation/ABI/testing/sysfs-class-power (microvolts, microamperes, microwatts); proc_stat(5). What cannot be read
-raises SensorError.
+raises SensorError. A driver may hang in each of these files: they are read with `Computer.ask`, and a sensor that is
+named is read without the others. psutil reads all sensors at once, has no voltages, and counts the cores that are
+online instead of naming them.
 """
 
 from __future__ import annotations
 
+import math
 import os
-from dataclasses import dataclass
-from typing import Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+from typing import Dict, List, NamedTuple, Optional, Tuple
 
-from ..formatting import list_text, printable
-from .computer import HOST_PATHS, Computer, HostPaths, read_bytes, read_float, read_text, sorted_paths
+from ..values.formatting import list_text, printable
+from .computer import Computer, HostPaths, read_bytes, read_float, read_text, sorted_paths
 from .source import NoSuchSensor, NotMeasuredYet, SensorError
 
 _CPU_CHIPS = ("coretemp", "k10temp", "zenpower", "cpu", "soc_thermal", "soc-thermal", "x86_pkg_temp", "via_cputemp")
@@ -28,21 +30,19 @@ class HostCpuUsage:
     """CPU load of this machine since the previous read, in %."""
 
     def __init__(self, computer: Computer, core: Optional[int] = None) -> None:
-        """Reads the counters of one core, counted from 0, or of all, so that the first `read` can compare."""
-        # Not psutil.cpu_percent(): it compares with the previous call in the same thread, and rospy calls back from
-        # other threads than the one that made the node. Its first answer is a meaningless 0.0.
+        """Measures one core, counted from 0, or all of them together."""
         self._computer = computer
         self._core = core
         self._last: Optional[CpuTicks] = None
         self._percent: Optional[float] = None
         try:
-            self._last = self._ticks(read_cpu_ticks(computer.paths))
+            self._last = self._ticks(-math.inf)  # so that the first read can compare
         except SensorError:
             pass  # the first read reports it
 
     def read(self, now_s: float) -> float:
         """Returns the load in %; the previous one if no time has passed since. Raises SensorError."""
-        ticks = self._ticks(self._computer.once(now_s, read_cpu_ticks))
+        ticks = self._ticks(now_s)
         last, self._last = self._last, ticks
         if last is not None:
             # A counter may step back: iowait does, and so do those of a core that goes offline.
@@ -54,7 +54,8 @@ class HostCpuUsage:
             raise NotMeasuredYet("CPU load is not measured yet: it takes two reads")
         return self._percent
 
-    def _ticks(self, found: Mapping[Optional[int], CpuTicks]) -> CpuTicks:
+    def _ticks(self, now_s: float) -> CpuTicks:
+        found = self._computer.ask(now_s, 0.0, "the CPU", read_cpu_ticks)
         if self._core not in found:
             online = list_text([str(core) for core in found if core is not None], most=12)
             raise SensorError(f"core {self._core} is not online; online: {online}")
@@ -81,123 +82,130 @@ def read_cpu_ticks(paths: HostPaths) -> Dict[Optional[int], CpuTicks]:
     return found
 
 
-@dataclass(frozen=True)
-class HostTemperature:
-    """A temperature of this machine in degrees C."""
+class ChipSensor(NamedTuple):
+    """One sensor of a chip, or a thermal zone."""
 
-    sensor: str = ""
-    """`chip/label` or `chip/number`, as `robot-health sources` lists them; empty: the hottest sensor of the CPU, or if
-    the CPU has none, the hottest of all."""
-    paths: HostPaths = HOST_PATHS
-
-    def read(self, now_s: float) -> float:
-        """Returns the temperature; raises SensorError if there is no such sensor, or if its reading is implausible."""
-        chips = read_temperatures(self.paths)
-        return self._one(chips) if self.sensor else self._hottest(chips)
-
-    def _hottest(self, chips: Mapping[str, Sequence[Temperature]]) -> float:
-        readings = [(chip, sensor.celsius) for chip, sensors in chips.items() for sensor in sensors]
-        plausible = [(chip, celsius) for chip, celsius in readings if _is_plausible(celsius)]
-        of_cpu = [celsius for chip, celsius in plausible if chip.lower().startswith(_CPU_CHIPS)]
-        candidates = of_cpu or [celsius for _, celsius in plausible]
-        if candidates:
-            return max(candidates)
-        if readings:
-            listed = list_text([f"{chip} reads {celsius}" for chip, celsius in readings], most=3)
-            raise SensorError(f"no plausible temperature: {listed}; set the source to simulated or none")
-        raise NoSuchSensor(
-            f"no temperature sensor in {self.paths.sys}/class/hwmon or {self.paths.sys}/class/thermal (virtual "
-            "machines and containers have none); load its driver (sensors-detect), or set the source to simulated or "
-            "none"
-        )
-
-    def _one(self, chips: Mapping[str, Sequence[Temperature]]) -> float:
-        celsius = _by_name(chips).get(self.sensor)
-        if celsius is None:
-            available = ", ".join(temperature_sensors(self.paths)) or "none"
-            raise SensorError(f"this machine has no temperature sensor {self.sensor}; available: {available}")
-        if not _is_plausible(celsius):
-            raise SensorError(f"no plausible temperature: {self.sensor} reads {celsius}")
-        return celsius
+    chip: str
+    names: Tuple[str, ...]
+    """Its names, the best one first: chip/label, chip/fan1 (temperatures do not have it), chip/number."""
+    path: str
+    """Where its reading is."""
 
 
-class Temperature(NamedTuple):
-    """One temperature sensor of a chip."""
+def find_sensors(paths: HostPaths, kind: str) -> List[ChipSensor]:
+    """Returns the sensors of a kind (temp, fan, in). Reads no value."""
+    found: List[ChipSensor] = []
 
-    label: str
-    """Its label, empty if it has none."""
-    celsius: float
-    """Its reading in degrees C, which may be a placeholder."""
+    def add(chip: str, path: str, *names: str) -> None:
+        number = sum(each.chip == chip for each in found)
+        found.append(ChipSensor(chip, tuple(f"{chip}/{name}" for name in (*filter(None, names), number)), path))
 
-
-def read_temperatures(paths: HostPaths = HOST_PATHS) -> Dict[str, List[Temperature]]:
-    """Returns the temperature sensors of this machine by the name of their chip, or of their thermal zone."""
-    chips: Dict[str, List[Temperature]] = {}
     for folder in sorted_paths(f"{paths.sys}/class/hwmon/hwmon*"):
         for chip in (folder, os.path.join(folder, "device")):
-            temperatures = _chip_temperatures(chip)
-            if temperatures:
-                chips.setdefault(_name(chip, "name") or "unknown", []).extend(temperatures)
+            inputs = sorted_paths(f"{chip}/{kind}[0-9]*_input")
+            for path in inputs:
+                file = os.path.basename(path)[: -len("_input")]
+                add(_name(chip, "name"), path, _name(chip, f"{file}_label", ""), "" if kind == "temp" else file)
+            if inputs:
                 break
-    if not chips:  # boards such as Jetson have thermal zones only
+    if kind == "temp" and not found:  # boards such as Jetson have thermal zones only
         for zone in sorted_paths(f"{paths.sys}/class/thermal/thermal_zone*"):
-            number = read_float(zone, "temp")
-            if number is not None:
-                name = _name(zone, "type") or "unknown"
-                chips.setdefault(name, []).append(Temperature("", number / 1000.0))
-    return chips
-
-
-def temperature_sensors(paths: HostPaths = HOST_PATHS) -> List[str]:
-    """Returns the names of this machine's temperature sensors, those with implausible readings included."""
-    names = []
-    for chip, sensors in read_temperatures(paths).items():
-        labels = [sensor.label for sensor in sensors]
-        for number, label in enumerate(labels):
-            names.append(f"{chip}/{label if label and labels.count(label) == 1 else number}")
-    return names
-
-
-def read_chips(paths: HostPaths, kind: str) -> Dict[str, float]:
-    """Returns the readings of all sensors of a kind (fan, in) by chip/label, or by chip/name without a unique label."""
-    found: Dict[str, float] = {}
-    for folder in sorted_paths(f"{paths.sys}/class/hwmon/hwmon*"):
-        chip = _name(folder, "name") or "unknown"
-        for file in sorted_paths(f"{folder}/{kind}[0-9]*_input"):
-            number = read_float(file)
-            if number is not None:
-                sensor = os.path.basename(file)[: -len("_input")]
-                name = f"{chip}/{_name(folder, f'{sensor}_label') or sensor}"
-                found[name if name not in found else f"{chip}{len(found)}/{sensor}"] = number
+            add(_name(zone, "type"), f"{zone}/temp")
     return found
 
 
-def fan_rpm(readings: Mapping[str, float], sensor: str) -> float:
+def sensor_names(paths: HostPaths, kind: str) -> List[str]:
+    """Returns the best name of each sensor of a kind that is not also the name of another one."""
+    sensors = find_sensors(paths, kind)
+    names = [name for each in sensors for name in each.names]
+    return [next((name for name in each.names if names.count(name) == 1), each.names[-1]) for each in sensors]
+
+
+def _read_one(paths: HostPaths, kind: str, noun: str, sensor: str) -> float:
+    """Returns the reading of the sensor with a name, and reads no other."""
+    sensors = find_sensors(paths, kind)
+    paths_found = [each.path for rank in range(3) for each in sensors if sensor in each.names[rank : rank + 1]]
+    if not paths_found:
+        available = ", ".join(sensor_names(paths, kind)) or "none"
+        raise SensorError(f"this machine has no {noun} {sensor}; available: {available}")
+    number = read_float(paths_found[0])
+    if number is None:
+        raise SensorError(f"{sensor} cannot be read: {paths_found[0]} has no number")
+    return number
+
+
+def temperature(paths: HostPaths, sensor: str = "") -> float:
+    """Returns a temperature in degrees C; without a name the hottest of the CPU or, if it has none, of all.
+
+    Raises SensorError if there is no such sensor, or if its reading is implausible.
+    """
+    if sensor:
+        celsius = _read_one(paths, "temp", "temperature sensor", sensor) / 1000.0
+        if not _is_plausible(celsius):
+            raise SensorError(f"no plausible temperature: {sensor} reads {celsius}")
+        return celsius
+    readings: List[Tuple[str, float]] = []
+    # A chip that is none of the CPU is not even read if one of the CPU answers.
+    for of_cpu in (True, False):
+        for each in find_sensors(paths, "temp"):
+            number = read_float(each.path) if each.chip.lower().startswith(_CPU_CHIPS) is of_cpu else None
+            if number is not None:
+                readings.append((each.chip, number / 1000.0))
+        plausible = [celsius for _, celsius in readings if _is_plausible(celsius)]
+        if plausible:
+            return max(plausible)
+    if readings:
+        listed = list_text([f"{chip} reads {celsius}" for chip, celsius in readings], most=3)
+        raise SensorError(f"no plausible temperature: {listed}; set the source to simulated or none")
+    raise NoSuchSensor(
+        f"no temperature sensor in {paths.sys}/class/hwmon or {paths.sys}/class/thermal (virtual machines and "
+        "containers have none); load its driver (sensors-detect), or set the source to simulated or none"
+    )
+
+
+def fan_rpm(paths: HostPaths, sensor: str) -> float:
     """Returns the speed of a fan, without a name that of the fastest: a connector without a fan reads 0."""
-    return max(readings.values()) if readings and not sensor else _reading_of("fan", readings, sensor)
+    return max(_read_all(paths, "fan", "fan", sensor))
 
 
-def rail_volts(readings: Mapping[str, float], sensor: str) -> float:
+def rail_volts(paths: HostPaths, sensor: str) -> float:
     """Returns a voltage, without a name the first, in V."""
-    first = next(iter(readings), "")
-    return _reading_of("voltage sensor", readings, sensor or first) / 1000.0
+    return _read_all(paths, "in", "voltage sensor", sensor)[0] / 1000.0
 
 
-def _reading_of(noun: str, readings: Mapping[str, float], sensor: str) -> float:
-    if not readings:
+def _read_all(paths: HostPaths, kind: str, noun: str, sensor: str) -> List[float]:
+    """Returns the readings of all sensors of a kind, of at least one; only that of `sensor` if there is a name."""
+    sensors = find_sensors(paths, kind)
+    if sensor and sensors:
+        return [_read_one(paths, kind, noun, sensor)]
+    numbers = [read_float(each.path) for each in sensors]
+    found = [number for number in numbers if number is not None]
+    if not found:
         raise NoSuchSensor(f"this machine has no {noun}, or no driver for it")
-    if sensor not in readings:
-        raise SensorError(f"this machine has no {noun} {sensor}; available: {', '.join(readings)}")
-    return readings[sensor]
+    return found
+
+
+def _is_plausible(celsius: float) -> bool:
+    """Returns False for placeholders.
+
+    An unconnected or sleeping sensor reads exactly 0, the limit of its register (-128, -62, 127, 255) or absolute
+    zero. Electronics is specified from -55 to 125 degrees C.
+    """
+    return celsius != 0.0 and -55.0 <= celsius <= 125.0
+
+
+def _name(folder: str, file: str, missing: str = "unknown") -> str:
+    """Returns the name of a chip or sensor, as it can be shown; `missing` if it has none."""
+    return printable((read_text(folder, file) or "")[:60]) or missing
 
 
 class Battery:
     """The battery of this machine: the first by name that does not power a device such as a gamepad.
 
-    Each method raises SensorError if its value cannot be read.
+    Each method reads only the files that it needs, and raises SensorError if its value cannot be read.
     """
 
-    def __init__(self, paths: HostPaths = HOST_PATHS) -> None:
+    def __init__(self, paths: HostPaths) -> None:
         """Finds the battery; raises NoSuchSensor if there is none."""
         supplies = os.path.join(paths.sys, "class", "power_supply")
         self._supplies = sorted_paths(f"{supplies}/*")
@@ -213,10 +221,10 @@ class Battery:
     def percent(self) -> float:
         """Returns the charge in %, at most 100: a new battery may hold more than its nominal charge."""
         for kind in ("energy", "charge"):
-            now, full = self._find_number(f"{kind}_now"), self._find_number(f"{kind}_full")
+            now, full = (read_float(self._folder, f"{kind}_{each}") for each in ("now", "full"))
             if now is not None and full:
                 return min(100.0 * now / full, 100.0)
-        return min(float(self._number("capacity")), 100.0)
+        return min(self._number("capacity"), 100.0)
 
     def is_plugged(self) -> bool:
         """Returns whether a charger is connected."""
@@ -235,7 +243,7 @@ class Battery:
 
     def amperes(self) -> float:
         """Returns the current in A, negative when discharging as in sensor_msgs/BatteryState."""
-        current = self._find_number("current_now")
+        current = read_float(self._folder, "current_now")
         if current is not None:
             amperes = abs(current) / 1e6
         else:
@@ -245,47 +253,10 @@ class Battery:
             amperes = abs(self._number("power_now")) / 1e6 / volts
         return -amperes if read_text(self._folder, "status") == "Discharging" else amperes
 
-    def _number(self, file: str) -> int:
+    def _number(self, file: str) -> float:
         text = read_text(self._folder, file)
-        if text is None:
-            raise SensorError(f"the battery of this machine has no {file}")
         try:
-            return int(text)
+            return float(int(text or ""))
         except ValueError:
-            raise SensorError(f"the battery of this machine has no {file}: expected a number, got {text!r}") from None
-
-    def _find_number(self, file: str) -> Optional[int]:
-        try:
-            return self._number(file)
-        except SensorError:
-            return None
-
-
-def _is_plausible(celsius: float) -> bool:
-    """Returns False for placeholders.
-
-    An unconnected or sleeping sensor reads exactly 0, the limit of its register (-128, -62, 127, 255) or absolute
-    zero. Electronics is specified from -55 to 125 degrees C.
-    """
-    return celsius != 0.0 and -55.0 <= celsius <= 125.0
-
-
-def _by_name(chips: Mapping[str, Sequence[Temperature]]) -> Dict[str, float]:
-    """Returns the readings by every name of their sensor."""
-    readings: Dict[str, float] = {}
-    for chip, sensors in chips.items():
-        readings.update((f"{chip}/{number}", sensor.celsius) for number, sensor in enumerate(sensors))
-        # The first of those with the same label wins.
-        readings.update((f"{chip}/{sensor.label}", sensor.celsius) for sensor in reversed(sensors) if sensor.label)
-    return readings
-
-
-def _chip_temperatures(chip: str) -> List[Temperature]:
-    names = [os.path.basename(file)[: -len("_input")] for file in sorted_paths(f"{chip}/temp*_input")]
-    readings = [(_name(chip, f"{name}_label"), read_float(chip, f"{name}_input")) for name in names]
-    return [Temperature(label, number / 1000.0) for label, number in readings if number is not None]
-
-
-def _name(folder: str, file: str) -> str:
-    """Returns the name of a chip or sensor, as it can be shown; empty if it has none."""
-    return printable((read_text(folder, file) or "")[:60])
+            expected = "" if text is None else f": expected a number, got {text!r}"
+            raise SensorError(f"the battery of this machine has no {file}{expected}") from None

@@ -1,7 +1,7 @@
 """Network interfaces of this computer, as sources: traffic, errors, carrier, Wi-Fi and CAN.
 
-Formats: /proc/net/dev and /proc/net/wireless as in proc(5) and the kernel's wireless extensions (wireless.h), files
-below /sys/class/net as in Documentation/ABI/testing/sysfs-class-net.
+Formats: /proc/net/wireless as in proc(5) and the kernel's wireless extensions (wireless.h), files below /sys/class/net
+as in Documentation/ABI/testing/sysfs-class-net. psutil counts the traffic.
 """
 
 from __future__ import annotations
@@ -9,19 +9,13 @@ from __future__ import annotations
 import os
 import socket
 import struct
-from typing import Callable, Dict, List, Mapping, Optional, Tuple
+from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple
 
-from .computer import Computer, HostPaths, read_bytes, read_text
+from .computer import Computer, HostPaths, call_psutil, read_bytes, read_text
 from .source import NoSuchSensor, NotMeasuredYet, SensorError
 
 __all__ = ["CounterRate", "bitrate", "can_interfaces", "carrier", "interfaces", "signal_dbm", "wifi_interfaces"]
 
-_COLUMNS = (
-    *("received", "packets_received", "errors_received", "drops_received", "fifo", "frame", "compressed", "multicast"),
-    *("sent", "packets_sent", "errors_sent", "drops_sent"),
-)
-"""Of /proc/net/dev, the first of them."""
-ERRORS = "errors_received", "errors_sent"
 _CAN_TYPE = "280"
 """ARPHRD_CAN of if_arp.h."""
 _GET_RATE = 0x8B21
@@ -42,13 +36,13 @@ class CounterRate:
         """Adds up counters of one interface or, without a name, of all of `among`.
 
         Args:
-            fields: names of the counters, of `_COLUMNS`.
+            fields: names of the counters, as psutil.net_io_counters has them.
             scale: the rate is multiplied by it.
             computer: whose interfaces.
             interface: name of one; empty: all together.
             among: returns the names that `interface` may have; None: any, and all together without the loopback.
         """
-        self._columns = [_COLUMNS.index(field) for field in fields]
+        self._fields = fields
         self._scale = scale
         self._computer = computer
         self._interface = interface
@@ -63,6 +57,8 @@ class CounterRate:
         """
         try:
             count = self._count(now_s)
+        except NotMeasuredYet:
+            raise
         except SensorError:
             self._last = self._rate = None
             raise
@@ -77,45 +73,26 @@ class CounterRate:
         return self._rate
 
     def _count(self, now_s: float) -> int:
-        among = None if self._among is None else self._among(self._computer.paths)  # may raise NoSuchSensor
-        counters = self._computer.once(now_s, _counters)
-        if among is None:
-            allowed = [name for name in counters if name != "lo" or self._interface == "lo"]
-        else:
-            allowed = [name for name in among if name in counters]
-        if self._interface == "" and allowed:
-            chosen = [counters[name] for name in allowed]
-        elif self._interface in allowed:
-            chosen = [counters[self._interface]]
-        else:
-            available = ", ".join(sorted(counters if among is None else allowed)) or "none"
+        among = None if self._among is None else self._computer.ask(now_s, 0.0, "the network", self._among)
+        counters = self._computer.ask(now_s, 0.0, "the network", read_counters)
+        named = [name for name in (counters if among is None else among) if name in counters]
+        chosen = [self._interface] if self._interface else [name for name in named if name != "lo"]
+        if not chosen or chosen[0] not in named:
             name = f" {self._interface}" if self._interface else ""
+            available = ", ".join(sorted(named)) or "none"
             raise SensorError(f"this machine has no network interface{name}; available: {available}")
-        try:
-            return sum(int(columns[column]) for columns in chosen for column in self._columns)
-        except ValueError as error:
-            raise SensorError(f"the network counters are no numbers: {error}") from None
+        return sum(getattr(counters[name], field) for name in chosen for field in self._fields)
 
 
-def _counters(paths: HostPaths) -> Dict[str, List[bytes]]:
-    """Returns the columns of /proc/net/dev by interface."""
-    file = os.path.join(paths.proc, "net", "dev")
-    try:
-        lines = read_bytes(file).split(b"\n")[2:]
-    except OSError as error:
-        raise SensorError(f"the network counters cannot be read: {error}") from None
-    found = {}
-    for line in lines:
-        name, _, numbers = line.partition(b":")
-        columns = numbers.split()
-        if len(columns) >= len(_COLUMNS):
-            found[name.strip().decode("utf-8", "replace")] = columns
+def read_counters(paths: HostPaths) -> Dict[str, Any]:
+    """Returns the counters of each network interface, as psutil does."""
+    found: Dict[str, Any] = call_psutil("net_io_counters", "the network counters", paths, pernic=True, nowrap=False)
     return found
 
 
 def interfaces(paths: HostPaths) -> List[str]:
     """Returns the names of the network interfaces, without the loopback."""
-    return sorted(name for name in _counters(paths) if name != "lo")
+    return sorted(name for name in read_counters(paths) if name != "lo")
 
 
 def can_interfaces(paths: HostPaths) -> List[str]:
@@ -128,14 +105,14 @@ def can_interfaces(paths: HostPaths) -> List[str]:
 
 
 def carrier(paths: HostPaths, interface: str) -> float:
-    """Returns 1 if an interface has a carrier, else 0; without a name, that of any."""
+    """Returns 1 if an interface has a carrier, else 0; without a name, that of any but the loopback."""
     folder = os.path.join(paths.sys, "class", "net")
-    names = [name for name in _names(folder) if name != "lo"]
+    names = _names(folder)
     if interface and interface not in names:
         raise SensorError(f"this machine has no network interface {interface}; available: {', '.join(names) or 'none'}")
-    if not names:
+    chosen = [interface] if interface else [name for name in names if name != "lo"]
+    if not chosen:
         raise NoSuchSensor(f"no network interface in {folder}")
-    chosen = [interface] if interface else names
     # The file of an interface that is down cannot be read.
     return float(any(read_text(folder, name, "carrier") == "1" for name in chosen))
 

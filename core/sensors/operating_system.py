@@ -1,4 +1,4 @@
-"""The operating system of this computer, as sources: load, memory, pressure, killed processes, throttling.
+"""The operating system of this computer, as sources: memory, pressure, killed processes, throttling.
 
 Formats: the kernel's Documentation/accounting/psi.rst, proc(5), and the firmware of the Raspberry Pi (get_throttled).
 """
@@ -6,14 +6,12 @@ Formats: the kernel's Documentation/accounting/psi.rst, proc(5), and the firmwar
 from __future__ import annotations
 
 import os
+from typing import Any
 
 from .computer import HostPaths, read_bytes, read_text
 from .source import NoSuchSensor, SensorError
 
 __all__ = [
-    "load",
-    "meminfo",
-    "memory_available",
     "memory_percent",
     "oom_kills",
     "pressure_percent",
@@ -22,48 +20,16 @@ __all__ = [
 ]
 
 
-def load(paths: HostPaths, index: int) -> float:
-    """Returns the load average over 1, 5 or 15 minutes, by its index."""
-    try:
-        return os.getloadavg()[index]
-    except (AttributeError, OSError) as error:
-        raise SensorError(f"this machine has no load average: {error}") from None
+def memory_percent(memory: Any) -> float:
+    """Returns the memory that programs can no longer get, in %, of `psutil.virtual_memory()`."""
+    return float(100.0 * (memory.total - memory.available) / memory.total)  # its own percentage is rounded
 
 
-def meminfo(paths: HostPaths) -> bytes:
-    """Returns the kernel's figures of memory and swap, which are read once for all sources."""
-    # Not psutil, which reads other files too, and takes several times as long.
-    try:
-        return b"\n" + read_bytes(os.path.join(paths.proc, "meminfo"))
-    except OSError as error:
-        raise SensorError(f"the memory cannot be read: {error}") from None
-
-
-def memory_percent(content: bytes) -> float:
-    """Returns the memory that programs can no longer get, in %."""
-    total = _kilobytes(content, b"MemTotal:")
-    if not total:
-        raise SensorError("/proc/meminfo has no memory")
-    return 100.0 * (total - _kilobytes(content, b"MemAvailable:")) / total
-
-
-def memory_available(content: bytes) -> float:
-    """Returns the memory that programs can get, in MB of 1,000,000 bytes."""
-    return _kilobytes(content, b"MemAvailable:") * 1.024e-3
-
-
-def swap_percent(content: bytes) -> float:
-    """Returns the swap in use, in %."""
-    total = _kilobytes(content, b"SwapTotal:")
-    if not total:
+def swap_percent(swap: Any) -> float:
+    """Returns the swap in use, in %, of `psutil.swap_memory()`."""
+    if not swap.total:
         raise NoSuchSensor("this machine has no swap")
-    return 100.0 * (total - _kilobytes(content, b"SwapFree:")) / total
-
-
-def _kilobytes(content: bytes, name: bytes) -> float:
-    _, _, rest = content.partition(b"\n" + name)
-    words = rest.split(None, 1)
-    return _number(words[0].decode("ascii", "replace") if words else "", "/proc/meminfo")
+    return float(100.0 * (swap.total - swap.free) / swap.total)
 
 
 def pressure_percent(paths: HostPaths, resource: str) -> float:

@@ -9,8 +9,8 @@ from typing import Iterable, Iterator
 
 from robot_health_monitor.core import Level
 from robot_health_monitor.ops.configuration import HistorySettings
-from robot_health_monitor.ops.history.history import History
-from robot_health_monitor.ops.history.samples import MERGED_S, StoredSamples, store
+from robot_health_monitor.ops.store.history import History
+from robot_health_monitor.ops.store.samples import MERGED_S, StoredSamples, store
 
 _CYCLE_S = 4.0 * 3600.0
 _PARKED_H = (13.0, 14.5)

@@ -6,32 +6,32 @@ library are the business of the thread. Whatever fails there is a fault, and the
 
 from __future__ import annotations
 
+import contextlib
 import re
 import threading
 import time
+from collections import deque
 from dataclasses import dataclass, field
-from typing import Callable, Dict, List, Mapping, Optional, Sequence, Set
+from typing import Callable, Deque, Dict, List, Mapping, Optional
 
-from robot_health_monitor.core.attachments import STATE, THRESHOLDS, SavedMonitor, thresholds_tree
-from robot_health_monitor.core.config import MonitorConfig
-from robot_health_monitor.core.errors import ServiceError
-from robot_health_monitor.core.faults import Faults
-from robot_health_monitor.core.middleware import Middleware
-from robot_health_monitor.core.model import Level
-from robot_health_monitor.runtime.backoff import Backoff
-from robot_health_monitor.runtime.libraries import libraries
-from robot_health_monitor.runtime.threads import StepThread
-
+from ...core.config.monitor_config import MonitorConfig
+from ...core.judge.attachments import STATE, THRESHOLDS, SavedMonitor, thresholds_tree
+from ...core.values.errors import ServiceError
+from ...core.values.faults import Faults
+from ...core.values.model import Level
+from ...runtime.backoff import Backoff
+from ...runtime.libraries import libraries
+from ...runtime.threads import StepThread
 from ..configuration import BlackBoxSettings
 from .capture import is_pattern
 from .folder import ENDING, Folder, FolderInUseError
 from .recording_file import RecordingFile
-from .ring import Message, Reader, Ring
+from .ring import Reader, Ring
 
 PART = "black box"
 """The part whose fault says that recordings cannot be written."""
 FULL_PART = "black box folder"
-"""The part whose fault says that nothing is recorded because all recordings belong to open alerts."""
+"""The part whose fault says that there is no room, or that old recordings cannot be deleted."""
 LOST_PART = "black box messages"
 """The part whose fault counts messages that are missing in a recording."""
 
@@ -48,6 +48,7 @@ _CLOSE_TIMEOUT_S = 1.5
 _WRITING_BYTES = 8e6  # of `memory_mb` for what is being written, at most half of it
 _SHARE_OF_FOLDER = 0.25
 _LONGEST_NAME = 60
+_KEPT_NAMES = 1000  # more recordings do not begin within a millisecond
 
 
 @dataclass(eq=False)
@@ -100,29 +101,31 @@ class BlackBox:
         memory_bytes = settings.memory_mb * 1e6
         self.ring = Ring(max(0.5 * memory_bytes, memory_bytes - _WRITING_BYTES))
         """The messages of all robots."""
-        self.is_broken = not self._has_library(faults)
+        self.is_broken = False
         """Whether nothing can be recorded in this run."""
-        self.lost = 0
-        """Messages that are missing in recordings."""
+        self._lost = 0
         self._faults = faults
         self._lock = threading.Lock()
-        self._names: Set[str] = set()
+        self._names: Deque[str] = deque(maxlen=_KEPT_NAMES)
         self._recordings: List[Recording] = []
         self._open_files: Dict[str, Mapping[str, str]] = {}
         self._folder: Optional[Folder] = None
         self._backoff = Backoff(_FIRST_RETRY_S, _LAST_RETRY_S)
         self._retry_s = 0.0
         self._retention_s = time.monotonic() + _RETENTION_PERIOD_S  # by then the open alerts are known
-        self._is_closing = False
         self._idle = threading.Condition(self._lock)
-        self._thread = StepThread("black box", self._step, self._note_error)
-        self._robots: Dict[str, Callable[[Mapping[str, str]], None]] = {}
-        self._middlewares: Dict[str, Middleware] = {}
+        self._thread = StepThread("black box", self._step, lambda error: self._report(error, settings.folder))
+        self._lookups: Dict[str, Callable[[], None]] = {}
         self._topics_thread = StepThread("black box topics", self._look_for_topics, lambda error: None)
-        if not self.is_broken:
-            self._thread.start()
-            if any(map(is_pattern, settings.topics)):
-                self._topics_thread.start()
+        try:
+            with libraries("mcap"):
+                import mcap.writer  # noqa: F401
+        except ServiceError as error:
+            self._break(error)
+            return
+        self._thread.start()
+        if any(map(is_pattern, settings.topics)):
+            self._topics_thread.start()
 
     def new_name(self, robot: str, signal: str) -> str:
         """Returns the name of a file that begins now."""
@@ -133,7 +136,7 @@ class BlackBox:
             name, number = base + ENDING, 2
             while name in self._names:
                 name, number = f"{base}_{number}{ENDING}", number + 1
-            self._names.add(name)
+            self._names.append(name)
         return name
 
     def begin(self, recording: Recording) -> None:
@@ -147,17 +150,19 @@ class BlackBox:
         with self._lock:
             self._open_files[robot] = dict(files)
 
-    def watch_topics(self, robot: str, middleware: Middleware, receive: Callable[[Mapping[str, str]], None]) -> None:
-        """Passes the topics of a robot with their types to a function from time to time, if there are patterns."""
+    def watch_topics(self, robot: str, look: Callable[[], None]) -> None:
+        """Calls a function that looks for a robot's topics from time to time, in a thread, if there are patterns.
+
+        It may raise ServiceError.
+        """
         with self._lock:
-            self._middlewares[robot], self._robots[robot] = middleware, receive
+            self._lookups[robot] = look
         self._topics_thread.wake()
 
     def forget(self, robot: str) -> None:
         """Ends `watch_topics`, and `note_open` for a robot."""
         with self._lock:
-            self._middlewares.pop(robot, None)
-            self._robots.pop(robot, None)
+            self._lookups.pop(robot, None)
             self._open_files.pop(robot, None)
 
     def wake(self) -> None:
@@ -171,7 +176,6 @@ class BlackBox:
 
     def close(self) -> None:
         """Completes the recordings, which must have ended, within 1.5 s; else the next start does."""
-        self._is_closing = True
         self._topics_thread.close()
         self._thread.wake()
         if self._thread.is_alive():
@@ -180,15 +184,6 @@ class BlackBox:
             self._thread.join(0.2)
         if not self._thread.is_alive() and self._folder is not None:
             self._folder.close()
-
-    def _has_library(self, faults: Faults) -> bool:
-        try:
-            with libraries("mcap"):
-                import mcap.writer  # noqa: F401
-        except ServiceError as error:
-            faults.report(PART, f"nothing is recorded: {error}")
-            return False
-        return True
 
     # The thread
 
@@ -202,11 +197,15 @@ class BlackBox:
         for recording in recordings:
             if folder is None or recording.is_failed:
                 self._give_up(recording)
-            else:
+                continue
+            try:
                 self._write(folder, recording)
+            except Exception as error:  # of the disk, or of the library
+                self._report(error, folder.file(recording.name))
+                self._give_up(recording)
         if folder is not None and time.monotonic() >= self._retention_s:
             self._retention_s = time.monotonic() + _RETENTION_PERIOD_S
-            self._attempt(lambda: folder.make_room(self._protected()))
+            self._has_room(folder)
         self._report_lost()
         with self._lock:
             return _STEP_S if self._recordings else _IDLE_S
@@ -218,69 +217,56 @@ class BlackBox:
             folder = Folder(self.settings, self.wall_time_s)
             failed = folder.complete_files()
         except FolderInUseError as error:
-            self.is_broken = True
-            self._faults.report(PART, f"nothing is recorded: {error}")
+            self._break(error)
             return None
         except OSError as error:
             self._retry_s = time.monotonic() + self._backoff.next_s()
-            self._faults.report(PART, _reason(error, self.settings.folder))
+            self._report(error, self.settings.folder)
             return None
         self._folder = folder
+        self._faults.clear(PART)
         if failed:  # the next file that is written ends the fault
-            self._faults.report(PART, _reason(failed[0], self.settings.folder))
-        else:
-            self._faults.clear(PART)
+            self._report(failed[0], self.settings.folder)
         return folder
 
     def _write(self, folder: Folder, recording: Recording) -> None:
-        try:
-            if recording.file is None:
-                recording.file = RecordingFile(
-                    folder.file(recording.name), recording.profile, _begin_ns(recording), _attachments(recording)
-                )
-                recording.file.write(recording.reader.first.quiet, recording.offset_s)
-            is_cut = False
-            while not is_cut:
-                messages = recording.reader.read(_READ_BYTES)
-                if not messages:
-                    break
-                is_cut = not self._has_room(folder, messages)
-                if not is_cut:
-                    recording.file.write(messages, recording.offset_s)
-                    recording.is_large = recording.file.bytes > _SHARE_OF_FOLDER * self.settings.keep_mb * 1e6
-            recording.is_failed = is_cut  # the node begins another one at the next alert
-            if is_cut and not recording.file.messages:
-                self._give_up(recording)
-            elif is_cut or (recording.is_ended and recording.reader.is_complete):
-                lost = recording.reader.lost
-                recording.file.finish({"robot": recording.robot, "alert": recording.alert, "lost": str(lost)})
-                self._end(recording)
-                self._faults.clear(PART)
-                folder.make_room(self._protected(), self._bytes_being_written())
-        except OSError as error:
-            self._faults.report(PART, _reason(error, folder.file(recording.name)))
+        """Writes what has come since, and completes the file at its end, or if there is no room for more."""
+        file = recording.file
+        if file is None:
+            file = recording.file = RecordingFile(
+                folder.file(recording.name), recording.profile, _begin_ns(recording), _attachments(recording)
+            )
+            file.write(recording.reader.first.quiet, recording.offset_s)
+        for messages in iter(lambda: recording.reader.read(_READ_BYTES), []):
+            if not self._has_room(folder, sum(len(data) for _, _, data in messages)):
+                recording.is_failed = True  # the node begins another one at the next alert
+                break
+            file.write(messages, recording.offset_s)
+            recording.is_large = file.bytes > _SHARE_OF_FOLDER * self.settings.keep_mb * 1e6
+        if recording.is_failed and not file.messages:
             self._give_up(recording)
-        except Exception as error:
-            self._note_error(error)
-            self._give_up(recording)
+        elif recording.is_failed or (recording.is_ended and recording.reader.is_complete):
+            lost = str(recording.reader.lost)
+            file.finish({"robot": recording.robot, "alert": recording.alert, "lost": lost})
+            self._end(recording)
+            self._faults.clear(PART)
+            self._retention_s = 0.0
 
-    def _has_room(self, folder: Folder, messages: Sequence[Message]) -> bool:
-        """Returns whether messages can be written without exceeding the limit of the folder."""
-        needed_bytes = sum(len(data) for _, _, data in messages) + self._bytes_being_written()
-        has_room = folder.make_room(self._protected(), needed_bytes)
-        if has_room:
-            self._faults.clear(FULL_PART)
+    def _has_room(self, folder: Folder, needed_bytes: int = 0) -> bool:
+        """Deletes old files; returns whether so much can be written without exceeding the limit of the folder."""
+        with self._lock:
+            needed_bytes += sum(recording.file.bytes for recording in self._recordings if recording.file is not None)
+            protected = {name for files in self._open_files.values() for name in files.values()}
+        has_room = folder.make_room(protected, needed_bytes)
+        if not has_room:
+            text = f"nothing is recorded: the recordings of open alerts take keep_mb ({self.settings.keep_mb:g})"
+            self._faults.report(FULL_PART, text, Level.WARN)
+        elif folder.problem is not None:
+            text = f"an old recording cannot be deleted: {_reason(folder.problem, folder.path)}"
+            self._faults.report(FULL_PART, text, Level.WARN)
         else:
-            self._report_full()
+            self._faults.clear(FULL_PART)
         return has_room
-
-    def _bytes_being_written(self) -> int:
-        with self._lock:
-            return sum(recording.file.bytes for recording in self._recordings if recording.file is not None)
-
-    def _protected(self) -> Set[str]:
-        with self._lock:
-            return {name for files in self._open_files.values() for name in files.values()}
 
     def _give_up(self, recording: Recording) -> None:
         recording.is_failed = True
@@ -291,49 +277,38 @@ class BlackBox:
 
     def _end(self, recording: Recording) -> None:
         recording.reader.close()
-        self.lost += recording.reader.lost
         with self._idle:
-            if recording in self._recordings:
-                self._recordings.remove(recording)
+            self._lost += recording.reader.lost
+            self._recordings.remove(recording)
             self._idle.notify_all()
 
     def _report_lost(self) -> None:
+        memory_mb = f"memory_mb {self.settings.memory_mb:g}"
         with self._lock:
-            lost = self.lost + sum(recording.reader.lost for recording in self._recordings)
+            lost = self._lost + sum(recording.reader.lost for recording in self._recordings)
         if lost:
-            memory_mb = f"memory_mb {self.settings.memory_mb:g}"
             text = f"{lost} messages are missing in recordings: the disk was too slow for {memory_mb}"
             self._faults.report(LOST_PART, text, Level.WARN)
-
         if self.ring.too_large is not None:
             topic, size = self.ring.too_large
-            text = f"{topic} is not recorded: a message of {size / 1e6:.3g} MB is too large for memory_mb"
-            self._faults.report(LARGE_PART, f"{text} {self.settings.memory_mb:g}", Level.WARN)
+            text = f"{topic} is not recorded: a message of {size / 1e6:.3g} MB is too large for {memory_mb}"
+            self._faults.report(LARGE_PART, text, Level.WARN)
 
-    def _report_full(self) -> None:
-        text = f"nothing is recorded: the recordings of open alerts take keep_mb ({self.settings.keep_mb:g})"
-        self._faults.report(FULL_PART, text, Level.WARN)
+    def _break(self, error: ServiceError) -> None:
+        self.is_broken = True
+        self._faults.report(PART, f"nothing is recorded: {error}")
 
-    def _attempt(self, function: Callable[[], object]) -> None:
-        try:
-            if function():
-                self._faults.clear(FULL_PART)
-        except OSError as error:
-            self._faults.report(PART, _reason(error, self.settings.folder))
-
-    def _note_error(self, error: Exception) -> None:
-        self._faults.report(PART, f"{type(error).__name__}: {error}")
+    def _report(self, error: Exception, path: str) -> None:
+        self._faults.report(PART, _reason(error, path))
 
     # The other thread
 
     def _look_for_topics(self) -> float:
         with self._lock:
-            robots = [(self._middlewares[name], receive) for name, receive in self._robots.items()]
-        for middleware, receive in robots:
-            try:
-                receive(middleware.topic_types())
-            except (ServiceError, RuntimeError):
-                continue  # it does not answer, or its topics are changing
+            lookups = list(self._lookups.values())
+        for look in lookups:
+            with contextlib.suppress(ServiceError, RuntimeError):  # it does not answer, or its topics are changing
+                look()
         return _TOPICS_PERIOD_S
 
 
@@ -354,5 +329,7 @@ def _as_name(text: str) -> str:
     return re.sub(r"[^A-Za-z0-9-]+", "_", text)[:_LONGEST_NAME].strip("_") or "x"
 
 
-def _reason(error: OSError, path: str) -> str:
-    return f"{error.filename or path}: {error.strerror or error}"
+def _reason(error: Exception, path: str) -> str:
+    if isinstance(error, OSError):
+        return f"{error.filename or path}: {error.strerror or error}"
+    return f"{type(error).__name__}: {error}"

@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-from typing import Callable, Collection, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
+from typing import Callable, Collection, Dict, Iterator, List, Mapping, Optional, Sequence, Set, Tuple
 
-from robot_health_monitor.core.config import MonitorConfig
-from robot_health_monitor.core.errors import ConfigError
-from robot_health_monitor.core.mapping_node import CLOCK, CLOCK_TYPE
-from robot_health_monitor.core.middleware import (
-    Middleware,
-    RawFormat,
-    RawMessage,
-    Severity,
-    Subscription,
-    canonical_type,
-)
-from robot_health_monitor.core.patterns import matches_pattern
-from robot_health_monitor.core.signal_config import LINK
-
+from ...core.config.monitor_config import MonitorConfig
+from ...core.config.signal_config import LINK
+from ...core.port.log_limit import LimitedLog
+from ...core.port.mapping_node import CLOCK, CLOCK_TYPE
+from ...core.port.middleware import Middleware, RawFormat, RawMessage, Severity, Subscription
+from ...core.values.errors import ConfigError
+from ...core.values.formatting import printable
+from ...core.values.names import canonical_type
+from ...core.values.patterns import matches_pattern
 from .ring import Channel, Message
 
 LARGE_TYPES = frozenset(
@@ -40,7 +36,10 @@ LARGE_TYPES = frozenset(
 )
 """Images, videos and clouds: recorded only if the configuration has their topic's full name."""
 
-_MOST_TOPICS = 1_000
+_MOST_MATCHING = 1_000
+"""Topics that patterns select at a time; a robot may list any number, of impossible types."""
+_MOST_LINES = 10  # per minute
+_LONGEST_SHOWN = 200
 
 _QUIET_S = 1.0  # after the latest message
 _LARGEST_QUIET = 64 << 10
@@ -110,7 +109,8 @@ class Capture:
         self._followed: Optional[Mapping[str, str]] = None
         self._topics: Dict[Tuple[str, str], _Topic] = {}
         self._duplicates: Dict[Tuple[str, str], str] = {}
-        self._refused: Dict[Tuple[str, str], None] = {}
+        self._refused: Set[Tuple[str, str]] = set()
+        self._log = LimitedLog(middleware.log, middleware.steady_s, _MOST_LINES)
         self._known_for_s: Dict[str, float] = {}
         """How long the latest message of a topic with signals is as good as repeated; 0: it counts as an arrival."""
 
@@ -148,7 +148,7 @@ class Capture:
         """Subscribes to what is to be recorded by now, and ends the rest. Does nothing if nothing has changed."""
         for key in [key for key, topic in self._topics.items() if topic.is_unwanted]:
             self._end(key)
-            self._refused[key] = None
+            self._refused.add(key)
             self._config = None  # it may be named, too
         if config is self._config and self.found == self._followed:
             return
@@ -162,10 +162,12 @@ class Capture:
                 types[signal.topic] = types.get(signal.topic) or signal.type
         if self.is_simulated:
             types[CLOCK] = CLOCK_TYPE
-        wanted = [*types.items(), *((name, "") for name in self._named), *self._matching(self._followed)]
-        for key in self._topics.keys() - set(wanted):
+        matching = itertools.islice(self._matching(self._followed), _MOST_MATCHING)
+        wanted = dict.fromkeys((*types.items(), *((name, "") for name in self._named), *matching))
+        for key in self._topics.keys() - wanted.keys():
             self._end(key)
         self._duplicates = {key: topic for key, topic in self._duplicates.items() if key in wanted}
+        self._refused = self._refused & wanted.keys()
         for key in wanted:
             if key not in self._topics and key not in self._refused and key not in self._duplicates:
                 self._subscribe(key)
@@ -183,15 +185,14 @@ class Capture:
                 yield name, type_name
 
     def _subscribe(self, key: Tuple[str, str]) -> None:
-        if len(self._topics) >= _MOST_TOPICS:
-            return
         clock = self._middleware.steady_s if self.is_simulated else None
         topic = _Topic(self._add, key[0], is_named=key[0] in self._named, clock=clock)
         try:
             subscription = self._middleware.subscribe_raw(*key, topic.take)
         except ConfigError as error:
-            self._refused[key] = None
-            self._middleware.log(Severity.WARN, f"black box: {key[0]} is not recorded: {error.problem}")
+            self._refused.add(key)
+            text = f"black box: {key[0][:_LONGEST_SHOWN]} is not recorded: {error.problem}"
+            self._log.write("", Severity.WARN, printable(text))
             return
         if subscription.topic in self.resolved.values():  # by another name
             self._middleware.unsubscribe(subscription)

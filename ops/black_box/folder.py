@@ -1,27 +1,30 @@
 """The folder of a black box: one monitor at a time, files of a killed process, and the limits of size and age.
 
-Used by the thread of the black box only. Everything may raise OSError.
+Only files that a black box has written, by name and content, are deleted or count. Used by the thread of the black box
+only. Everything may raise OSError.
 """
 
 from __future__ import annotations
 
+import contextlib
 import fcntl
 import os
 import re
 import time
-from typing import IO, Callable, Collection, List, NamedTuple, Optional
+from typing import Callable, Collection, Iterator, List, NamedTuple, Optional
 
-from robot_health_monitor.core.errors import ServiceError
-
+from ...core.values.errors import ServiceError
 from ..configuration import BlackBoxSettings
+from ..store.retention import AgeClock
 from . import recording_file
-from .recording_file import PART
+from .recording_file import COMPLETED, LIBRARY, PART
 
 ENDING = ".mcap"
-_LOCK = ".lock"
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,200}\.mcap", re.ASCII)
+_OWN_NAME = re.compile(r"[\w-]{1,60}_\d{8}T\d{6}\.\d{3}Z_[\w-]{1,80}\.mcap", re.ASCII)
+_MAGIC = b"\x89MCAP0\r\n"
+_HEADER_BYTES = 64
 _DAY_S = 86_400.0
-_CLOCK_STEP_S = 3600.0
 
 
 class FolderInUseError(ServiceError):
@@ -29,13 +32,13 @@ class FolderInUseError(ServiceError):
 
 
 class _File(NamedTuple):
+    modified_s: float  # first, so that the oldest comes first
     name: str
     bytes: int
-    modified_s: float
 
 
 def is_file_name(name: str) -> bool:
-    """Whether a text can be the name of a file of a black box: no path, no hidden file."""
+    """Whether a text can be the name of a recording that a client asks for: no path, no hidden file."""
     return _NAME.fullmatch(name) is not None and ".." not in name
 
 
@@ -52,20 +55,23 @@ class Folder:
     def __init__(self, settings: BlackBoxSettings, wall_s: Callable[[], float]) -> None:
         """Creates and locks it. Raises FolderInUseError, or OSError."""
         self.path = settings.folder
-        self._keep_bytes = settings.keep_mb * 1e6
-        self._keep_s = settings.keep_days * _DAY_S
+        self.problem: Optional[OSError] = None
+        """Why an old file could not be deleted, the last time."""
+        self._settings = settings
         self._wall_s = wall_s
-        self._age_clock = wall_s() - _boot_s()
+        self._own: Collection[_File] = ()
         os.makedirs(self.path, mode=0o750, exist_ok=True)
-        self._lock: IO[str] = open(os.path.join(self.path, _LOCK), "a")
+        newest_s = max((file.modified_s for file in self._files()), default=wall_s())
+        self._age_clock = AgeClock(min(newest_s, wall_s()), _boot_s())
+        # The folder itself, not a file in it: systemd-tmpfiles removes old files, but none from a locked folder.
+        self._directory = os.open(self.path, os.O_RDONLY | os.O_DIRECTORY)
         try:
-            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            fcntl.flock(self._directory, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            self._lock.close()
+            self.close()
             raise FolderInUseError(f"{self.path}: another monitor writes into this folder") from None
-        except BaseException:
-            self._lock.close()
-            raise
+        except OSError:
+            pass  # NFS locks no folders
 
     def file(self, name: str) -> str:
         """Returns the path of a file."""
@@ -74,7 +80,7 @@ class Folder:
     def is_there(self) -> bool:
         """Whether its path still leads to it: it may have been removed, or replaced."""
         try:
-            return os.path.samestat(os.stat(os.path.join(self.path, _LOCK)), os.fstat(self._lock.fileno()))
+            return os.path.samestat(os.stat(self.path), os.fstat(self._directory))
         except OSError:
             return False
 
@@ -83,11 +89,12 @@ class Folder:
         failed = []
         for name in sorted(os.listdir(self.path)):
             base, path = name[: -len(PART)], self.file(name)
-            if not name.endswith(PART) or os.path.islink(path) or not os.path.isfile(path):
+            whole = base[: -len(COMPLETED)] if base.endswith(COMPLETED) else base
+            if not name.endswith(PART) or not _OWN_NAME.fullmatch(whole) or not _is_own(path):
                 continue
             try:
-                if is_file_name(base):
-                    recording_file.complete(self.file(base))
+                if base == whole:
+                    recording_file.complete(self.file(base), int(self._settings.memory_mb * 1e6))
                 else:
                     os.unlink(path)  # of a completion that was itself killed
             except OSError as error:
@@ -95,37 +102,51 @@ class Folder:
         return failed
 
     def make_room(self, open_files: Collection[str], needed_bytes: int = 0) -> bool:
-        """Deletes old files, the oldest first, never one of `open_files`; returns whether the limits hold.
+        """Deletes old recordings, the oldest first, never one of `open_files`; returns whether the limits hold.
 
-        `needed_bytes` is the size of files that are being written.
+        `needed_bytes` is the size of files that are being written. Files of others are left alone and do not count.
         """
-        files = sorted(self._files(), key=lambda file: (file.modified_s, file.name))
+        keep_bytes = self._settings.keep_mb * 1e6
+        oldest_s = self._age_clock.now_s(self._wall_s(), _boot_s()) - self._settings.keep_days * _DAY_S
+        self._own = files = sorted(self._files())
+        self.problem = None
         total = needed_bytes + sum(file.bytes for file in files)
-        oldest_s = self._now_s() - self._keep_s
         for file in files:
-            if file.name not in open_files and (total > self._keep_bytes or file.modified_s < oldest_s):
-                os.unlink(self.file(file.name))
-                total -= file.bytes
-        return total <= self._keep_bytes
+            if file.name not in open_files and (total > keep_bytes or file.modified_s < oldest_s):
+                try:
+                    os.unlink(self.file(file.name))
+                except OSError as error:
+                    self.problem = error  # others may make enough room
+                else:
+                    total -= file.bytes
+        return total <= keep_bytes
 
     def close(self) -> None:
         """Unlocks it."""
-        self._lock.close()
+        os.close(self._directory)
 
-    def _files(self) -> List[_File]:
-        found = []
+    def _files(self) -> Iterator[_File]:
+        """Yields the recordings. A file that is known need not be read again."""
         with os.scandir(self.path) as entries:
             for entry in entries:
-                if is_file_name(entry.name) and entry.is_file(follow_symlinks=False):
-                    status = entry.stat(follow_symlinks=False)
-                    found.append(_File(entry.name, status.st_size, status.st_mtime))
-        return found
+                if _OWN_NAME.fullmatch(entry.name):
+                    with contextlib.suppress(OSError):  # it was just deleted
+                        status = entry.stat(follow_symlinks=False)
+                        file = _File(status.st_mtime, entry.name, status.st_size)
+                        if file in self._own or (file.bytes and _is_own(entry.path)):
+                            yield file
 
-    def _now_s(self) -> float:
-        """Returns the time for ages: a wall clock that jumped ahead while this process ran would delete everything."""
-        expected_s = self._age_clock + _boot_s()
-        wall_s = self._wall_s()
-        return expected_s if wall_s > expected_s + _CLOCK_STEP_S else wall_s
+
+def _is_own(path: str) -> bool:
+    """Whether a black box wrote a file: its header names this program. One that was killed early is empty."""
+    if os.path.islink(path) or not os.path.isfile(path):
+        return False
+    try:
+        with open(path, "rb") as stream:
+            begin = stream.read(_HEADER_BYTES)
+    except OSError:
+        return False
+    return not begin or (begin.startswith(_MAGIC) and LIBRARY.encode() in begin)
 
 
 def _boot_s() -> float:

@@ -5,15 +5,18 @@ from __future__ import annotations
 import contextlib
 import os
 import struct
-from typing import IO, Any, Dict, Iterable, Mapping, Sequence, Tuple
+from typing import IO, Any, Dict, Iterable, Iterator, Mapping, Sequence, Tuple
 
-from robot_health_monitor.core.middleware import RawFormat
-from robot_health_monitor.core.version import package_version
-
+from ...core.port.middleware import RawFormat
+from ...core.values.version import package_version
 from .ring import Channel, Message
 
 PART = ".part"
 """Ending of the name of a file that is not complete."""
+COMPLETED = ".completed"
+"""Comes before it while a file that a killed process left is completed."""
+LIBRARY = "robot-health "
+"""How the name of the program in a file's header begins."""
 
 _CHUNK_BYTES = 256 << 10  # what a kill loses at most, apart from what waits in memory
 _MEDIA_TYPES = {".yaml": "application/yaml", ".json": "application/json"}
@@ -35,7 +38,7 @@ class RecordingFile:
         """Number of messages that were written."""
         try:
             self._writer: Any = Writer(self._stream, chunk_size=_CHUNK_BYTES)
-            self._writer.start(profile, f"robot-health {package_version()}")
+            self._writer.start(profile, f"{LIBRARY}{package_version()}")
             for name, text in attachments.items():
                 media_type = _MEDIA_TYPES[os.path.splitext(name)[1]]
                 self._writer.add_attachment(begin_ns, begin_ns, name, media_type, text.encode("utf-8"))
@@ -83,18 +86,19 @@ class RecordingFile:
         return self._channels[channel]
 
 
-def complete(path: str) -> bool:
+def complete(path: str, most_bytes: int) -> bool:
     """Completes a file that a killed process left; returns whether it had a message. Else it is removed.
 
-    What was written up to the last complete chunk is kept. May raise OSError.
+    What was written up to the last complete chunk is kept, or up to one that unpacks to more than `most_bytes`. May
+    raise OSError.
     """
     from mcap.writer import Writer
 
-    target = path + ".completed" + PART
+    target = path + COMPLETED + PART
     try:
         with open(path + PART, "rb") as source, open(target, "wb") as stream:
             writer = Writer(stream, chunk_size=_CHUNK_BYTES)
-            if _copy(_records(source), writer):
+            if _copy(_records(source, most_bytes), writer):
                 _complete(writer, stream, path, target)
             else:
                 os.unlink(target)
@@ -107,18 +111,33 @@ def complete(path: str) -> bool:
     return os.path.exists(path)
 
 
-def _records(source: IO[bytes]) -> Iterable[Any]:
+def _records(source: IO[bytes], most_bytes: int) -> Iterator[Any]:
     """Yields the records of a file as far as they can be read."""
-    from mcap.exceptions import McapError
-    from mcap.stream_reader import StreamReader
+    from mcap.records import Chunk
+    from mcap.stream_reader import StreamReader, breakup_chunk
 
     try:
-        yield from StreamReader(source).records
-    except (McapError, ValueError, EOFError, IndexError, KeyError, RuntimeError, OverflowError, MemoryError):
+        for record in StreamReader(source, emit_chunks=True).records:
+            if not isinstance(record, Chunk):
+                yield record
+            elif record.compression in ("", "zstd") and record.uncompressed_size <= most_bytes + _CHUNK_BYTES:
+                yield from breakup_chunk(_unpacked(record))
+            else:
+                return  # no black box writes such a chunk
+    except OSError:
+        raise
+    except Exception:  # whatever damaged bytes make the libraries raise
         return
-    except Exception as error:
-        if type(error).__module__.partition(".")[0] not in ("struct", "zstd", "zstandard", "lz4"):
-            raise
+
+
+def _unpacked(chunk: Any) -> Any:
+    """Unpacks a chunk to the size that it has by its header, whatever its content says."""
+    import zstandard
+
+    if chunk.compression == "zstd":
+        with zstandard.ZstdDecompressor().stream_reader(chunk.data) as stream:
+            chunk.data, chunk.compression = stream.read(chunk.uncompressed_size), ""
+    return chunk
 
 
 def _copy(records: Iterable[Any], writer: Any) -> int:

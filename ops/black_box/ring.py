@@ -12,10 +12,10 @@ from __future__ import annotations
 import itertools
 import threading
 from collections import OrderedDict, deque
-from typing import Any, Deque, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+from typing import Deque, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
-from robot_health_monitor.core.middleware import RawFormat
-from robot_health_monitor.core.state_reader import SavedSignal
+from ...core.judge.saved_state import SavedSignal
+from ...core.port.middleware import RawFormat
 
 OVERHEAD_BYTES = 180
 """Memory of a message besides its data: the tuple, the number, the head of the bytes, its place in a list."""
@@ -40,7 +40,7 @@ Message = Tuple[float, Channel, bytes]
 class Segment:
     """Messages of one robot in the order of their arrival. Change it with the lock of its `Ring` only."""
 
-    __slots__ = ("_gone", "begin_s", "bytes", "dropped", "messages", "quiet", "readers", "states")
+    __slots__ = ("begin_s", "bytes", "dropped", "messages", "quiet", "readers", "states")
 
     def __init__(
         self, begin_s: float, states: Mapping[str, SavedSignal], state_bytes: int, quiet: Sequence[Message] = ()
@@ -57,32 +57,22 @@ class Segment:
         self.bytes = state_bytes
         self.readers = 1
         """Who still needs it: the ring of its robot, and the recording."""
-        self.messages: List[Optional[Message]] = []
-        """Those in memory; read them by their numbers: `message`. None: one that was dropped."""
-        self._gone = 0  # dropped messages that have no place in the list any more
+        self.messages: Deque[Message] = deque()
+        """Those in memory; read them by their numbers: `message`."""
 
     @property
     def count(self) -> int:
         """Number of its messages, with those that were dropped."""
-        return self._gone + len(self.messages)
+        return self.dropped + len(self.messages)
 
-    def message(self, number: int) -> Any:
+    def message(self, number: int) -> Message:
         """Returns one by its number, which is at least `dropped`."""
-        return self.messages[number - self._gone]
+        return self.messages[number - self.dropped]
 
     def drop(self) -> None:
         """Drops its oldest message."""
-        place = self.dropped - self._gone
-        self.bytes -= len(self.message(self.dropped)[2]) + OVERHEAD_BYTES
-        self.messages[place] = None
+        self.bytes -= len(self.messages.popleft()[2]) + OVERHEAD_BYTES
         self.dropped += 1
-        if place >= len(self.messages) // 2:  # seldom: the rest is moved
-            del self.messages[: place + 1]
-            self._gone = self.dropped
-
-    def clear(self) -> None:
-        """Forgets all messages."""
-        self.messages = []
 
 
 class Reader:
@@ -180,7 +170,7 @@ class Ring:
         if not segment.readers and segment in self._segments:
             del self._segments[segment]
             self.used_bytes -= segment.bytes
-            segment.clear()
+            segment.messages.clear()
 
     def _make_room(self) -> None:
         for _ in range(len(self._segments)):

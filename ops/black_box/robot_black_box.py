@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from typing import Dict, List, Mapping, Optional, Tuple
 
-from robot_health_monitor.core.attachments import TICKS, SavedMonitor
-from robot_health_monitor.core.elements import ARRAY_TYPE, STATUS_TYPE
-from robot_health_monitor.core.errors import ConfigError, MessageError
-from robot_health_monitor.core.middleware import Message as Mapped
-from robot_health_monitor.core.middleware import Middleware, Severity
-from robot_health_monitor.core.model import Level, Transition
-from robot_health_monitor.core.nodes import AlertSystem
-from robot_health_monitor.core.nodes.node import DIAGNOSTICS, base_name
-from robot_health_monitor.core.outlets import Event, alert_message, array_message
-from robot_health_monitor.core.state_reader import SavedSignal
-
+from ...core.judge.attachments import TICKS, SavedMonitor
+from ...core.judge.saved_state import SavedSignal
+from ...core.messages.dialect import Message as Mapped
+from ...core.nodes import AlertSystem
+from ...core.nodes.node import DIAGNOSTICS, base_name
+from ...core.nodes.outlets import Event, alert_message, array_message
+from ...core.port.middleware import Middleware, Severity
+from ...core.values.elements import ARRAY_TYPE, STATUS_TYPE
+from ...core.values.errors import ConfigError, MessageError
+from ...core.values.model import Level, Transition
 from .black_box import PART, BlackBox, Recording
 from .capture import Capture
 from .ring import Channel, RobotRing
@@ -62,7 +61,7 @@ class RobotBlackBox:
             alert_system.on_tick.append(self._note_tick)
         self._check(self._middleware.now_s())
         self._middleware.create_timer(_CHECK_PERIOD_S, self._check, steady=True)
-        self._box.watch_topics(self.robot, self._middleware, self._note_topics)
+        self._box.watch_topics(self.robot, self._look_for_topics)
 
     def of_alert(self, transition: Transition) -> str:
         """Returns the name of the file that records a transition, which begins with it or goes on; empty: none.
@@ -176,7 +175,7 @@ class RobotBlackBox:
         states: Dict[str, SavedSignal] = {}
         rest: Dict[str, float] = {}
         changed = 0
-        for name in monitor.signals():
+        for name in monitor.saved_signals():
             at_rest_since_s = monitor.at_rest_since_s(name)
             if at_rest_since_s is not None:
                 rest[name] = at_rest_since_s
@@ -222,5 +221,6 @@ class RobotBlackBox:
             channel = self._channels[type_name] = Channel(self._topics[type_name], found)
         self._ring.add(steady_s, channel, data)
 
-    def _note_topics(self, topics: Mapping[str, str]) -> None:
-        self._capture.found = topics
+    def _look_for_topics(self) -> None:
+        """Runs in a thread of the black box."""
+        self._capture.found = self._middleware.topic_types()

@@ -1,26 +1,23 @@
 """The configuration files of a fleet whose robots push: an agent on each robot, and a centre that stores and pages.
 
 On a robot, Prometheus in agent mode or vmagent scrapes the monitor, keeps what it cannot send on its disk and pushes.
-The centre is Prometheus, or VictoriaMetrics with vmalert; either notifies Alertmanager. No file contains a secret.
+The centre is Prometheus, or VictoriaMetrics with vmalert; either notifies Alertmanager. The files are the templates in
+`files/`. None contains a secret.
 """
 
 from __future__ import annotations
 
 import math
+import os
 import re
-from pathlib import PurePosixPath
-from typing import Dict, List, NamedTuple, Optional, Sequence
+from typing import Dict, Mapping, NamedTuple, Optional, Sequence
 from urllib.parse import urlsplit
 
-from robot_health_monitor.core.errors import ConfigError
+from ...core.config.monitor_config import MonitorConfig
+from ...core.values.errors import ConfigError
+from .grafana import export_dashboard
+from .prometheus import EXPECTED_S, FILES, duration, export_fleet_rules, filled
 
-from ..notifications.alertmanager import ALERT
-from .fleet_rules import EXPECTED_S, Judged, export_fleet_rules
-from .prometheus import duration, require_interval
-from .vmalert import for_vmalert
-
-ROBOT_FOLDER, CENTRE_FOLDER = "/etc/robot-health", "/etc/robot-health-centre"
-"""Where the files of a robot and of the centre are installed."""
 _AGENT_MARGIN_S = 3600.0
 _CENTRE_MARGIN_S = 4.0 * 3600.0
 """An agent truncates its log every 2 h: it may send samples older than its retention. Clocks may be wrong as well."""
@@ -30,9 +27,16 @@ _URL = re.compile(r"https?://(?:\w[\w.-]*|\[[0-9a-fA-F:.]+\])(?::\d{1,5})?(/[\w.
 _ADDRESS = re.compile(r"[\w.-]+:\d{1,5}|\[[0-9a-fA-F:]+\]:\d{1,5}", re.ASCII)
 _LONGEST_SILENCE_S = 7.0 * 86_400.0
 """Rules count the evaluations of the centre over that time, which must be much shorter than its retention."""
-_USER = "robots"
-MADE = "Made by robot-health export fleet."
+_MADE = "Made by robot-health export fleet."
 """First words of README.md: what an earlier export has written may be replaced."""
+_TLS = {
+    "CERTIFICATE": ", `tls.crt` and `tls.key`",
+    "TLS_FLAGS": " \\\n  -tls -tlsCertFile=/etc/robot-health-centre/tls.crt"
+    " -tlsKeyFile=/etc/robot-health-centre/tls.key",
+    "TLS_CONFIG": "printf 'tls_server_config: {cert_file: %s, key_file: %s}\\n' \\\n"
+    "  $etc/tls.crt $etc/tls.key >> $etc/web.yml",
+}
+"""Fields of a centre with https."""
 
 
 class FleetSettings(NamedTuple):
@@ -51,7 +55,7 @@ class FleetSettings(NamedTuple):
 
 
 def require_receiver(url: str) -> str:
-    """Returns the URL of a receiver; ConfigError: it is not one in full, or contains a password."""
+    """Returns the URL of a receiver; raises ConfigError if it is not one in full, or contains a password."""
     try:
         valid = _URL.fullmatch(url) is not None and urlsplit(url).port != 0
     except ValueError:
@@ -64,46 +68,74 @@ def require_receiver(url: str) -> str:
 
 
 def require_address(address: str) -> str:
-    """Returns `host:port`; ConfigError: it is none."""
+    """Returns `host:port`; raises ConfigError if it is none."""
     if not _ADDRESS.fullmatch(address) or not 0 < int(address.rpartition(":")[2]) < 65536:
         raise ConfigError(f"expected host:port of a monitor, got {address[:100]!r}")
     return address
 
 
-class FleetExport(NamedTuple):
-    """The files by their paths, and what their rules cannot express."""
-
-    files: Dict[str, str]
-    problems: Sequence[str]
-
-
 def export_fleet(
-    settings: FleetSettings, judged: Sequence[Judged], expected: Optional[Sequence[str]] = None
-) -> FleetExport:
-    """Returns the files of both sides; `expected` are the robots that must report, None: those that did."""
-    require_interval(settings.interval_s)
+    settings: FleetSettings, config: MonitorConfig, expected: Optional[Sequence[str]] = None
+) -> Dict[str, str]:
+    """Returns the files of both sides by their paths.
+
+    `config` is that of the dashboard; `expected` are the robots that must report, None stands for those that did.
+    Raises ConfigError if the settings do not fit together.
+    """
     _require_silence(settings, expected is not None)
-    rules = export_fleet_rules(judged, expected, interval_s=settings.interval_s, silent_after_s=settings.silent_after_s)
-    files = {
-        "robot/agent.yml": _agent(settings),
-        "robot/vmagent.yml": _vmagent(settings),
-        "robot/robot-health-agent.service": _agent_unit(settings),
-        "robot/robot-health-vmagent.service": _vmagent_unit(settings),
-        "centre/prometheus.yml": _prometheus(settings),
-        "centre/rules.yaml": rules.text,
-        "centre/rules.vm.yaml": for_vmalert(rules.text),
-        "centre/alertmanager.yml": _alertmanager(),
-        "centre/robot-health-prometheus.service": _prometheus_unit(settings),
-        "centre/robot-health-alertmanager.service": _alertmanager_unit(),
-        "centre/robot-health-victoria-metrics.service": _victoria_metrics_unit(settings),
-        "centre/robot-health-vmalert.service": _vmalert_unit(settings),
-        "README.md": _readme(settings, expected is not None),
+    interval_s, receiver = settings.interval_s, urlsplit(settings.receiver)
+    port = receiver.port or (443 if receiver.scheme == "https" else 80)
+    retention_d = math.ceil((settings.outage_s + _CENTRE_MARGIN_S) / 86_400.0)  # never shorter than it takes samples
+    bind = "CAP_NET_BIND_SERVICE" if port < 1024 else ""
+    fields = {
+        "INTERVAL": duration(interval_s),
+        "TIMEOUT": duration(min(10.0, interval_s)),
+        "TARGETS": ", ".join(f'"{address}"' for address in settings.monitors),
+        "MONITORS": "\n".join(f"- {address}" for address in settings.monitors),
+        "RECEIVER": settings.receiver,
+        "CENTRE": f"{receiver.scheme}://{receiver.netloc}",
+        "PORT": str(port),
+        "OUTAGE": _hours(settings.outage_s),
+        "AGENT_KEEPS": _hours(settings.outage_s + _AGENT_MARGIN_S),
+        "WINDOW": _hours(settings.outage_s + _CENTRE_MARGIN_S),
+        "RETENTION": f"{max(_RETENTION_DAYS, retention_d)}d",
+        "CAPABILITIES": (f"AmbientCapabilities={bind}\n" if bind else "") + f"CapabilityBoundingSet={bind}",
+        **(_TLS if receiver.scheme == "https" else dict.fromkeys(_TLS, "")),
     }
-    return FleetExport(files, rules.problems)
+    fields["SCRAPES"] = filled("scrapes.yml", fields)
+    rules = export_fleet_rules(expected, interval_s=interval_s, silent_after_s=settings.silent_after_s)
+    made = {"centre/rules.yaml": rules, "centre/dashboard.json": export_dashboard(config)}
+    paths = ["README.md", *(f"{path.parent.name}/{path.name}" for path in sorted(FILES.glob("*/*")))]
+    return {**{path: filled(path, fields) for path in paths if path not in made}, **made}
+
+
+def write_files(folder: str, files: Mapping[str, str]) -> None:
+    """Writes files, each at once; raises ConfigError if one cannot be written, or the folder has another README.md."""
+    readme = os.path.join(folder, "README.md")
+    if not folder or (os.path.lexists(readme) and not _is_exported(readme)):
+        problem = "is not from an earlier export; expected another folder" if folder else "expected a folder, got ''"
+        raise ConfigError(problem, file=readme if folder else "")
+    for name, text in files.items():
+        path = os.path.join(folder, name)
+        try:
+            os.makedirs(os.path.dirname(path), exist_ok=True)
+            with open(f"{path}.new", "w", encoding="utf-8") as stream:
+                stream.write(text)
+            os.replace(f"{path}.new", path)
+        except OSError as error:
+            raise ConfigError(f"cannot be written: {error.strerror or error}", file=path) from None
+
+
+def _is_exported(readme: str) -> bool:
+    try:
+        with open(readme, encoding="utf-8", errors="replace") as stream:
+            return stream.read(len(_MADE)) == _MADE
+    except OSError:
+        return False
 
 
 def _require_silence(settings: FleetSettings, has_fleet_file: bool) -> None:
-    """ConfigError: a silent robot would be an alert after a lost scrape, or never."""
+    """Raises ConfigError if a silent robot would be an alert after a lost scrape, or never."""
     silent_after_s, least_s = settings.silent_after_s, 4.0 * settings.interval_s
     if silent_after_s < least_s:
         raise ConfigError(
@@ -115,289 +147,6 @@ def _require_silence(settings: FleetSettings, has_fleet_file: bool) -> None:
         raise ConfigError(
             f"a robot must be an alert after at most {_hours(most_s)} of silence, got {_hours(silent_after_s)}{without}"
         )
-
-
-def _retention(settings: FleetSettings) -> str:
-    """Returns how long the centre keeps samples: never shorter than it takes them."""
-    return f"{max(_RETENTION_DAYS, math.ceil((settings.outage_s + _CENTRE_MARGIN_S) / 86_400.0))}d"
-
-
-def _is_tls(settings: FleetSettings) -> bool:
-    return settings.receiver.startswith("https:")
-
-
-def _port(settings: FleetSettings) -> int:
-    """Returns the port on which the centre receives."""
-    return urlsplit(settings.receiver).port or (443 if _is_tls(settings) else 80)
-
-
-def _scrape(settings: FleetSettings) -> List[str]:
-    """Returns the part that both agents read: only the monitor's metrics, all with the label `robot`."""
-    targets = ", ".join(f'"{address}"' for address in settings.monitors)
-    return [
-        "scrape_configs:",
-        "  - job_name: robot_health",
-        "    params: {profile: [fleet]}",
-        f"    # A monitor with a token: authorization: {{credentials_file: {ROBOT_FOLDER}/token}}",
-        f"    static_configs: [{{targets: [{targets}]}}]",
-        "    metric_relabel_configs:",
-        "      - {source_labels: [__name__], regex: robot_health_.*, action: keep}",
-    ]
-
-
-def _agent(settings: FleetSettings) -> str:
-    interval = duration(settings.interval_s)
-    lines = [
-        "# Prometheus in agent mode on a robot; the same file for all robots.",
-        f"global: {{scrape_interval: {interval}, scrape_timeout: {duration(min(10.0, settings.interval_s))}}}",
-        *_scrape(settings),
-        "remote_write:",
-        f"  - url: {settings.receiver}",
-        f"    basic_auth: {{username: {_USER}, password_file: {ROBOT_FOLDER}/receiver.password}}",
-        "    metadata_config: {send: false}",
-        "    # Not `up` and the like: they have no label robot.",
-        "    write_relabel_configs:",
-        "      - {source_labels: [__name__], regex: robot_health_.*, action: keep}",
-        "    queue_config: {capacity: 10000, max_samples_per_send: 2000, max_shards: 4, max_backoff: 30s}",
-    ]
-    return _text(lines)
-
-
-def _vmagent(settings: FleetSettings) -> str:
-    interval = duration(settings.interval_s)
-    lines = [
-        "# Scrapes of vmagent on a robot; the same file for all robots. Where it pushes to is in its unit.",
-        f"global: {{scrape_interval: {interval}, scrape_timeout: {duration(min(10.0, settings.interval_s))}}}",
-        *_scrape(settings),
-    ]
-    return _text(lines)
-
-
-def _prometheus(settings: FleetSettings) -> str:
-    interval = duration(settings.interval_s)
-    lines = [
-        "# Prometheus of the centre. The robots push to it: it scrapes nothing.",
-        f"global: {{scrape_interval: {interval}, evaluation_interval: {interval}}}",
-        "storage:",
-        "  tsdb:",
-        f"    # An outage of {_hours(settings.outage_s)}, and 4 h for truncation and clocks. An agent with older",
-        "    # samples is refused with 500 and tries again for ever: never shorter than what an agent keeps.",
-        f"    out_of_order_time_window: {_hours(settings.outage_s + _CENTRE_MARGIN_S)}",
-        "rule_files: [rules.yaml]",
-        'alerting: {alertmanagers: [{static_configs: [{targets: ["127.0.0.1:9093"]}]}]}',
-    ]
-    return _text(lines)
-
-
-def _alertmanager() -> str:
-    return f"""\
-# Alertmanager of the centre: one notification per robot. Silent robots come in one, for all of them.
-route:
-  receiver: pager
-  group_by: [robot]
-  group_wait: 30s
-  group_interval: 5m
-  repeat_interval: 4h
-  routes:
-    - matchers: [alertname="{ALERT}", signal="monitor"]
-      group_by: [alertname]
-receivers:
-  - name: pager
-    pagerduty_configs:
-      - routing_key_file: {CENTRE_FOLDER}/pager.key
-inhibit_rules:
-  - source_matchers: [alertname="{ALERT}", severity="critical"]
-    target_matchers: [alertname="{ALERT}", severity="warning"]
-    equal: [robot, signal]
-"""
-
-
-def _agent_unit(settings: FleetSettings) -> str:
-    return _unit(
-        "Robot Health Monitor: agent (Prometheus)",
-        "robot-health",
-        "robot-health-agent",
-        [
-            "/usr/bin/prometheus --enable-feature=agent",
-            f"--config.file={ROBOT_FOLDER}/agent.yml",
-            "--storage.agent.path=/var/lib/robot-health-agent",
-            f"--storage.agent.retention.max-time={_hours(settings.outage_s + _AGENT_MARGIN_S)}",
-            "--web.listen-address=127.0.0.1:9095",
-        ],
-        after="robot-health.service",
-    )
-
-
-def _vmagent_unit(settings: FleetSettings) -> str:
-    return _unit(
-        "Robot Health Monitor: agent (vmagent)",
-        "robot-health",
-        "robot-health-vmagent",
-        [
-            "/usr/bin/vmagent",
-            f"-promscrape.config={ROBOT_FOLDER}/vmagent.yml",
-            f"-remoteWrite.url={settings.receiver}",
-            f"-remoteWrite.basicAuth.username={_USER}",
-            f"-remoteWrite.basicAuth.passwordFile={ROBOT_FOLDER}/receiver.password",
-            "-remoteWrite.tmpDataPath=/var/lib/robot-health-vmagent",
-            "-remoteWrite.maxDiskUsagePerURL=1GB",
-            "-remoteWrite.queues=1",
-            "-httpListenAddr=127.0.0.1:8429",
-        ],
-        after="robot-health.service",
-    )
-
-
-def _prometheus_unit(settings: FleetSettings) -> str:
-    return _unit(
-        "Robot Health Monitor: centre (Prometheus)",
-        "prometheus",
-        "robot-health-prometheus",
-        [
-            "/usr/bin/prometheus --web.enable-remote-write-receiver",
-            f"--config.file={CENTRE_FOLDER}/prometheus.yml",
-            f"--web.config.file={CENTRE_FOLDER}/web.yml",
-            f"--web.listen-address=:{_port(settings)}",
-            "--storage.tsdb.path=/var/lib/robot-health-prometheus",
-            f"--storage.tsdb.retention.time={_retention(settings)}",
-        ],
-        after="robot-health-alertmanager.service",
-        binds_low_port=_port(settings) < 1024,
-    )
-
-
-def _alertmanager_unit() -> str:
-    return _unit(
-        "Robot Health Monitor: centre (Alertmanager)",
-        "prometheus",
-        "robot-health-alertmanager",
-        [
-            "/usr/bin/prometheus-alertmanager",
-            f"--config.file={CENTRE_FOLDER}/alertmanager.yml",
-            "--storage.path=/var/lib/robot-health-alertmanager",
-            "--web.listen-address=127.0.0.1:9093 --cluster.listen-address=",
-        ],
-    )
-
-
-def _victoria_metrics_unit(settings: FleetSettings) -> str:
-    tls = [f"-tls -tlsCertFile={CENTRE_FOLDER}/tls.crt -tlsKeyFile={CENTRE_FOLDER}/tls.key"]
-    return _unit(
-        "Robot Health Monitor: centre (VictoriaMetrics)",
-        "prometheus",
-        "robot-health-victoria-metrics",
-        [
-            f"/usr/bin/victoria-metrics -envflag.enable -httpListenAddr=:{_port(settings)}",
-            f"-storageDataPath=/var/lib/robot-health-victoria-metrics -retentionPeriod={_retention(settings)}",
-            # A sample that an agent sends again counts once, and rules see what came a second ago.
-            "-dedup.minScrapeInterval=1ms -search.latencyOffset=1s",
-            *(tls if _is_tls(settings) else []),
-        ],
-        # httpAuth_username=robots and httpAuth_password=...: the environment of a process is its user's secret.
-        environment_file=f"{CENTRE_FOLDER}/victoria-metrics.env",
-        binds_low_port=_port(settings) < 1024,
-    )
-
-
-def _vmalert_unit(settings: FleetSettings) -> str:
-    base = f"{urlsplit(settings.receiver).scheme}://{urlsplit(settings.receiver).netloc}"
-    password = f"{CENTRE_FOLDER}/receiver.password"
-    ends = [
-        f"-{end}.url={base} -{end}.basicAuth.username={_USER} -{end}.basicAuth.passwordFile={password}"
-        for end in ("datasource", "remoteWrite", "remoteRead")
-    ]
-    return _unit(
-        "Robot Health Monitor: centre (vmalert)",
-        "prometheus",
-        "robot-health-vmalert",
-        [
-            f"/usr/bin/vmalert -rule={CENTRE_FOLDER}/rules.vm.yaml",
-            *ends,
-            "-remoteWrite.flushInterval=1s",
-            f"-evaluationInterval={duration(settings.interval_s)} -notifier.url=http://127.0.0.1:9093",
-            "-httpListenAddr=127.0.0.1:8880",
-        ],
-        after="robot-health-victoria-metrics.service robot-health-alertmanager.service",
-    )
-
-
-def _unit(
-    description: str,
-    user: str,
-    state: str,
-    command: Sequence[str],
-    *,
-    after: str = "",
-    environment_file: str = "",
-    binds_low_port: bool = False,
-) -> str:
-    """Returns a systemd unit."""
-    lines = [
-        "[Unit]",
-        f"Description={description}",
-        f"After=network.target time-sync.target {after}".rstrip(),
-        "",
-        "[Service]",
-        "ExecStart=" + " \\\n  ".join(command),
-        "ExecReload=/bin/kill -HUP $MAINPID",
-        f"User={user}",
-        f"StateDirectory={state}",
-        *([f"EnvironmentFile={environment_file}"] if environment_file else []),
-        "Restart=always",
-        "RestartSec=5",
-        "LimitNOFILE=65536",
-        "NoNewPrivileges=yes",
-        *(["AmbientCapabilities=CAP_NET_BIND_SERVICE"] if binds_low_port else []),
-        f"CapabilityBoundingSet={'CAP_NET_BIND_SERVICE' if binds_low_port else ''}",
-        "ProtectSystem=strict",
-        "ProtectHome=yes",
-        "PrivateTmp=yes",
-        "PrivateDevices=yes",
-        "RestrictAddressFamilies=AF_INET AF_INET6 AF_UNIX",
-        "",
-        "[Install]",
-        "WantedBy=multi-user.target",
-    ]
-    return _text(lines)
-
-
-def _readme(settings: FleetSettings, has_fleet_file: bool) -> str:
-    tls = f"tls_server_config: {{cert_file: {CENTRE_FOLDER}/tls.crt, key_file: {CENTRE_FOLDER}/tls.key}}\\n"
-    web = (tls if _is_tls(settings) else "") + 'basic_auth_users: {robots: "%s"}\\n'
-    hashed = f"$(htpasswd -niBC 10 {_USER} < receiver.password | cut -d: -f2)"
-    files = "a robot left the fleet" if has_fleet_file else "thresholds changed"
-    certificate = f", {CENTRE_FOLDER}/tls.crt and tls.key" if _is_tls(settings) else ""
-    name = PurePosixPath(CENTRE_FOLDER)
-    lines = [
-        f"{MADE} Outages up to {_hours(settings.outage_s)} lose nothing; docs/fleet.md says what others lose. "
-        f"Each monitor has its own robot name and serves {', '.join(settings.monitors)}.",
-        "1. Password, once: `(umask 077; openssl rand -hex 24 > receiver.password)`; "
-        "hash: `apt-get install apache2-utils`. Then copy this folder to each machine, and run the commands in it, as "
-        "root.",
-        "2. Centre: `apt-get install prometheus prometheus-alertmanager && systemctl disable --now prometheus "
-        f"prometheus-alertmanager && install -d -m 750 -g prometheus {name}`.",
-        f"3. Centre: `install -m 640 -g prometheus centre/*.y*ml receiver.password {name}/`; further files that the "
-        f"group prometheus can read: {name}/pager.key (routing key of the pager){certificate}.",
-        f"4. Centre: `printf '{web}' \"{hashed}\" > {name}/web.yml && chmod 640 {name}/web.yml && "
-        f"chgrp prometheus {name}/web.yml && promtool check web-config {name}/web.yml`.",
-        "5. Centre: `install -m 644 centre/*.service /etc/systemd/system/ && systemctl daemon-reload && systemctl "
-        "enable --now robot-health-alertmanager robot-health-prometheus`.",
-        f"6. Or VictoriaMetrics (`apt-get install victoria-metrics`): `(umask 027; printf 'httpAuth_username={_USER}\\n"
-        f'httpAuth_password=%s\\n\' "$(cat receiver.password)" > {name}/victoria-metrics.env)`, then `systemctl '
-        "enable --now robot-health-alertmanager robot-health-victoria-metrics robot-health-vmalert`.",
-        "7. Each robot: `apt-get install prometheus && systemctl disable --now prometheus && install -m 640 -g "
-        f"robot-health robot/*.yml receiver.password {ROBOT_FOLDER}/ && install -m 644 robot/*.service "
-        "/etc/systemd/system/`.",
-        "8. Each robot: `systemctl daemon-reload && systemctl enable --now robot-health-agent`; a robot that is "
-        "switched off while it is offline needs `victoria-metrics` and `robot-health-vmagent` instead.",
-        f"9. When {files}: export again, install `centre/rules*.yaml` as in 3, `systemctl reload "
-        "robot-health-prometheus` (or `robot-health-vmalert`).",
-    ]
-    return _text(lines)
-
-
-def _text(lines: Sequence[str]) -> str:
-    return "\n".join(lines) + "\n"
 
 
 def _hours(seconds: float) -> str:

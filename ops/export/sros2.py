@@ -9,14 +9,14 @@ from __future__ import annotations
 from typing import Any, Dict, Iterable, Iterator, Mapping, NamedTuple, Tuple
 from xml.sax.saxutils import escape, quoteattr
 
-from robot_health_monitor.core.config import find_section, sections
-from robot_health_monitor.core.errors import ConfigError
-from robot_health_monitor.core.local import LocalBus
-from robot_health_monitor.core.middleware import NodeInfo
-from robot_health_monitor.core.nodes import Aggregator, AlertSystem, BatterySensor
-from robot_health_monitor.core.nodes.aggregator import has_inputs
-from robot_health_monitor.core.version import package_version
-from robot_health_monitor.ops.configuration import OpsConfig
+from ...core.config.monitor_config import find_section, sections
+from ...core.nodes import Aggregator, AlertSystem, BatterySensor
+from ...core.nodes.aggregator import has_inputs
+from ...core.port.local import LocalBus
+from ...core.port.middleware import NodeInfo
+from ...core.values.errors import ConfigError
+from ...core.values.version import package_version
+from ..configuration import OpsConfig
 
 Permissions = Mapping[Tuple[str, str], Iterable[str]]
 """Absolute names, or patterns, by the element of the policy and its attribute: `("topic", "publish")`."""

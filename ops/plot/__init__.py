@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import pkgutil
 import sys
+from functools import lru_cache
 from typing import Any, Dict, List
 
-from robot_health_monitor.core.signal_config import SignalConfig
+from ...core.config.signal_config import SignalConfig
 
 __all__ = ["plot_bounds", "plot_script", "plot_style", "read_text"]
 
@@ -21,8 +22,12 @@ def plot_style() -> str:
     return read_text(__name__, "plot.css")
 
 
+@lru_cache(maxsize=1000)
 def plot_bounds(config: SignalConfig) -> List[Dict[str, Any]]:
-    """Returns the bounds of a signal as the plot takes them, each with the value at which its alert clears."""
+    """Returns the bounds of a signal as the plot takes them, each with the value at which its alert clears.
+
+    The robots of a fleet share the list, which must not be changed.
+    """
     found = []
     for name, bound in config.bounds.items():
         level, _, side = name.partition("_")

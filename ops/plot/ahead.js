@@ -1,16 +1,17 @@
 /* Lines of forecasts: dotted ahead to the horizon, with a mark where a line meets a bound.
 
-   A line is {id, from: [t, value], to: [t, value], meets: [t, value] or null, text}: it begins at the newest sample of
-   its forecast; `id` is that of the alert that it gave, or "". plot.js follows. */
+   A line is {id, from: [t, value], to: [t, value], meets: [t, value] or null, text}: it goes from the newest sample of
+   its forecast through the mark to the forecast; `id` is that of the alert that it gave, or "". plot.js follows. */
 const HealthPlotAhead = (() => {
 const SPACE = 30, CHARACTER = 7.2;  // pixels
 
+const points = ({from, meets, to}) => meets ? [from, meets, to] : [from, to];
 const inView = ({signal, view}) => (signal.ahead || []).filter(({from, to}) => to[0] >= view.from && from[0] <= view.to);
 
 /** Returns the line of the picked alert, else the latest; undefined: there is none. */
 function chosen(plot) {
   const lines = inView(plot);
-  return lines.find(({id}) => id && id === plot.picked) || lines[lines.length - 1];
+  return lines.find(({id}) => id && id === plot.picked) || lines.at(-1);
 }
 
 /** Returns the range, widened for the chosen line by at most its own height each way. */
@@ -23,8 +24,10 @@ function widened(plot, low, high) {
 
 /** Returns the value of the chosen line at a time; null: it has none. */
 function valueAt(plot, t) {
-  const {from: [begin, first], to: [end, last]} = chosen(plot) || {from: [t], to: [t]};
-  return t > begin && t <= end ? first + (t - begin) / (end - begin) * (last - first) : null;
+  const line = chosen(plot), all = line ? points(line) : [], place = all.findIndex(([end]) => t <= end);
+  if (place < 1) return null;
+  const [[begin, first], [end, last]] = all.slice(place - 1);
+  return first + (t - begin) / (end - begin) * (last - first);
 }
 
 /** Draws the lines; of those that begin close to each other only the first, and the chosen one with its text. */
@@ -36,7 +39,7 @@ function draw(plot, parent, add) {
     const begin = plot.x(line.from[0]);
     if (line !== strong && begin - last < SPACE) continue;
     last = begin;
-    add(parent, "path", {class: line === strong ? "ahead chosen" : "ahead", d: `M${point(line.from)}L${point(line.to)}`});
+    add(parent, "path", {class: line === strong ? "ahead chosen" : "ahead", d: `M${points(line).map(point).join("L")}`});
   }
   const [t, value] = strong ? strong.meets || strong.to : [NaN];
   if (!(t >= view.from && t <= view.to)) return;

@@ -225,7 +225,7 @@ class Plot extends HealthPlotViews.Gestures {
     }
     if (!unit) add(svg, "text", {x: 0, y: 10}, shortened(signal.unit, (right - LEFT) / CHARACTER));
     const span = view.to - view.from;
-    const time = STEPS.find((each) => span / each <= Math.max(2, (right - LEFT) / 90)) || STEPS[STEPS.length - 1];
+    const time = STEPS.find((each) => span / each <= Math.max(2, (right - LEFT) / 90)) || STEPS.at(-1);
     const axis = bottom + HEIGHT.gap + HEIGHT.strip + 15;
     let first = true, free = LEFT;
     for (let t = Math.ceil((view.from + view.utcOffset) / time) * time - view.utcOffset; t <= view.to; t += time) {
@@ -323,7 +323,7 @@ class Plot extends HealthPlotViews.Gestures {
     const {view} = this, groups = [];
     for (const alert of this.signal.alerts) {
       if (alert.t < view.from || alert.t > view.to) continue;
-      const x = this.x(alert.t), group = groups[groups.length - 1];
+      const x = this.x(alert.t), group = groups.at(-1);
       if (group && x - group.x < MARKER_SPACE) {
         group.count++;
         const better = RANK[alert.level] > RANK[group.alert.level] && group.alert.id !== this.picked;

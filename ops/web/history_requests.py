@@ -2,29 +2,30 @@
 
 from __future__ import annotations
 
+import math
 import sqlite3
-from datetime import datetime, timezone
+from dataclasses import dataclass
 from itertools import islice
-from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Tuple, TypeVar
+from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Tuple, TypeVar, Union
 
-from robot_health_monitor.core.errors import ConfigError, ServiceError
-from robot_health_monitor.core.kept_settings import read_kept, settings_of
-from robot_health_monitor.core.model import Level
-from robot_health_monitor.core.signal_config import template_name
-from robot_health_monitor.runtime.times import iso_time
+from ...core.config.kept_settings import read_kept, settings_of
+from ...core.config.schema import REQUIRED, Time, declared, read_record
+from ...core.config.signal_config import template_name
+from ...core.values.errors import ConfigError, ServiceError
+from ...core.values.model import Level
+from ...runtime.times import iso_time
+from ..store import queries, samples
+from ..store.active_silences import Silences
+from ..store.history import History
+from ..store.matchers import Matcher, matchers_text
+from ..store.notes import MOST_TEXT, Note, add_note, notes_of
+from ..store.rows import StoredTransition
+from ..store.samples import StoredSamples, samples_fields
+from ..store.silences import LONGEST_S, Silence, read_silences
+from .requests import ApiError, json_bytes
 
-from ..active_silences import Silences
-from ..history import queries, samples
-from ..history.history import History
-from ..history.notes import MOST_TEXT, Note, add_note, notes_of
-from ..history.rows import StoredTransition
-from ..history.samples import StoredSamples, samples_fields
-from ..matchers import Matcher, matchers_text
-from ..silences import Silence, read_silences
-from .requests import LARGEST_ID, ApiError, json_bytes, read_id, read_text
-
+LARGEST_ID = 2**63 - 1
 _MOST = 1000
-_USUAL = 100
 _MOST_SAMPLES = 20_000
 _MOST_OTHERS = 50
 _CELLS = 96
@@ -50,43 +51,83 @@ class PastAlert(NamedTuple):
     """The settings of its signal that differed from the defaults."""
 
 
-class Query(NamedTuple):
-    """Which alerts to return; as for `queries.transitions`."""
+@dataclass(frozen=True)
+class Query:
+    """Which alerts a request asks for."""
 
-    robot: Optional[str]
-    signal: Optional[str]
-    level: Optional[Level]
-    since_s: Optional[float]
-    before_id: Optional[int]
-    limit: int
-    open_only: bool
+    robot: Optional[str] = declared(None, any_text=True)
+    signal: Optional[str] = declared(None, any_text=True)
+    level: Optional[Level] = declared(None)
+    since: Optional[Time] = declared(None)
+    before: Optional[int] = declared(None, "", 1, LARGEST_ID)
+    limit: int = declared(100, "", 1, _MOST)
+    open: bool = declared(False)
 
 
-def query_of(parameters: Mapping[str, str]) -> Query:
-    """Reads the parameters of a request; raises ApiError if one is invalid."""
-    level = parameters.get("level") or None
-    if level is not None and level not in Level.__members__:
-        raise ApiError(400, f"level: expected {', '.join(Level.__members__)}, got {level[:20]}")
-    before = _number(parameters, "before", LARGEST_ID)
-    limit = _number(parameters, "limit", _MOST)
-    return Query(
-        parameters.get("robot") or None,
-        parameters.get("signal") or None,
-        None if level is None else Level[level],
-        _time(parameters, "since"),
-        before,
-        _USUAL if limit is None else limit,
-        parameters.get("open", "0") == "1",
-    )
+@dataclass(frozen=True)
+class SamplesQuery:
+    """Which samples a request asks for."""
+
+    robot: str = declared(REQUIRED, "", 1, any_text=True)
+    signal: str = declared(REQUIRED, "", 1, any_text=True)
+    from_: Optional[Time] = declared(None)
+    to: Optional[Time] = declared(None)
+    seconds: Optional[int] = declared(None, "", 1, 86_400)
+
+
+def _line(default: Any = "", least: Optional[int] = None) -> Any:
+    return declared(default, "", least, 200, any_text=True)
+
+
+@dataclass(frozen=True)
+class NewNote:
+    """The body of a request for a note."""
+
+    id: Union[str, int] = declared(REQUIRED)
+    text: str = declared("", "", None, MOST_TEXT, any_text=True)
+    author: str = _line()
+
+
+@dataclass(frozen=True)
+class NewSilence:
+    """The body of a request for a silence."""
+
+    robot: str = _line(REQUIRED, 1)
+    signal: str = _line()
+    for_s: Optional[float] = declared(None, "", 0.001, LONGEST_S)
+    until_resolved: bool = declared(False)
+    reason: str = _line()
+    author: str = _line()
+
+
+@dataclass(frozen=True)
+class EndOfSilence:
+    """The body of a request that ends a silence."""
+
+    id: Union[str, int] = declared(REQUIRED)
+    reason: str = declared("", "", None, 200)
+    author: str = declared("", "", None, 200)
 
 
 def past_alerts(history: History, query: Query) -> Json:
     """Returns the answer of `/api/history`; raises ServiceError if the history failed or did not answer."""
 
     def read(connection: sqlite3.Connection) -> Json:
-        one_more = query._replace(limit=query.limit + 1)
-        found = list(queries.transitions(connection, **one_more._asdict(), newest_first=True))
-        gaps = queries.gaps(connection, query.since_s or 0.0)[-_MOST:]
+        since_s = _seconds(query.since)
+        found = list(
+            queries.transitions(
+                connection,
+                robot=query.robot,
+                signal=query.signal,
+                level=query.level,
+                since_s=since_s,
+                before_id=query.before,
+                limit=query.limit + 1,
+                open_only=query.open,
+                newest_first=True,
+            )
+        )
+        gaps = queries.gaps(connection, since_s or 0.0)[-_MOST:]
         return {
             "alerts": [_alert(connection, transition) for transition in found[: query.limit]],
             "more": len(found) > query.limit,
@@ -119,10 +160,13 @@ def past_alert(history: History, number: int) -> Optional[PastAlert]:
 
 
 def _silences_at(connection: sqlite3.Connection, alert: StoredTransition, now_s: float) -> List[Json]:
+    """Returns the silences that were in force at some time of an alert, its acknowledgement among them."""
+    ended_s = queries.ended_s(connection, alert)
+    until_s = math.inf if ended_s is None else ended_s
     return [
-        silence_json(silence)
+        silence_json(silence, now_s)
         for silence in read_silences(connection)
-        if silence.created_s <= alert.wall_s < silence.end_s(now_s) and silence.matches(alert.robot, alert.signal)
+        if silence.matches(alert.robot, alert.signal) and silence.was_in_force(alert.wall_s, until_s, now_s)
     ]
 
 
@@ -135,29 +179,25 @@ def _thresholds_at(connection: sqlite3.Connection, alert: StoredTransition) -> J
         return {}
 
 
-def past_samples(history: History, parameters: Mapping[str, str]) -> bytes:
-    """Returns the answer of `/api/history/samples`; raises ApiError for an invalid parameter, else as `past_alerts`."""
-    found, is_more = _stored_samples(history, parameters)
+def past_samples(history: History, query: SamplesQuery) -> bytes:
+    """Returns the answer of `/api/history/samples`; raises as `past_alerts`."""
+    found, is_more = _stored_samples(history, query)
     # One by one: encoding all at once would hold the interpreter's lock, for which the monitor waits.
     body = b",".join([json_bytes(samples_fields(each)) for each in found])
     return b'{"samples":[' + body + b'],"more":' + json_bytes(is_more) + b"}"
 
 
-def _stored_samples(history: History, parameters: Mapping[str, str]) -> Tuple[List[StoredSamples], bool]:
+def _stored_samples(history: History, query: SamplesQuery) -> Tuple[List[StoredSamples], bool]:
     """Returns the samples that a request asks for, and whether there are more."""
-    robot, signal = parameters.get("robot", ""), parameters.get("signal", "")
-    if not robot or not signal:
-        raise ApiError(400, "robot and signal: expected a name each")
-    since_s, until_s = _time(parameters, "from"), _time(parameters, "to")
-    seconds = _number(parameters, "seconds", 86_400)
+    since_s, until_s, seconds = _seconds(query.from_), _seconds(query.to), query.seconds
 
     def read(connection: sqlite3.Connection) -> Tuple[List[StoredSamples], bool]:
         if seconds is not None:
             end_s = history.wall_s() if until_s is None else until_s
             begin_s = end_s - seconds * samples.MOST_COARSE if since_s is None else since_s
-            coarse = samples.read_coarse(connection, robot, signal, begin_s, end_s, float(seconds))
+            coarse = samples.read_coarse(connection, query.robot, query.signal, begin_s, end_s, float(seconds))
             return coarse, len(coarse) >= samples.MOST_COARSE
-        found = samples.read(connection, robot=robot, signal=signal, since_s=since_s, until_s=until_s)
+        found = samples.read(connection, robot=query.robot, signal=query.signal, since_s=since_s, until_s=until_s)
         some = [*islice(found, _MOST_SAMPLES + 1)]
         return some[:_MOST_SAMPLES], len(some) > _MOST_SAMPLES
 
@@ -203,6 +243,7 @@ def _alert(connection: sqlite3.Connection, transition: StoredTransition) -> Json
         "text": transition.text,
         "hint": transition.hint,
         "black_box": transition.black_box,
+        "alert_id": transition.alert_id,
         "repeat": transition.repeat,
         "notes": [_note_json(note) for note in notes_of(connection, transition.id)],
     }
@@ -212,41 +253,34 @@ def _note_json(note: Note) -> Json:
     return {"time": iso_time(note.wall_s), "author": note.author, "text": note.text}
 
 
-def _time(parameters: Mapping[str, str], name: str) -> Optional[float]:
-    text = parameters.get(name, "")
-    if not text:
-        return None
-    try:
-        time = datetime.fromisoformat(text.replace("Z", "+00:00"))
-        return (time if time.tzinfo else time.replace(tzinfo=timezone.utc)).timestamp()
-    except (ValueError, OverflowError):
-        raise ApiError(400, f"{name}: expected a time such as 2026-11-22T05:00:00Z, got {text[:40]}") from None
+def _seconds(time: Optional[Time]) -> Optional[float]:
+    return None if time is None else time.timestamp()
 
 
-def _number(parameters: Mapping[str, str], name: str, most: int) -> Optional[int]:
-    text = parameters.get(name, "")
-    if not text:
-        return None
-    if not (text.isascii() and text.isdigit()) or len(text) > 19 or not 1 <= int(text) <= most:
-        raise ApiError(400, f"{name}: expected a whole number from 1 to {most}, got {text[:20]}")
-    return int(text)
+def _id(given: Union[str, int], of: str) -> int:
+    """Returns the number of what a request names; `of` says what is numbered."""
+    text = str(given)[:20]
+    if not (text.isascii() and text.isdigit()):
+        raise ApiError(400, f"id: expected the id of {of}")
+    return min(int(text), LARGEST_ID)
 
 
 def new_note(history: History, body: Mapping[str, Any]) -> Json:
-    """Adds the note that a request asks for, and returns it; raises ApiError if a value is missing or invalid."""
-    number, text, author = read_id(body, "an alert"), read_text(body, "text", MOST_TEXT), read_text(body, "author")
-    wall_s = history.wall_s()
+    """Adds the note that a request asks for, and returns it; raises MessageError if a value is missing or invalid."""
+    new = read_record(NewNote, body)
+    number, wall_s = _id(new.id, "an alert"), history.wall_s()
 
     def add(connection: sqlite3.Connection) -> Note:
         if queries.transition(connection, number) is None:
             raise ApiError(404, f"there is no alert {number}")
-        return add_note(connection, number, text, author, wall_s)
+        return add_note(connection, number, new.text, new.author, wall_s)
 
     return _note_json(history.run(add))
 
 
-def silence_json(silence: Silence) -> Json:
-    """Returns a silence as docs/reference/api.md describes it."""
+def silence_json(silence: Silence, now_s: float) -> Json:
+    """Returns a silence as docs/reference/api.md describes it, at a time in s since 1970."""
+    every = silence.every
     return {
         "id": str(silence.id),
         "matchers": matchers_text(silence.matchers),
@@ -255,38 +289,26 @@ def silence_json(silence: Silence) -> Json:
         "since": iso_time(silence.created_s),
         "until": None if silence.until_s is None else iso_time(silence.until_s),
         "until_resolved": silence.until_resolved,
+        "every": None if every is None else every.text,
+        "timezone": None if every is None else every.zone,
+        "in_force": silence.in_force(now_s),
     }
 
 
 def new_silence(silences: Silences, body: Mapping[str, Any]) -> Silence:
-    """Adds the silence that a request asks for, as `Silences.add`; raises ApiError if a value is missing or invalid."""
-    robot, signal = read_text(body, "robot"), read_text(body, "signal")
-    if not robot:
-        raise ApiError(400, "robot: expected a name or a pattern, got nothing")
-    matchers = [Matcher("robot", True, robot)] + ([Matcher("signal", True, signal)] if signal else [])
-    for_s = body.get("for_s")
-    if for_s is not None:
-        if isinstance(for_s, bool) or not isinstance(for_s, (int, float)):
-            raise ApiError(400, "for_s: expected a number of seconds")
-        if not 0 < for_s < 1e9:
-            raise ApiError(400, "for_s: expected seconds above 0, at most a year")
-        for_s = float(for_s)
+    """Adds the silence that a request asks for, as `Silences.add`; raises MessageError if a value is invalid."""
+    new = read_record(NewSilence, body)
+    matchers = [Matcher("robot", True, new.robot)] + ([Matcher("signal", True, new.signal)] if new.signal else [])
     return silences.add(
-        matchers,
-        for_s=for_s,
-        until_resolved=body.get("until_resolved") is True,
-        reason=read_text(body, "reason"),
-        author=read_text(body, "author"),
+        matchers, for_s=new.for_s, until_resolved=new.until_resolved, reason=new.reason, author=new.author
     )
 
 
 def expire_silence(silences: Silences, body: Mapping[str, Any]) -> Silence:
-    """Ends the silence that a request names; raises ApiError if it names none, or one that has ended."""
-    number = read_id(body, "a silence")
-    reason, author = read_text(body, "reason"), read_text(body, "author")
-    if not (reason + author).isprintable():
-        raise ApiError(400, "expected a reason and an author of one line each")
+    """Ends the silence that a request names; raises MessageError if it names none, or one that has ended."""
+    end = read_record(EndOfSilence, body)
+    number = _id(end.id, "a silence")
     try:
-        return silences.expire(number, reason=reason, author=author)
+        return silences.expire(number, reason=end.reason, author=end.author)
     except ConfigError as error:
         raise ApiError(404, error.problem) from None

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import importlib.util
 import time
+from dataclasses import dataclass
 from functools import partial
 from typing import (
     Any,
@@ -24,20 +25,21 @@ from typing import (
 
 from aiohttp import web
 
-from robot_health_monitor.core.errors import ConfigError, ServiceError
-from robot_health_monitor.core.faults import Fault
-from robot_health_monitor.core.model import Level, Transition
-from robot_health_monitor.core.nodes import AlertSystem
-from robot_health_monitor.core.outlets import Event
-from robot_health_monitor.core.version import package_version
-from robot_health_monitor.runtime.event_loops import ThreadPool
-from robot_health_monitor.runtime.times import iso_time
-
-from ..active_silences import Silences
+from ...core.config.schema import declared, read_record, read_texts
+from ...core.nodes import AlertSystem
+from ...core.nodes.outlets import Event
+from ...core.values.errors import ConfigError, MessageError, ServiceError
+from ...core.values.faults import Fault
+from ...core.values.model import Level, Transition
+from ...core.values.version import package_version
+from ...runtime.event_loops import ThreadPool
+from ...runtime.times import iso_time
 from ..black_box.folder import find_file
-from ..history.history import History
-from ..metrics import METRICS_LIBRARY, PROFILES, Metrics
-from .history_requests import (
+from ..store.active_silences import Silences
+from ..store.history import History
+from .history_requests import (  # fmt: skip
+    Query,
+    SamplesQuery,
     expire_silence,
     new_note,
     new_silence,
@@ -45,9 +47,9 @@ from .history_requests import (
     past_alerts,
     past_levels,
     past_samples,
-    query_of,
     silence_json,
-)  # fmt: skip
+)
+from .metrics import METRICS_LIBRARY, PROFILES, Metrics
 from .requests import (
     API_HEADERS,
     WITH_TOKEN,
@@ -56,19 +58,17 @@ from .requests import (
     Client,
     check_same_origin,
     encoded_response,
-    json_bytes,
     json_response,
     read_object,
-    read_text,
     serve_page_file,
 )
 from .state import OwnState, RobotReader, Samples
-from .updates import Updates
+from .updates import RobotState, State, Updates
 
 LATEST_TICK_S = 6.0  # largest age of the tick of a healthy monitor: 5 s late
 _MOST_PENDING = 500  # requests that wait for a robot or a disk
 _READ_TIMEOUT_S = 5.0
-_ROBOTS_AT_ONCE = 10  # are read without a pause for others in the same loop
+_ROBOTS_AT_ONCE = 5  # are read without a pause for others in the same loop
 MOST_READ = 200
 """Robots that an update of the pages reads in turn, besides those that announced something or are plotted."""
 _KEPT_S = 0.2  # how long an answer of `/api/state` serves further requests
@@ -85,6 +85,13 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 Json = Dict[str, Any]
+
+
+@dataclass(frozen=True)
+class _Reset:
+    """The body of a request that resets a robot."""
+
+    robot: str = declared("", any_text=True)
 
 
 class WebInterface:
@@ -193,6 +200,8 @@ class WebInterface:
                 return error.response()
             except ConfigError as error:
                 return ApiError(400, error.problem).response()
+            except MessageError as error:
+                return ApiError(400, str(error)).response()
             except ServiceError as error:
                 return ApiError(503, str(error)).response()
 
@@ -254,15 +263,9 @@ class WebInterface:
         return await asyncio.shield(answer)
 
     async def _encode_state(self, robot: str, window: bool) -> bytes:
-        state = await self._read_state(robot, window)
-        robots = state.pop("robots")
-        parts = []
-        for name, one in robots.items():
-            parts.append(json_bytes(name) + b":" + json_bytes(one))
-            await asyncio.sleep(0)  # large fleets take long
-        return json_bytes(state)[:-1] + b',"robots":{' + b",".join(parts) + b"}}"
+        return (await self._read_state(robot, window)).encoded()
 
-    async def _read_update(self, before: Optional[Json], plotted: Collection[str]) -> Json:
+    async def _read_update(self, before: Optional[State], plotted: Collection[str]) -> State:
         """Returns the state. What was `before` counts for most robots of a large fleet: to read all costs too much."""
         announced, self._announced = self._announced, set()
         readers = self._current_readers()
@@ -272,37 +275,40 @@ class WebInterface:
         self._next_read = begin + MOST_READ
         in_turn = set((readers * 2)[begin : begin + MOST_READ])
         known = {
-            reader.alert_system.robot: before["robots"][reader.alert_system.robot]
+            reader.alert_system.robot: before.robots[reader.alert_system.robot]
             for reader in readers
             if reader not in in_turn
             and reader.alert_system not in announced
             and reader.alert_system.robot not in plotted
-            and reader.alert_system.robot in before["robots"]
+            and reader.alert_system.robot in before.robots
         }
         return await self._state_of(readers, known)
 
-    async def _read_state(self, robot: str = "", window: bool = False) -> Json:
+    async def _read_state(self, robot: str = "", window: bool = False) -> State:
         readers = [reader for reader in self._current_readers() if robot in ("", reader.alert_system.robot)]
         return await self._state_of(readers, {}, window)
 
-    async def _state_of(self, readers: Sequence[RobotReader], known: Mapping[str, Json], window: bool = False) -> Json:
+    async def _state_of(
+        self, readers: Sequence[RobotReader], known: Mapping[str, RobotState], window: bool = False
+    ) -> State:
         names = [reader.alert_system.robot for reader in readers]
         unknown = [reader for name, reader in zip(names, readers) if name not in known]
-        states = await self._read_each(unknown, partial(RobotReader.state, window=window))
+        states = await self._read_each(unknown, lambda reader: RobotState.of(reader.state(window=window)))
         read = {reader.alert_system.robot: state for reader, state in zip(unknown, states)}
         robots = {name: read[name] if name in read else known[name] for name in names}
-        silences = [] if self._silences is None else [silence_json(silence) for silence in self._silences.active()]
-        return {
+        active = [] if self._silences is None else self._silences.active()
+        silences = [silence_json(silence, self._wall_time_s()) for silence in active]
+        common = {
             "version": package_version(),
             "now": iso_time(self._wall_time_s()),
             "monitor": self._own_state.as_json(),
-            "worst": Level.worst(Level[each["level"]] for each in robots.values()).name,
+            "worst": Level.worst(Level[each.level] for each in robots.values()).name,
             "history": self._history is not None,
             "silencing": self._silences is not None,
             "can_change": True,  # every client that may read
             "silences": silences,
-            "robots": robots,
         }
+        return State(common, robots)
 
     async def _read_samples(self, robot: str, before: Optional[Samples]) -> Optional[Samples]:
         reader = self._reader(robot)
@@ -338,12 +344,12 @@ class WebInterface:
     # History
 
     async def _get_history(self, request: web.Request) -> web.StreamResponse:
-        history, query = _required(self._history, _NO_HISTORY), query_of(request.query)
+        history, query = _required(self._history, _NO_HISTORY), read_texts(Query, request.query)
         return json_response(await self._past.run(past_alerts, history, query))
 
     async def _get_past_samples(self, request: web.Request) -> web.StreamResponse:
-        history, parameters = _required(self._history, _NO_HISTORY), request.query
-        return encoded_response(await self._past.run(past_samples, history, parameters))
+        history, query = _required(self._history, _NO_HISTORY), read_texts(SamplesQuery, request.query)
+        return encoded_response(await self._past.run(past_samples, history, query))
 
     async def _get_past_levels(self, request: web.Request) -> web.StreamResponse:
         encode = partial(self._past.run, past_levels, _required(self._history, _NO_HISTORY))
@@ -369,7 +375,8 @@ class WebInterface:
 
     async def _add_silence(self, body: Json) -> object:
         silences = _required(self._silences, _NO_SILENCES)
-        return {"silence": silence_json(await self._worker.run(partial(new_silence, silences, body)))}
+        added = await self._worker.run(partial(new_silence, silences, body))
+        return {"silence": silence_json(added, self._wall_time_s())}
 
     async def _expire_silence(self, body: Json) -> object:
         silences = _required(self._silences, _NO_SILENCES)
@@ -381,7 +388,7 @@ class WebInterface:
         return {"note": await self._worker.run(partial(new_note, history, body))}
 
     async def _reset(self, body: Json) -> object:
-        alert_system = self._require_reader(read_text(body, "robot")).alert_system
+        alert_system = self._require_reader(read_record(_Reset, body).robot).alert_system
         return {"message": await self._read(alert_system.reset)}
 
     # Metrics and health
@@ -395,10 +402,16 @@ class WebInterface:
             raise ApiError(400, f"profile: expected {' or '.join(PROFILES)}, got {profile[:40]!r}")
         robots = await self._read_each(self._robots(), self._metrics.read)
         try:
-            body, content_type = await self._worker.run(partial(self._metrics.render, robots, profile))
+            parts, content_type = self._metrics.render(robots, profile)
         except ImportError as error:
             raise ApiError(501, f"no metrics: {METRICS_LIBRARY} cannot be imported: {error}") from None
-        return web.Response(body=body, headers={**API_HEADERS, "Content-Type": content_type})
+        response = web.StreamResponse(headers={**API_HEADERS, "Content-Type": content_type})
+        await response.prepare(request)
+        if request.method != "HEAD":
+            for part in parts:  # of large fleets, all of them take much memory and time
+                await response.write(part)
+                await asyncio.sleep(0)
+        return response
 
     async def _get_health(self, request: web.Request) -> web.StreamResponse:
         late = [robot for robot in self._robots() if robot.tick_age_s > LATEST_TICK_S]

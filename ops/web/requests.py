@@ -9,12 +9,11 @@ import hashlib
 import json
 from pathlib import Path
 from typing import Any, Dict, Mapping, NamedTuple, Optional, Protocol
-from urllib.parse import urlsplit
 
 from aiohttp import web
 
-from robot_health_monitor.core.errors import MessageError
-
+from ...core.values.errors import MessageError
+from ...runtime.origins import is_own_origin
 from ..plot import plot_script, plot_style
 
 
@@ -27,8 +26,6 @@ class BodyLimit(NamedTuple):
 
 WITH_TOKEN = BodyLimit(16_384, 10.0)
 WITHOUT_TOKEN = BodyLimit(4096, 5.0)  # of a client that has not presented the token yet
-LARGEST_ID = 2**63 - 1
-_MOST_TEXT = 200
 
 _SECURITY_HEADERS = {"X-Content-Type-Options": "nosniff", "Referrer-Policy": "no-referrer"}
 API_HEADERS = {**_SECURITY_HEADERS, "Cache-Control": "no-store"}
@@ -104,10 +101,7 @@ def check_same_origin(request: web.Request) -> None:
     """
     origin = request.headers.get("Origin")
     site = request.headers.get("Sec-Fetch-Site")
-    try:
-        is_own = origin is None or urlsplit(origin).netloc.lower() == request.headers.get("Host", "").lower() != ""
-    except ValueError:
-        is_own = False
+    is_own = origin is None or is_own_origin(origin, request.headers.get("Host", ""))
     if not is_own or site not in (None, "same-origin", "none"):
         raise ApiError(403, "requests that change something must come from the server's own page")
 
@@ -127,24 +121,6 @@ async def read_object(request: web.Request, limit: BodyLimit = WITH_TOKEN) -> Di
     if not isinstance(value, dict):
         raise ApiError(400, "expected a JSON object, got something else")
     return value
-
-
-def read_text(body: Mapping[str, Any], name: str, most: int = _MOST_TEXT) -> str:
-    """Returns a text of a body, empty if it is left out; raises ApiError if it is no text, or longer than `most`."""
-    value = body.get(name)
-    if value is None:
-        return ""
-    if not isinstance(value, str) or len(value) > most:
-        raise ApiError(400, f"{name}: expected a text of at most {most} characters")
-    return value
-
-
-def read_id(body: Mapping[str, Any], of: str) -> int:
-    """Returns the number `id` of a body; raises ApiError if it has none. `of` says what is numbered."""
-    text = str(body.get("id", ""))[:20]
-    if not (text.isascii() and text.isdigit()):
-        raise ApiError(400, f"id: expected the id of {of}")
-    return min(int(text), LARGEST_ID)
 
 
 async def _read(request: web.Request, most_bytes: int) -> bytes:

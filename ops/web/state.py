@@ -7,17 +7,16 @@ import threading
 import time
 from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
-from robot_health_monitor.core import explanation
-from robot_health_monitor.core.element_signals import config_of
-from robot_health_monitor.core.explanation import Judgement
-from robot_health_monitor.core.faults import Fault, summary_of
-from robot_health_monitor.core.model import Level
-from robot_health_monitor.core.monitor import Monitor
-from robot_health_monitor.core.nodes import AlertSystem
-from robot_health_monitor.core.quality import as_float, converted
-from robot_health_monitor.core.signal_config import OF_ARRIVALS, SignalConfig
-from robot_health_monitor.runtime.times import iso_time
-
+from ...core.config.signal_config import OF_ARRIVALS, SignalConfig
+from ...core.judge import wording
+from ...core.judge.element_signals import config_of
+from ...core.judge.monitor import Monitor
+from ...core.judge.quality import as_float, converted
+from ...core.judge.wording import Judgement
+from ...core.nodes import AlertSystem
+from ...core.values.faults import Fault, summary_of
+from ...core.values.model import Level
+from ...runtime.times import iso_time
 from ..plot import plot_bounds
 
 MOST_SAMPLES = 300  # of one signal in an answer
@@ -151,7 +150,7 @@ class RobotReader:
         config = config_of(signal, self.alert_system.monitor.config.signals)  # also of an element that has ended
         if config is None:
             return "", [], None
-        unit = explanation.judged_unit(config) if config.statistic in OF_ARRIVALS else config.unit
+        unit = wording.judged_unit(config) if config.statistic in OF_ARRIVALS else config.unit
         return unit, plot_bounds(config), config.forecast_s
 
     def _follow_clock(self, now_s: float) -> None:
@@ -173,7 +172,8 @@ class RobotReader:
         level = Level.worst(judgement.level for judgement in judgements.values())
         cause = None
         if level is not Level.OK:
-            cause = next(name for name, judgement in judgements.items() if judgement.level is level)
+            worst = [name for name, judgement in judgements.items() if judgement.level is level]
+            cause = next((name for name in worst if not judgements[name].cause), worst[0])
         return {
             "level": level.name,
             "link": {None: None, True: "up", False: "down"}[monitor.link_up],
@@ -199,21 +199,23 @@ class RobotReader:
             "state": judgement.state,
             "value": number if math.isfinite(number) else None,
             "unit": config.unit,
-            "message": explanation.reason(judgement),
-            "hint": explanation.hint(judgement),
+            "message": wording.reason(judgement),
+            "hint": wording.hint(judgement),
             "since": known.since,
             "silenced": self.alert_system.silence_of(name),
             "bounds": known.bounds,
             "window": [[round(t + self._offset_s, 3), value] for t, value in samples],
-            "text": explanation.shown_text(judgement),
-            "outlook": explanation.outlook(judgement),
+            "text": wording.shown_text(judgement),
+            "outlook": wording.outlook(judgement),
             "statistic": config.statistic,
             "judged": judgement.judged,
-            "judged_unit": explanation.judged_unit(config),
+            "judged_unit": wording.judged_unit(config),
             "forecast": None if forecast is None else forecast.value,
             "forecast_s": None if forecast is None else forecast.forecast_s,
             "trend_per_min": None if forecast is None else forecast.slope_per_s * 60.0,
             "time_to_bound_s": None if forecast is None else forecast.time_to_bound_s,
             "flapping": judgement.flapping,
+            "cause": judgement.cause or None,
+            "affects": judgement.affects,
             "latch": config.latch,
         }

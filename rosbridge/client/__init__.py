@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .cause import Cause
+from ...runtime.bridge.cause import Cause
 from .middleware import RosbridgeClient, RosbridgeMiddleware
 
 __all__ = ["Cause", "RosbridgeClient", "RosbridgeMiddleware"]

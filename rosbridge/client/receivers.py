@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from typing import Any, Optional, Union
 
-from robot_health_monitor.core.errors import MessageError
-from robot_health_monitor.core.field_path import ABSENT
-from robot_health_monitor.core.fixed_fields import Getter
-from robot_health_monitor.core.mapping_node import MappingNode, MappingSubscription, RawSubscription
-from robot_health_monitor.core.middleware import Callback, Message, RawFormat, Severity
-from robot_health_monitor.core.model import Level
-from robot_health_monitor.core.raw_messages import bytes_getter
+from ...core.messages.dialect import Message
+from ...core.messages.fixed_fields import Getter
+from ...core.port.mapping_node import MappingNode, MappingSubscription, RawSubscription
+from ...core.port.middleware import Callback, RawFormat, Severity
+from ...core.port.raw_messages import bytes_getter
+from ...core.values.errors import MessageError
+from ...core.values.field_path import ABSENT
+from ...core.values.model import Level
 
 
 class _Limited:
@@ -90,10 +91,15 @@ class FieldReceiver(_Limited, MappingSubscription):
         except MessageError as error:
             if not self._has_mismatch:
                 self._has_mismatch = True
-                self._node.log(Severity.ERROR, f"{self.topic}: a message does not match its type: {error}")
-            return
-        if value is not ABSENT:
-            self._node.call_back(self, value)
+                text = f"{self.topic}: a message does not match its type: {error}"
+                self._node.failures.write(self.topic, Severity.ERROR, text)
+            value = ABSENT
+        self._node.call_back(self, value)
+
+    def too_large(self, size_bytes: int) -> None:
+        """Reports a dropped message, which is a sign of life all the same."""
+        super().too_large(size_bytes)
+        self._node.call_back(self, ABSENT)
 
 
 class CaptureReceiver(_Limited, RawSubscription):

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import asyncio
-import itertools
 from typing import Any, Awaitable, Callable, Container, Dict, Mapping, Optional, Tuple
 
-from robot_health_monitor.core.errors import LinkError, MessageError, ServiceError
-from robot_health_monitor.core.formatting import printable
-from robot_health_monitor.core.hints import Answer, explain, similar_topics
-
-from ..protocol import Id, Operation, operations
+from ...core.port.hints import Answer, explain, similar_topics
+from ...core.values.errors import LinkError, MessageError, ServiceError
+from ...core.values.formatting import printable
+from ..calls import PendingCalls
+from ..protocol import Operation, operations
 
 Call = Callable[[str, Mapping[str, Any], float], Awaitable[Mapping[str, Any]]]
 """Calls a service of the server: name, request, time limit in s."""
@@ -28,45 +27,28 @@ class ServiceCalls:
         """Starts without calls; `down` returns why the connection is down, None while it is up."""
         self._send = send
         self._down = down
-        self._waiting: Dict[Id, asyncio.Future[Any]] = {}
-        self._numbers = itertools.count()
+        self._pending = PendingCalls()
 
     async def call(self, service: str, request: Mapping[str, Any], timeout_s: float) -> Mapping[str, Any]:
-        """Returns the response of a service. LinkError: the connection is or went down.
+        """Returns the response of a service.
 
-        ServiceError: the service failed, or did not answer within `timeout_s`.
+        Raises LinkError if the connection is or went down, and ServiceError if the service failed, or did not respond
+        within `timeout_s`.
         """
         down = self._down()
         if down is not None:
             raise LinkError(f"{service} was not called: {down}")
-        id = f"call:{next(self._numbers)}"  # noqa: A001 - the protocol's own word
-        future: asyncio.Future[Any] = asyncio.get_event_loop().create_future()
-        self._waiting[id] = future
-        try:
-            self._send(operations.CallService(service, request, id))
-            values = await asyncio.wait_for(future, timeout_s)
-        except asyncio.TimeoutError:
-            raise ServiceError(f"{service} did not answer within {timeout_s:g} s") from None
-        finally:
-            del self._waiting[id]
+        values = await self._pending.call(self._send, None, service, request, timeout_s)
         return values if isinstance(values, dict) else {}
 
     def receive(self, response: operations.ServiceResponse) -> None:
         """Ends the call that a response belongs to; any other response is ignored."""
-        future = self._waiting.get(response.id)
-        if future is None or future.done():
-            return
-        if response.result:
-            future.set_result(response.values)
-        else:
-            reason = printable(str(response.values)[:_LONGEST_ERROR])
-            future.set_exception(ServiceError(f"{printable(response.service)} failed: {reason}"))
+        reason = printable(str(response.values)[:_LONGEST_ERROR])
+        self._pending.receive(response, None, f"{printable(response.service)} failed: {reason}")
 
     def fail_all(self, cause: str) -> None:
         """Ends every call because the connection went down."""
-        for future in self._waiting.values():
-            if not future.done():
-                future.set_exception(LinkError(cause))
+        self._pending.fail(LinkError(cause))
 
 
 async def find_types(call: Call) -> Mapping[str, str]:

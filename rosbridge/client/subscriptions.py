@@ -11,10 +11,10 @@ import functools
 import threading
 from typing import Any, Callable, Dict, Mapping, Optional, Protocol, Set, Tuple
 
-from robot_health_monitor.core.errors import LinkError, ServiceError
-from robot_health_monitor.core.middleware import RawFormat, canonical_type, split_type_name
-from robot_health_monitor.core.raw_messages import json_format, ros1_format, ros2_format
-
+from ...core.port.middleware import RawFormat
+from ...core.port.raw_messages import json_format, ros1_format, ros2_format
+from ...core.values.errors import LinkError, ServiceError
+from ...core.values.names import canonical_type, split_type_name
 from ..protocol import Operation, operations
 from .services import Call
 from .topics import find_definition

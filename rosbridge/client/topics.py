@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any, Dict, Iterator, List, Mapping, NamedTuple
+from typing import Any, Dict, Iterator, List, Mapping
 
-from robot_health_monitor.core.errors import ServiceError
-from robot_health_monitor.core.middleware import canonical_type
-
+from ...core.values.errors import ServiceError
+from ...core.values.names import canonical_type
+from ...runtime.bridge.node import KnownTopic
 from .services import Call
 
 _TIMEOUT_S = 10.0
@@ -16,16 +16,6 @@ _LONGEST_DEFINITION = 200_000
 """Characters; the largest ones of ROS have about 50,000."""
 _IDL_KINDS = {"boolean": "bool", "float": "float32", "double": "float64", "octet": "byte"}
 _SLOT_OF_RCLPY = "check_fields"
-
-
-class KnownTopic(NamedTuple):
-    """One topic of the robot."""
-
-    topic: str
-    type_name: str
-    """`package/Type`; empty where the server does not know it."""
-    definition: str
-    """The definition of the type with those that it contains, as from `gendeps --cat`; empty: the server has none."""
 
 
 async def list_topics(call: Call) -> List[KnownTopic]:

@@ -17,9 +17,8 @@ import struct
 import zlib
 from typing import Any, Callable, Dict, Iterator, List, Mapping, Optional, Tuple, Union
 
-from robot_health_monitor.core.errors import MessageError
-from robot_health_monitor.runtime.libraries import missing_text
-
+from ...core.values.errors import MessageError
+from ...runtime.libraries import missing_text
 from .limits import DEFAULT_LIMITS, Limits, ProtocolError, shown
 
 try:
@@ -65,15 +64,14 @@ def _decode_json(data: Wire, limits: Limits) -> object:
             raise ProtocolError(f"more than {limits.containers} lists and objects")
         decoded = _decode_text(text)
         if "\\u" in text and _SURROGATE.search(text):
-            json.dumps(decoded, ensure_ascii=False).encode("utf-8")
+            # Half of a surrogate pair in one name must not cost the other names of a message.
+            decoded = json.loads(json.dumps(decoded, ensure_ascii=False).encode("utf-8", "replace"))
     except ProtocolError:
         raise
     except RecursionError:
         raise ProtocolError(f"nested more than {limits.nesting} levels deep") from None
     except UnicodeDecodeError:
         raise ProtocolError("not UTF-8") from None
-    except UnicodeEncodeError:
-        raise ProtocolError("a string contains half of a surrogate pair") from None
     except ValueError as error:
         raise ProtocolError(f"not JSON: {error}") from None
     if brackets > limits.nesting and isinstance(decoded, (dict, list)):
@@ -275,10 +273,7 @@ class _CborDecoder:
         return _CONSTANTS[info]
 
     def _text(self, length: int) -> str:
-        try:
-            return self._take(length).decode("utf-8")
-        except UnicodeDecodeError:
-            raise ProtocolError("a string is not UTF-8") from None
+        return self._take(length).decode("utf-8", "replace")
 
     def _typed_array(self, tag: int) -> List[Any]:
         form = _TYPED_ARRAYS.get(tag)

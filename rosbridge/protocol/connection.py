@@ -10,11 +10,13 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, field
-from typing import Any, Callable, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple, Union
 
+from ...core.config.schema import REQUIRED, declared, read_record
+from ...core.values.errors import MessageError
 from .codec import CBOR_PROBLEM, Wire, decode, encode_cbor, encode_json, encode_json_with_nan, encode_png
-from .limits import DEFAULT_LIMITS, Id, Limits, ProtocolError, shown
-from .operations import Operation, operation_fields, read_operation
+from .limits import DEFAULT_LIMITS, MOST_FRAGMENTS, Id, Limits, ProtocolError
+from .operations import LONGEST_NAME, Operation, operation_fields, read_operation
 
 CBOR_SUBPROTOCOL = "rosbridge.v2.cbor"
 """WebSocket subprotocol by which this package's client and server agree to send CBOR."""
@@ -59,7 +61,7 @@ class Connection:
                 raise ProtocolError("a fragment inside a fragmented message", "fragment")
         if fields.get("op") == "png":
             raise ProtocolError("received messages must not be compressed", "png")
-        return read_operation(fields, self.limits)
+        return read_operation(fields)
 
     def send(
         self, operation: Operation, *, fragment_size: Optional[int] = None, compression: str = "none"
@@ -113,7 +115,7 @@ class Reassembly:
 
         ProtocolError: the fragment is invalid, contradicts earlier ones or exceeds a limit; its message is dropped.
         """
-        id, data, number, total = _fields(fragment, self._limits)  # noqa: A001 - the protocol's word
+        id, data, number, total = _fields(fragment)  # noqa: A001 - the protocol's word
         self._expire(now_s)
         partial = self._partial.get(id)
         if partial is None:
@@ -146,28 +148,21 @@ class Reassembly:
         self.chars -= self._partial.pop(id).chars
 
 
-def _fields(fragment: Mapping[str, Any], limits: Limits) -> Tuple[Id, str, int, int]:
-    id, data = fragment.get("id"), fragment.get("data")  # noqa: A001 - the protocol's word
-    if not isinstance(id, (str, int)) or isinstance(id, bool):
-        raise ProtocolError(f"id: expected a string or an integer, got {shown(id)}", "fragment")
-    if isinstance(id, str) and len(id) > limits.name_chars:
-        raise ProtocolError(f"id: expected at most {limits.name_chars} characters", "fragment")
-    if not isinstance(data, str):
-        raise ProtocolError(f"data: expected a string, got {shown(data)}", "fragment", id)
-    number, total = _whole(fragment.get("num")), _whole(fragment.get("total"))
-    if total is None or not 1 <= total <= limits.fragments:
-        raise ProtocolError(
-            f"total: expected 1 to {limits.fragments}, got {shown(fragment.get('total'))}", "fragment", id
-        )
-    if number is None or not 0 <= number < total:
-        raise ProtocolError(f"num: expected 0 to {total - 1}, got {shown(fragment.get('num'))}", "fragment", id)
-    return id, data, number, total
+@dataclass(frozen=True)
+class _Fragment:
+    id: Union[str, int] = declared(REQUIRED, "", None, LONGEST_NAME)
+    data: str = declared(REQUIRED, any_text=True)
+    total: float = declared(REQUIRED, "", 1, MOST_FRAGMENTS)
+    """Rounded down, as `num`: the reference server sends 3.75 as the total of 3 fragments."""
+    num: float = declared(REQUIRED, "", 0, MOST_FRAGMENTS)
 
 
-def _whole(value: object) -> Optional[int]:
-    """Returns an integer, rounded down: the reference server sends 3.75 as the total of 3 fragments."""
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
-        return None
-    if isinstance(value, float) and not -1e9 < value < 1e9:
-        return None
-    return int(value)
+def _fields(fragment: Mapping[str, Any]) -> Tuple[Id, str, int, int]:
+    try:
+        read = read_record(_Fragment, fragment)
+    except MessageError as error:
+        raise ProtocolError(str(error), "fragment") from None
+    number, total = int(read.num), int(read.total)
+    if number >= total:
+        raise ProtocolError(f"num: expected 0 to {total - 1}, got {number}", "fragment", read.id)
+    return read.id, read.data, number, total

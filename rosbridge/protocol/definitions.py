@@ -10,10 +10,10 @@ import base64
 import struct
 from typing import Any, Callable, List, Mapping, Optional, Set
 
-from robot_health_monitor.core.definitions import NUMBERS, ROS1_KINDS, Definitions, Field, parse_msg
-from robot_health_monitor.core.errors import MessageError
-from robot_health_monitor.core.middleware import canonical_type
-from robot_health_monitor.core.standard_messages import SERVICES, definition
+from ...core.messages.definitions import NUMBERS, ROS1_KINDS, Definitions, Field, parse_msg
+from ...core.messages.standard_messages import SERVICES, definition
+from ...core.values.errors import MessageError
+from ...core.values.names import canonical_type
 
 _MOST_TYPES = 200
 """Most types in the definition of a message that is serialized; each may contain the next."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple, Union
 
-from robot_health_monitor.core.errors import MessageError
+from ...core.values.errors import MessageError
 
 Id = Union[str, int, None]
 """Identifies an operation; None: the peer gave none."""
@@ -17,18 +17,12 @@ class Limits(NamedTuple):
     """Size of a received message, before and after its fragments are joined."""
     first_message_bytes: int = 4_096
     """Size of the first message of a client that has not presented the token."""
-    name_chars: int = 512
-    """Length of the name of a topic, service, action or type, and of an id."""
     nesting: int = 64
     """Nesting depth of lists and objects."""
     containers: int = 50_000
     """Lists and objects in a received message."""
     partial_messages: int = 16
     """Incomplete fragmented messages at the same time."""
-    fragments: int = 10_000
-    """Fragments of one message."""
-    fragment_chars: int = 256
-    """Smallest `fragment_size` that a peer may request: each fragment costs about 100 bytes more."""
     fragment_timeout_s: float = 60.0
     """An incomplete message is dropped this long after its last fragment, in s."""
     subscriptions: int = 1_000
@@ -48,6 +42,8 @@ class Limits(NamedTuple):
 
 
 DEFAULT_LIMITS = Limits()
+MOST_FRAGMENTS = 10_000
+"""Of one message."""
 
 
 class ProtocolError(MessageError):

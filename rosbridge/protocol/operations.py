@@ -1,194 +1,192 @@
-"""The operations of rosbridge as tuples, and the readers that check what a peer sent.
+"""The operations of rosbridge, as one schema: each field with its type, default and limits.
 
-The annotation of a field names its reader in `_READERS`; its default is used if the peer leaves it out. Unknown fields
-are ignored, as ROSBRIDGE_PROTOCOL.md requires. Where the reference server differs from that document, both forms are
-accepted.
+Unknown fields are ignored, as ROSBRIDGE_PROTOCOL.md requires. Where the reference server differs from that document,
+both forms are accepted.
 """
 
 from __future__ import annotations
 
 import re
-from types import MappingProxyType
-from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple, Type, Union, get_args
+from dataclasses import dataclass
+from typing import Any, Dict, List, Mapping, Optional, Type, Union, get_args
 
-from .limits import Id, Limits, ProtocolError, shown
+from ...core.config.schema import REQUIRED, declared, parameters, read_record
+from ...core.values.errors import MessageError
+from .limits import Id, ProtocolError, shown
 
 COMPRESSIONS = ("none", "png", "cbor", "cbor-raw")
 STATUS_LEVELS = ("none", "error", "warning", "info")
 """Each level includes those before it."""
+_ACTIONS = ("advertise_action", "unadvertise_action", "cancel_action_goal", "action_feedback")
+"""Operations of actions, apart from a goal, which is aborted."""
 
-NO_FIELDS: Mapping[str, Any] = MappingProxyType({})
-"""Default of `args` and `values`."""
+LONGEST_NAME = 512
+"""Most characters of the name of a topic, service, action or type, and of an id."""
+SMALLEST_FRAGMENT = 256
+"""Fewest characters of the fragments that a peer may request: each costs about 100 bytes more."""
+
+Arguments = Union[Mapping[str, Any], List[Any]]
 
 
-class Advertise(NamedTuple):
+def _name(default: Any = REQUIRED) -> Any:
+    return declared(default, "", 1, LONGEST_NAME)
+
+
+def _id() -> Any:
+    return declared(None, "", None, LONGEST_NAME)
+
+
+@dataclass(frozen=True)
+class Advertise:
     """Announces that the peer will publish on a topic."""
 
-    topic: Name
-    type: Name
-    id: AnyId = None
-    latch: Flag = False
-    queue_size: Count = 0
+    topic: str = _name()
+    type: str = _name()
+    id: Id = _id()
+    latch: bool = declared(False)
+    queue_size: int = declared(0, "", 0)
 
 
-class Unadvertise(NamedTuple):
+@dataclass(frozen=True)
+class Unadvertise:
     """Ends an `Advertise`."""
 
-    topic: Name
-    id: AnyId = None
+    topic: str = _name()
+    id: Id = _id()
 
 
-class Publish(NamedTuple):
+@dataclass(frozen=True)
+class Publish:
     """A message on a topic."""
 
-    topic: Name
-    msg: Fields
-    id: AnyId = None
+    topic: str = _name()
+    msg: Mapping[str, Any] = declared(REQUIRED)
+    id: Id = _id()
 
 
-class Subscribe(NamedTuple):
+@dataclass(frozen=True)
+class Subscribe:
     """Subscribes the peer to a topic."""
 
-    topic: Name
-    type: OptionalName = ""
-    id: AnyId = None
-    throttle_rate: Milliseconds = 0
+    topic: str = _name()
+    type: str = _name("")
+    id: Id = _id()
+    throttle_rate: float = declared(0.0, "", 0)
     """Minimum time between two messages, in ms."""
-    queue_length: Count = 0
+    queue_length: int = declared(0, "", 0)
     """Messages to queue under `throttle_rate`; 0: messages in between are dropped."""
-    fragment_size: Size = None
+    fragment_size: Optional[int] = declared(None, "", SMALLEST_FRAGMENT)
     """Longer messages are sent in fragments of this many characters. None: no fragments."""
-    compression: Compression = "none"
+    compression: str = declared("none", choices=COMPRESSIONS)
 
 
-class Unsubscribe(NamedTuple):
+@dataclass(frozen=True)
+class Unsubscribe:
     """Ends the subscription with this id, or all subscriptions to the topic if there is no id."""
 
-    topic: Name
-    id: AnyId = None
+    topic: str = _name()
+    id: Id = _id()
 
 
-class CallService(NamedTuple):
+@dataclass(frozen=True)
+class CallService:
     """Calls a service; `args` is a mapping, or a list of the fields in order."""
 
-    service: Name
-    args: Arguments = NO_FIELDS
-    id: AnyId = None
-    fragment_size: Size = None
-    compression: Compression = "none"
-    timeout: Seconds = None
+    service: str = _name()
+    args: Arguments = declared({})
+    id: Id = _id()
+    fragment_size: Optional[int] = declared(None, "", SMALLEST_FRAGMENT)
+    compression: str = declared("none", choices=COMPRESSIONS)
+    timeout: Optional[float] = declared(None, "", 0)
     """Longest wait for the response, in s. None: the server's default."""
 
 
-class ServiceResponse(NamedTuple):
+@dataclass(frozen=True)
+class ServiceResponse:
     """The response to a `CallService`; if `result` is false, `values` is the reason as text."""
 
-    service: Name
-    values: Anything = NO_FIELDS
-    result: Flag = True
-    id: AnyId = None
+    service: str = _name()
+    values: Any = declared({})
+    result: bool = declared(True)
+    id: Id = _id()
 
 
-class AdvertiseService(NamedTuple):
+@dataclass(frozen=True)
+class AdvertiseService:
     """Announces that the peer provides a service."""
 
-    service: Name
-    type: Name
-    id: AnyId = None
+    service: str = _name()
+    type: str = _name()
+    id: Id = _id()
 
 
-class UnadvertiseService(NamedTuple):
+@dataclass(frozen=True)
+class UnadvertiseService:
     """Ends an `AdvertiseService`."""
 
-    service: Name
-    id: AnyId = None
+    service: str = _name()
+    id: Id = _id()
 
 
-class AdvertiseAction(NamedTuple):
-    """Announces that the peer provides an action."""
-
-    action: Name
-    type: Name
-    id: AnyId = None
-
-
-class UnadvertiseAction(NamedTuple):
-    """Ends an `AdvertiseAction`."""
-
-    action: Name
-    id: AnyId = None
-
-
-class SendActionGoal(NamedTuple):
+@dataclass(frozen=True)
+class SendActionGoal:
     """Sends a goal to an action."""
 
-    action: Name
-    action_type: Name
-    args: Arguments = NO_FIELDS
-    feedback: Flag = False
-    id: AnyId = None
-    fragment_size: Size = None
-    compression: Compression = "none"
+    action: str = _name()
+    action_type: str = _name()
+    args: Arguments = declared({})
+    feedback: bool = declared(False)
+    id: Id = _id()
+    fragment_size: Optional[int] = declared(None, "", SMALLEST_FRAGMENT)
+    compression: str = declared("none", choices=COMPRESSIONS)
 
 
-class CancelActionGoal(NamedTuple):
-    """Cancels a goal."""
-
-    action: Name
-    id: AnyId = None
-
-
-class ActionFeedback(NamedTuple):
-    """Feedback on a goal."""
-
-    action: Name
-    values: Anything = NO_FIELDS
-    id: AnyId = None
-
-
-class ActionResult(NamedTuple):
+@dataclass(frozen=True)
+class ActionResult:
     """The result of a goal; `status` is that of action_msgs/GoalStatus."""
 
-    action: Name
-    values: Anything = NO_FIELDS
-    status: Count = 0
-    result: Flag = True
-    id: AnyId = None
+    action: str = _name()
+    values: Any = declared({})
+    status: int = declared(0, "", 0)
+    result: bool = declared(True)
+    id: Id = _id()
 
 
-class SetLevel(NamedTuple):
+@dataclass(frozen=True)
+class SetLevel:
     """Requests `status` operations of this level and worse."""
 
-    level: StatusLevel
-    id: AnyId = None
+    level: str = declared(REQUIRED, choices=STATUS_LEVELS)
+    id: Id = _id()
 
 
-class Status(NamedTuple):
+@dataclass(frozen=True)
+class Status:
     """Reports the outcome of an operation."""
 
-    level: StatusLevel
-    msg: Text
-    id: AnyId = None
+    level: str = declared(REQUIRED, choices=STATUS_LEVELS)
+    msg: str = declared(REQUIRED, any_text=True)
+    id: Id = _id()
 
 
-class Auth(NamedTuple):
+@dataclass(frozen=True)
+class Auth:
     """Proves knowledge of a shared secret, as defined by the package rosauth."""
 
-    mac: Text
-    client: Text
-    dest: Text
-    rand: Text
-    t: Number
+    mac: str = declared(REQUIRED, any_text=True)
+    client: str = declared(REQUIRED, any_text=True)
+    dest: str = declared(REQUIRED, any_text=True)
+    rand: str = declared(REQUIRED, any_text=True)
+    t: float = declared(REQUIRED)
     """Time of creation, in s since 1970."""
-    level: Text
-    end: Number
+    level: str = declared(REQUIRED, any_text=True)
+    end: float = declared(REQUIRED)
     """End of validity, in s since 1970."""
 
 
 Operation = Union[
     Advertise, Unadvertise, Publish, Subscribe, Unsubscribe, CallService, ServiceResponse, AdvertiseService,
-    UnadvertiseService, AdvertiseAction, UnadvertiseAction, SendActionGoal, CancelActionGoal, ActionFeedback,
-    ActionResult, SetLevel, Status, Auth,
+    UnadvertiseService, SendActionGoal, ActionResult, SetLevel, Status, Auth,
 ]  # fmt: skip
 
 OPERATIONS: Dict[str, Type[Any]] = {
@@ -196,141 +194,41 @@ OPERATIONS: Dict[str, Type[Any]] = {
 }
 """Every operation by its name on the wire (`SetLevel` is `set_level`); `fragment` and `png` carry other operations."""
 
-_NAMES = {operation: name for name, operation in OPERATIONS.items()}
 
-Name = str
-OptionalName = str
-AnyId = Id
-Flag = bool
-Count = int
-Milliseconds = float
-Seconds = Optional[float]
-Number = float
-Size = Optional[int]
-Compression = str
-StatusLevel = str
-Text = str
-Fields = Mapping[str, Any]
-Arguments = Union[Mapping[str, Any], List[Any]]
-Anything = Any
-
-_Reader = Callable[[object, Limits], object]
-"""Returns the value of a field that a peer sent; raises ProtocolError if it is not as expected."""
-
-
-def _unexpected(expected: str, found: object) -> ProtocolError:
-    return ProtocolError(f"expected {expected}, got {shown(found)}")
-
-
-def _if(is_valid: Callable[[Any], bool], expected: str) -> _Reader:
-    def read(found: object, limits: Limits) -> object:
-        if is_valid(found):
-            return found
-        raise _unexpected(expected, found)
-
-    return read
-
-
-def _read_name(found: object, limits: Limits) -> str:
-    if not isinstance(found, str) or not found or len(found) > limits.name_chars or not found.isprintable():
-        raise _unexpected(f"a name of 1 to {limits.name_chars} characters", found)
-    return found
-
-
-def _read_id(found: object, limits: Limits) -> Id:
-    if found is None or (isinstance(found, int) and not isinstance(found, bool)):
-        return found
-    if isinstance(found, str) and len(found) <= limits.name_chars:
-        return found
-    raise _unexpected(f"a string of at most {limits.name_chars} characters or an integer", found)
-
-
-def _read_number(found: object, limits: Limits) -> float:
-    if isinstance(found, (int, float)) and not isinstance(found, bool) and -1e15 < found < 1e15:
-        return float(found)
-    raise _unexpected("a number", found)
-
-
-def _read_positive(found: object, limits: Limits) -> float:
-    number = _read_number(found, limits)
-    if number < 0.0:
-        raise _unexpected("a number, 0 or more", found)
-    return number
-
-
-def _read_size(found: object, limits: Limits) -> Optional[int]:
-    if found is None:
-        return None
-    size = int(_read_positive(found, limits))
-    if size < limits.fragment_chars:
-        raise _unexpected(f"at least {limits.fragment_chars} characters", found)
-    return size
-
-
-def _read_arguments(found: object, limits: Limits) -> Union[Mapping[str, Any], List[Any]]:
-    if found is None:
-        return NO_FIELDS
-    if isinstance(found, (dict, list)):
-        return found
-    raise _unexpected("an object or a list", found)
-
-
-_READERS: Dict[str, _Reader] = {
-    "Name": _read_name,
-    "OptionalName": lambda found, limits: "" if found in (None, "") else _read_name(found, limits),
-    "AnyId": _read_id,
-    "Flag": _if(lambda found: isinstance(found, bool), "true or false"),
-    "Count": lambda found, limits: int(_read_positive(found, limits)),
-    "Milliseconds": _read_positive,
-    "Seconds": lambda found, limits: None if found is None else _read_positive(found, limits),
-    "Number": _read_number,
-    "Size": _read_size,
-    "Compression": _if(lambda found: found in COMPRESSIONS, f"one of {', '.join(COMPRESSIONS)}"),
-    "StatusLevel": _if(lambda found: found in STATUS_LEVELS, f"one of {', '.join(STATUS_LEVELS)}"),
-    "Text": _if(lambda found: isinstance(found, str), "a string"),
-    "Fields": _if(lambda found: isinstance(found, dict), "an object"),
-    "Arguments": _read_arguments,
-    "Anything": lambda found, limits: found,
-}
-
-
-def _fields_of(operation: Type[Any]) -> Sequence[Tuple[str, _Reader, bool]]:
-    """Returns (name, reader, required) per field."""
-    kinds = {name: str(getattr(one, "__forward_arg__", one)) for name, one in operation.__annotations__.items()}
-    return [(name, _READERS[kinds[name]], name not in operation._field_defaults) for name in operation._fields]
-
-
-_FIELDS = {name: _fields_of(operation) for name, operation in OPERATIONS.items()}
-
-
-def read_operation(fields: Mapping[str, Any], limits: Limits) -> Operation:
+def read_operation(fields: Mapping[str, Any]) -> Operation:
     """Returns the operation in a decoded message; raises ProtocolError if it or a field of it is not valid."""
     op = fields.get("op")
-    found_id = fields.get("id")
-    id = found_id if isinstance(found_id, (str, int)) else None  # noqa: A001 - the protocol's word
-    if not isinstance(op, str) or op not in _FIELDS:
-        raise ProtocolError(f"unknown operation {shown(op)}", id=id)
-    values: Dict[str, object] = {}
-    for name, read, required in _FIELDS[op]:
-        if name in fields:
-            try:
-                values[name] = read(fields[name], limits)
-            except ProtocolError as error:
-                raise ProtocolError(f"{name}: {error.problem}", op, id) from None
-        elif required:
-            raise ProtocolError(f"field {name} is missing", op, id)
-    return OPERATIONS[op](**values)  # type: ignore[no-any-return]  # all of them are in Operation
+    schema = OPERATIONS.get(op) if isinstance(op, str) else None
+    try:
+        if schema is None:
+            raise MessageError("actions are not supported" if op in _ACTIONS else f"unknown operation {shown(op)}")
+        return read_record(schema, fields)  # type: ignore[no-any-return]  # all of them are in Operation
+    except MessageError as error:
+        found = fields.get("id")
+        id = found if isinstance(found, (str, int)) else None  # noqa: A001 - the protocol's word
+        raise ProtocolError(str(error), str(op) if schema else "", id) from None
 
 
 def operation_fields(operation: Operation) -> Dict[str, Any]:
     """Returns the fields of an operation as sent on the wire; defaults are left out."""
-    defaults = operation._field_defaults
-    fields: Dict[str, Any] = {"op": _NAMES[type(operation)]}
-    for name, value in zip(operation._fields, operation):
-        if name not in defaults or name in _ALWAYS_WRITTEN or value != defaults[name]:
-            fields[name] = {} if value is NO_FIELDS else value
+    op, defaults = _WRITTEN[type(operation)]
+    values = vars(operation)
+    fields: Dict[str, Any] = {"op": op}
+    for name, default in defaults:
+        if values[name] != default:
+            fields[name] = values[name]
     return fields
+
+
+def name_of(operation: Operation) -> str:
+    """Returns the name of an operation on the wire."""
+    return _WRITTEN[type(operation)][0]
 
 
 _ALWAYS_WRITTEN = ("values", "result", "args", "status")
 """Peers expect these fields even if they have their default."""
+_WRITTEN = {
+    kind: (op, [(each.name, None if each.name in _ALWAYS_WRITTEN else each.default) for each in parameters(kind)])
+    for op, kind in OPERATIONS.items()
+}
+"""Name and fields of each operation, with the value of each that is left out."""

@@ -23,6 +23,7 @@ from urllib.parse import urlsplit
 
 from aiohttp import web
 
+from ...runtime.origins import is_own_origin
 from ..protocol.limits import shown
 from ..protocol.operations import Auth
 from .connections import json_error
@@ -76,15 +77,14 @@ class Access:
 
         Clients other than browsers send no Origin and are allowed.
         """
-        if not origin or "*" in self.origins or origin in self.origins:
+        if not origin or "*" in self.origins or origin in self.origins or is_own_origin(origin, host):
             return True
         try:
             parts = urlsplit(origin)
             name = f"[{parts.hostname}]" if ":" in (parts.hostname or "") else parts.hostname
         except ValueError:
             return False
-        is_own = parts.scheme in ("http", "https") and parts.netloc == host != ""
-        return is_own or f"{parts.scheme}://{name}" in self.origins
+        return f"{parts.scheme}://{name}" in self.origins
 
 
 def monitor_access(

@@ -23,8 +23,8 @@ from aiohttp import web
 from aiohttp.http import HttpProcessingError
 from aiohttp.http_exceptions import LineTooLong
 
-from robot_health_monitor.core.formatting import printable
-from robot_health_monitor.runtime.log_limit import LogLimit
+from ...core.port.log_limit import LogLimit
+from ...core.values.formatting import printable
 
 MOST_REQUEST_BYTES = 131_072
 """Size of a request, or of its head if its body is read later, and of a first message with the token."""

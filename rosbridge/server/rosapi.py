@@ -9,11 +9,11 @@ from __future__ import annotations
 import json
 from typing import Any, Callable, Dict, List, Mapping, Sequence, Tuple
 
-from robot_health_monitor.core.definitions import Definition, Field
-from robot_health_monitor.core.errors import ServiceError
-from robot_health_monitor.core.middleware import Graph, NodeInfo, canonical_type
-from robot_health_monitor.core.parameters import flatten
-
+from ...core.config.parameters import flatten
+from ...core.messages.definitions import Definition, Field
+from ...core.port.middleware import Graph, NodeInfo
+from ...core.values.errors import ServiceError
+from ...core.values.names import canonical_type
 from ..protocol import definitions
 
 PREFIX = "/rosapi/"

@@ -11,12 +11,11 @@ import asyncio
 import itertools
 import struct
 import time
-from collections import deque
-from typing import Any, Callable, Deque, Dict, Generic, Mapping, NamedTuple, Optional, Sequence, Set, Tuple, TypeVar
+from typing import Any, Callable, Dict, Generic, Mapping, NamedTuple, Optional, Sequence, Set, Tuple, TypeVar
 
-from robot_health_monitor.core.errors import MessageError, ServiceError
-from robot_health_monitor.runtime.event_loops import ThreadPool
-
+from ...core.values.errors import MessageError, ServiceError
+from ...runtime.bounded_queue import BoundedQueue
+from ...runtime.event_loops import ThreadPool
 from ..protocol import Wire
 from ..protocol.codec import encode_cbor, encode_json, encode_large_json, encode_png
 from ..protocol.connection import split
@@ -151,37 +150,30 @@ class EncodingQueue(Generic[R]):
         """
         self._encoding = encoding
         self._pool = pool
-        self._bound = bound_bytes
         self._send = send
         self._on_failure = on_failure
-        self._waiting: Deque[Tuple[EncodedMessage, Sequence[R]]] = deque()
-        self._bytes = 0
+        self._waiting: BoundedQueue[Tuple[EncodedMessage, Sequence[R]]] = BoundedQueue(bound_bytes)
         self.busy = False
         """Whether messages are waiting or being encoded; later ones must wait, to keep their order."""
-        self.dropped = 0
+        self.clear = self._waiting.clear
+        """Drops everything that waits."""
+
+    @property
+    def dropped(self) -> int:
         """Messages that were dropped because the encoder is busy."""
+        return self._waiting.dropped
 
     def put(self, message: EncodedMessage, receivers: Sequence[R]) -> None:
         """Has a message encoded and sent; drops the oldest waiting ones if there are too many."""
-        self._waiting.append((message, receivers))
-        self._bytes += message.size
-        while self._bytes > self._bound and len(self._waiting) > 1:
-            self._bytes -= self._waiting.popleft()[0].size
-            self.dropped += 1
+        self._waiting.put((message, receivers), message.size)
         if not self.busy:
             self.busy = True
             self._task = asyncio.ensure_future(self._run())
 
-    def clear(self) -> None:
-        """Drops everything that waits."""
-        self._waiting.clear()
-        self._bytes = 0
-
     async def _run(self) -> None:
         try:
             while self._waiting:
-                message, receivers = self._waiting.popleft()
-                self._bytes -= message.size
+                message, receivers = self._waiting.pop()
                 try:
                     frames = await self._pool.run(message.frames, self._encoding)
                 except (MessageError, ServiceError) as error:
@@ -194,7 +186,7 @@ class EncodingQueue(Generic[R]):
             self.busy = False
 
 
-class SendQueue:
+class ClientQueue:
     """The frames that wait for one client."""
 
     def __init__(
@@ -210,54 +202,47 @@ class SendQueue:
         once. `on_caught_up` is called when a slow client has read everything.
         """
         self._transport = transport
-        self._bound = bound_bytes
         self._high = high_water
         self.on_caught_up = on_caught_up
-        self._frames: Deque[bytes] = deque()
-        self._bytes = 0
-        self._sent = 0
-        self.dropped = 0
-        """Frames dropped since this was last reset."""
+        self._frames: BoundedQueue[bytes] = BoundedQueue(bound_bytes)
+        self._rest = memoryview(b"")
+        """What is left of the frames that are being sent."""
         self.behind_since_s: Optional[float] = None
         """Start of the current backlog, in s; set by the owner."""
 
     @property
+    def dropped(self) -> int:
+        """Frames dropped so far."""
+        return self._frames.dropped
+
+    @property
     def behind(self) -> bool:
         """Whether the client reads more slowly than it is sent to."""
-        return bool(self._frames) or self._transport.get_write_buffer_size() > self._high
+        return bool(self._frames or self._rest) or self._transport.get_write_buffer_size() > self._high
 
     def put(self, frame: bytes) -> bool:
         """Sends a frame or queues it; returns whether the client is behind."""
-        if not self._frames and len(frame) <= self._high >= self._transport.get_write_buffer_size():
+        if not (self._frames or self._rest) and len(frame) <= self._high >= self._transport.get_write_buffer_size():
             self._transport.write(frame)
             return False
-        self._frames.append(frame)
-        self._bytes += len(frame)
+        self._frames.put(frame, len(frame))
         if len(self._frames) == 1:
             self.flush()
-        self._drop_oldest()
         return self.behind
 
     def flush(self) -> None:
         """Writes queued frames as far as the transport takes them."""
-        frames, transport, high = self._frames, self._transport, self._high
+        transport, high = self._transport, self._high
         # The buffer of a broken connection stays empty, and asyncio logs a line for each write.
-        while frames and transport.get_write_buffer_size() <= high and not transport.is_closing():
-            first = frames[0]
-            if self._sent or len(first) > high:
-                piece = first[self._sent : self._sent + high]
-                self._sent += len(piece)
-                if self._sent >= len(first):
-                    frames.popleft()
-                    self._sent = 0
-            else:
-                batch = []
-                size = 0
-                while frames and size + len(frames[0]) <= high:
-                    batch.append(frames.popleft())
-                    size += len(batch[-1])
-                piece = b"".join(batch)
-            self._bytes -= len(piece)
+        while transport.get_write_buffer_size() <= high and not transport.is_closing():
+            if not self._rest:
+                batch = bytearray()
+                while self._frames and len(batch) < high:
+                    batch += self._frames.pop()
+                if not batch:
+                    return
+                self._rest = memoryview(batch)
+            piece, self._rest = self._rest[:high], self._rest[high:]
             transport.write(piece)
 
     def abort(self) -> None:
@@ -267,18 +252,7 @@ class SendQueue:
     def clear(self) -> None:
         """Drops everything that waits."""
         self._frames.clear()
-        self._bytes = self._sent = 0
-
-    def _drop_oldest(self) -> None:
-        while self._bytes > self._bound and len(self._frames) > 1:
-            if self._sent == 0:
-                self._bytes -= len(self._frames.popleft())
-            elif len(self._frames) > 2:
-                self._bytes -= len(self._frames[1])
-                del self._frames[1]
-            else:
-                return  # one frame that was sent in part, and the newest
-            self.dropped += 1
+        self._rest = memoryview(b"")
 
 
 class SlowClients:
@@ -288,10 +262,10 @@ class SlowClients:
         """Starts without clients; those that are behind for longer than `timeout_s` are disconnected."""
         self._timeout_s = timeout_s
         self._log = log
-        self._queues: Set[SendQueue] = set()
+        self._queues: Set[ClientQueue] = set()
         self._running = False
 
-    def add(self, queue: SendQueue) -> None:
+    def add(self, queue: ClientQueue) -> None:
         """Adds a client that is behind."""
         loop = asyncio.get_event_loop()
         if queue.behind_since_s is None:
@@ -301,7 +275,7 @@ class SlowClients:
             self._running = True
             loop.call_later(_PERIOD_S, self._flush)
 
-    def discard(self, queue: SendQueue) -> None:
+    def discard(self, queue: ClientQueue) -> None:
         """Removes a client that has left."""
         self._queues.discard(queue)
 

@@ -10,15 +10,15 @@ from __future__ import annotations
 import asyncio
 import threading
 import time
-from collections import deque
-from typing import Any, Callable, Deque, Mapping, Optional, Tuple, TypeVar
+from typing import Any, Callable, Mapping, Optional, Tuple, TypeVar
 
-from robot_health_monitor.core.errors import ConfigError, ServiceError
-from robot_health_monitor.core.middleware import Graph, NodeInfo, ServedMiddleware, resolve_name
-from robot_health_monitor.core.standard_messages import definition
-from robot_health_monitor.runtime.event_loops import ThreadPool
-
-from ..sockets import ignore_result
+from ...core.messages.standard_messages import definition
+from ...core.port.middleware import Graph, NodeInfo, ServedMiddleware
+from ...core.values.errors import ConfigError, ServiceError
+from ...core.values.names import resolve_name
+from ...runtime.bounded_queue import BoundedQueue
+from ...runtime.event_loops import ThreadPool
+from ...runtime.sockets import ignore_result
 from .sending import estimated_bytes
 
 T = TypeVar("T")
@@ -56,13 +56,14 @@ class ServedNode:
         self._workers = ThreadPool("rosbridge", _THREADS, _MOST_PENDING)
         # Separate: services that do not respond must not block subscriptions.
         self._callers = ThreadPool("rosbridge-call", _MOST_CALLS, _MOST_CALLS)
-        self._queue_bytes = queue_bytes
         self._lock = threading.Lock()
-        self._messages: Deque[Tuple[Callable[[Any], None], Any, int]] = deque()
-        self._bytes = 0
+        self._messages: BoundedQueue[Tuple[Callable[[Any], None], Any]] = BoundedQueue(queue_bytes)
         self._waking = False
-        self.dropped = 0
+
+    @property
+    def dropped(self) -> int:
         """Messages that were dropped because the loop was busy."""
+        return self._messages.dropped
 
     async def call(self, function: Callable[..., T], *arguments: Any) -> T:
         """Calls a method of the node, in a thread if it may block; raises ServiceError if too many are pending."""
@@ -91,11 +92,7 @@ class ServedNode:
         def callback(value: Any, now_s: float) -> None:
             size = estimated_bytes(value)
             with self._lock:
-                self._messages.append((function, value, size))
-                self._bytes += size
-                while self._bytes > self._queue_bytes and len(self._messages) > 1:
-                    self._bytes -= self._messages.popleft()[2]
-                    self.dropped += 1
+                self._messages.put((function, value), size)
                 wake = not self._waking
                 self._waking = True
             if wake:
@@ -155,7 +152,6 @@ class ServedNode:
         except RuntimeError:  # the loop has ended
             with self._lock:
                 self._messages.clear()
-                self._bytes = 0
 
     def _deliver(self) -> None:
         end_s = time.monotonic() + _SLICE_S
@@ -168,11 +164,9 @@ class ServedNode:
                 asyncio.get_event_loop().call_soon(self._deliver)
                 return
 
-    def _next(self) -> Optional[Tuple[Callable[[Any], None], Any, int]]:
+    def _next(self) -> Optional[Tuple[Callable[[Any], None], Any]]:
         with self._lock:
             if not self._messages:
                 self._waking = False
                 return None
-            message = self._messages.popleft()
-            self._bytes -= message[2]
-            return message
+            return self._messages.pop()

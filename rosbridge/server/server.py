@@ -20,13 +20,12 @@ from typing import Any, Awaitable, Callable, Dict, Mapping, Optional, Sequence, 
 
 from aiohttp import WSCloseCode, WSMsgType, web
 
-from robot_health_monitor.core.errors import ConfigError
-from robot_health_monitor.core.local import LogLine
-from robot_health_monitor.core.middleware import ServedMiddleware, Severity
-from robot_health_monitor.runtime.event_loops import LoopThread, ThreadPool
-
+from ...core.port.local import LogLine
+from ...core.port.middleware import ServedMiddleware, Severity
+from ...core.values.errors import ConfigError
+from ...runtime.event_loops import LoopThread, ThreadPool
+from ...runtime.sockets import FloodError, Incoming, limit_reads
 from ..protocol import CBOR_SUBPROTOCOL, DEFAULT_LIMITS, SUBPROTOCOLS, Limits
-from ..sockets import FloodError, Incoming, limit_reads
 from .access import Access, Client, Credentials, TokenCheck, check_request, is_loopback
 from .connections import ClientLog, Connections, HttpConnection, Stage, connection_limit, json_error
 from .rosapi import Rosapi
@@ -189,7 +188,7 @@ class Server:
     @property
     def dropped(self) -> int:
         """Messages that were dropped, because a client reads too slowly or a message is too large or too frequent."""
-        sessions = sum(session.dropped + session.queue.dropped for session in self._sessions)
+        sessions = sum(session.queue.dropped for session in self._sessions)
         return self._dropped + sessions + self._parts.topics.dropped
 
     def publish_log(self, line: LogLine) -> None:
@@ -308,7 +307,7 @@ class Server:
             await session.close()
         except Exception as error:
             self.log(f"closing a connection failed: {type(error).__name__}: {error}")
-        self._dropped += session.dropped
+        self._dropped += session.queue.dropped
 
 
 class ServerThread:

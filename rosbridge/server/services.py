@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import asyncio
-import itertools
-from typing import Any, Dict, List, Mapping, Optional, Protocol, Tuple, Union
+from typing import Any, Dict, List, Mapping, Optional, Protocol, Union
 
-from robot_health_monitor.core.errors import MessageError, ServiceError
-
-from ..protocol import Id, Operation
+from ...core.values.errors import MessageError, ServiceError
+from ..calls import PendingCalls
+from ..protocol import Operation
 from ..protocol.definitions import service_definition
-from ..protocol.operations import CallService, ServiceResponse
+from ..protocol.operations import ServiceResponse
 from .access import Access
 from .rosapi import PREFIX, Rosapi
 from .served_node import ServedNode
@@ -65,8 +64,7 @@ class ClientServices:
         self.types: Dict[str, str] = {}
         """Type per service."""
         self._providers: Dict[str, Provider] = {}
-        self._pending: Dict[Id, Tuple[str, Provider, asyncio.Future[Any]]] = {}
-        self._numbers = itertools.count()
+        self._pending = PendingCalls()
 
     def add(self, service: str, type_name: str, provider: Provider) -> None:
         """Routes calls of a service to a client, in place of an earlier provider."""
@@ -77,35 +75,18 @@ class ClientServices:
         """Removes a service of this client; its pending calls fail."""
         if self._providers.get(service) is provider:
             del self._providers[service], self.types[service]
-        for name, called, future in tuple(self._pending.values()):
-            if name == service and called is provider and not future.done():
-                future.set_exception(ServiceError(f"the provider of {service} disconnected"))
+        self._pending.fail(ServiceError(f"the provider of {service} disconnected"), service, provider)
 
     async def call(self, service: str, request: Mapping[str, Any], timeout_s: float) -> Any:
         """Calls a service of a client; raises ServiceError if it failed, disconnected or did not respond in time."""
         provider = self._providers.get(service)
         if provider is None:
             raise ServiceError(f"no service {service}")
-        id = f"call:{next(self._numbers)}"  # noqa: A001 - the protocol's word
-        future: asyncio.Future[Any] = asyncio.get_event_loop().create_future()
-        self._pending[id] = (service, provider, future)
-        try:
-            provider.send(CallService(service, request, id))
-            return await asyncio.wait_for(future, timeout_s)
-        except asyncio.TimeoutError:
-            raise _no_response(service, timeout_s) from None
-        finally:
-            del self._pending[id]
+        return await self._pending.call(provider.send, provider, service, request, timeout_s)
 
     def respond(self, response: ServiceResponse, provider: Provider) -> None:
         """Processes a response. Ignores one that is not expected, or not from this client."""
-        _, called, future = self._pending.get(response.id, (None, None, None))
-        if future is None or called is not provider or future.done():
-            return
-        if response.result:
-            future.set_result(response.values)
-        else:
-            future.set_exception(ServiceError(str(response.values)))
+        self._pending.receive(response, provider, str(response.values))
 
 
 def _no_response(service: str, timeout_s: float) -> ServiceError:

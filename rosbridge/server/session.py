@@ -5,13 +5,12 @@ from __future__ import annotations
 import asyncio
 from typing import Any, Awaitable, Callable, Dict, NamedTuple, Optional, Set, Type
 
-from robot_health_monitor.core.errors import ConfigError, MessageError, ServiceError
-from robot_health_monitor.core.middleware import canonical_type
-from robot_health_monitor.runtime.event_loops import ThreadPool
-
+from ...core.values.errors import ConfigError, MessageError, ServiceError
+from ...core.values.names import canonical_type
+from ...runtime.event_loops import ThreadPool
 from ..protocol import CBOR_PROBLEM, Connection, Id, Limits, Operation, ProtocolError, Wire, operations
 from .access import Access
-from .sending import LARGE_BYTES, SendQueue, SlowClients, estimated_bytes, frame
+from .sending import LARGE_BYTES, ClientQueue, SlowClients, estimated_bytes, frame
 from .served_node import ServedNode
 from .services import Services
 from .topic import ByteBudget, Options, merge, options_of
@@ -48,16 +47,16 @@ class Session:
 
     def __init__(self, parts: ServerParts, transport: asyncio.WriteTransport, *, cbor: bool = False) -> None:
         """Starts a session over `transport`; with `cbor`, every operation is sent as CBOR."""
-        self.queue = SendQueue(transport, parts.limits.queue_bytes, self._report_dropped)
+        self.queue = ClientQueue(transport, parts.limits.queue_bytes, self._report_dropped)
         self.throttled = ByteBudget(parts.limits.queue_bytes)
-        self.dropped = 0
-        """Frames dropped in total because the client reads too slowly."""
         self._parts = parts
         self._transport = transport
         self._connection = Connection(parts.limits)
         self._compression = "cbor" if cbor else "none"
         self._level = _NO_STATUS
         self._closed = False
+        self._reported = 0
+        """Dropped messages that were reported to the client."""
         self._subscriptions: Dict[str, Dict[Id, Options]] = {}
         self._advertised: Dict[str, str] = {}
         self._provided: Set[str] = set()
@@ -77,15 +76,18 @@ class Session:
 
     async def receive(self, data: Wire) -> None:
         """Takes one message of the client. No message ends the session."""
+        operation: Optional[Operation] = None
         try:
             operation = await self._decode(data)
             handler = _HANDLERS.get(type(operation))
             if handler is not None:
                 await handler(self, operation)
-        except ProtocolError as error:
-            self.send_status("error", str(error), error.id)
-        except (ServiceError, MessageError, ConfigError) as error:
-            self.send_status("error", str(error))
+        except (ServiceError, MessageError, ConfigError, OSError) as error:
+            if operation is None:
+                self.send_status("error", str(error), getattr(error, "id", None))
+            else:
+                text = f"{operations.name_of(operation)}: {error}"
+                self.send_status("error", text, getattr(operation, "id", None))
         except Exception as error:
             self._parts.log(f"an operation of a client failed: {type(error).__name__}: {error}")
             self.send_status("error", "internal error")
@@ -109,15 +111,13 @@ class Session:
 
     def _report_dropped(self) -> None:
         """Reports how many messages were dropped, once the client has read the others."""
-        if self.queue.dropped:
-            count, self.queue.dropped = self.queue.dropped, 0
-            self.dropped += count
+        count, self._reported = self.queue.dropped - self._reported, self.queue.dropped
+        if count:
             self.send_status("warning", f"{count} messages were dropped: this client reads too slowly")
 
     async def close(self) -> None:
         """Ends everything that the client has requested."""
         self._closed = True
-        self.dropped += self.queue.dropped
         self.queue.clear()
         self._parts.slow_clients.discard(self.queue)
         for call in tuple(self._calls):
@@ -128,7 +128,7 @@ class Session:
             del self._subscriptions[topic]
             try:
                 await self._parts.topics.subscribe(self, topic, "", None)
-            except (ProtocolError, ServiceError) as error:
+            except (ServiceError, MessageError, ConfigError, OSError) as error:
                 self._parts.log(f"unsubscribing from {topic} failed: {error}")
 
     async def _decode(self, data: Wire) -> Optional[Operation]:
@@ -141,18 +141,18 @@ class Session:
         requests = self._subscriptions.get(request.topic, {})
         limits = self._parts.limits
         if sum(map(len, self._subscriptions.values())) >= limits.subscriptions and request.id not in requests:
-            raise ProtocolError(f"more than {limits.subscriptions} subscriptions", "subscribe", request.id)
+            raise MessageError(f"more than {limits.subscriptions} subscriptions")
         if CBOR_PROBLEM and request.compression in ("cbor", "cbor-raw"):
-            raise ProtocolError(f"compression {request.compression}: {CBOR_PROBLEM}", "subscribe", request.id)
+            raise MessageError(f"compression {request.compression}: {CBOR_PROBLEM}")
         merged = self._subscriptions[request.topic] = {**requests, request.id: options_of(request, limits)}
         try:
             await self._parts.topics.subscribe(self, request.topic, request.type, merge(merged.values()))
-        except ProtocolError as error:
+        except Exception:
             if requests:
                 self._subscriptions[request.topic] = requests
             else:
                 del self._subscriptions[request.topic]
-            raise ProtocolError(error.problem, "subscribe", request.id) from None
+            raise
         self.send_status("info", f"subscribed to {request.topic}", request.id)
 
     async def _unsubscribe(self, request: operations.Unsubscribe) -> None:
@@ -172,8 +172,8 @@ class Session:
         known = self._advertised.get(request.topic)
         if known is not None and canonical_type(known) == canonical_type(request.type):
             return
-        self._require_room("advertise", request.id)
-        await self._parts.publications.advertise(request.topic, request.type, request.id)
+        self._require_room()
+        await self._parts.publications.advertise(request.topic, request.type)
         self._advertised[request.topic] = request.type
 
     async def _unadvertise(self, request: operations.Unadvertise) -> None:
@@ -182,10 +182,10 @@ class Session:
 
     async def _publish(self, request: operations.Publish) -> None:
         if request.topic not in self._advertised:
-            self._require_room("publish", request.id)
-            await self._parts.publications.advertise(request.topic, "", request.id)
+            self._require_room()
+            await self._parts.publications.advertise(request.topic, "")
             self._advertised[request.topic] = ""
-        await self._parts.publications.publish(request.topic, request.msg, request.id)
+        await self._parts.publications.publish(request.topic, request.msg)
 
     async def _call_service(self, request: operations.CallService) -> None:
         if len(self._calls) >= self._parts.limits.calls:
@@ -217,12 +217,12 @@ class Session:
         self.put(b"".join(map(frame, wires)))
 
     async def _advertise_service(self, request: operations.AdvertiseService) -> None:
-        self._require_room("advertise_service", request.id)
+        self._require_room()
         service = self._parts.node.resolve(request.service)
         if not self._parts.access.may_offer(service):
-            raise ProtocolError(f"clients may not provide {service}", "advertise_service", request.id)
+            raise ServiceError(f"clients may not provide {service}")
         if await self._parts.node.has_service(service):
-            raise ProtocolError(f"{service} exists already", "advertise_service", request.id)
+            raise ServiceError(f"{service} exists already")
         self._parts.services.of_clients.add(service, request.type, self)
         self._provided.add(service)
 
@@ -240,13 +240,10 @@ class Session:
     async def _send_action_goal(self, request: operations.SendActionGoal) -> None:
         self.send(operations.ActionResult(request.action, "actions are not supported", _ABORTED, False, request.id))
 
-    async def _refuse_action(self, request: Operation) -> None:
-        raise ProtocolError("actions are not supported")
-
-    def _require_room(self, op: str, id: Id) -> None:  # noqa: A002 - the protocol's word
+    def _require_room(self) -> None:
         limit = self._parts.limits.advertisements
         if len(self._advertised) + len(self._provided) >= limit:
-            raise ProtocolError(f"more than {limit} topics and services", op, id)
+            raise MessageError(f"more than {limit} topics and services")
 
 
 _HANDLERS: Dict[Type[Any], Callable[[Session, Any], Awaitable[None]]] = {
@@ -261,9 +258,5 @@ _HANDLERS: Dict[Type[Any], Callable[[Session, Any], Awaitable[None]]] = {
     operations.ServiceResponse: Session._service_response,
     operations.SetLevel: Session._set_level,
     operations.SendActionGoal: Session._send_action_goal,
-    operations.AdvertiseAction: Session._refuse_action,
-    operations.CancelActionGoal: Session._refuse_action,
-    operations.ActionFeedback: Session._refuse_action,
-    operations.ActionResult: Session._refuse_action,
 }
-"""Operations that are not listed (`status`, `auth`, `unadvertise_action`) need no action."""
+"""Operations that are not listed (`status`, `auth`, `action_result`) need no action."""

@@ -7,10 +7,9 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Callable, Deque, Dict, Iterable, List, NamedTuple, Optional, Protocol, Sequence, Tuple
 
-from robot_health_monitor.core.errors import MessageError
-from robot_health_monitor.core.middleware import Message
-from robot_health_monitor.runtime.event_loops import ThreadPool
-
+from ...core.messages.dialect import Message
+from ...core.values.errors import MessageError
+from ...runtime.event_loops import ThreadPool
 from ..protocol import Limits
 from ..protocol.operations import COMPRESSIONS, Subscribe
 from .sending import EncodedMessage, Encoding, EncodingQueue, Serializer

@@ -7,12 +7,13 @@ import time
 from dataclasses import dataclass, field
 from typing import Any, Callable, Dict, Mapping, Optional
 
-from robot_health_monitor.core.errors import ConfigError, MessageError, ServiceError
-from robot_health_monitor.core.local import LogLine
-from robot_health_monitor.core.middleware import Message, Severity, Subscription, canonical_type
-from robot_health_monitor.runtime.event_loops import ThreadPool
-
-from ..protocol import Id, Limits, ProtocolError
+from ...core.messages.dialect import Message
+from ...core.port.local import LogLine
+from ...core.port.middleware import Severity, Subscription
+from ...core.values.errors import ConfigError, MessageError
+from ...core.values.names import canonical_type
+from ...runtime.event_loops import ThreadPool
+from ..protocol import Limits
 from ..protocol.definitions import null_reader, serializer
 from .access import Access
 from .sending import Serializer
@@ -66,7 +67,8 @@ class Topics:
     async def subscribe(self, receiver: Receiver, topic: str, type_name: str, options: Optional[Options]) -> None:
         """Sends the messages of a topic to a client as in `options`; None: no longer.
 
-        ProtocolError: the type is not known or is not that of the topic, or the middleware does not respond.
+        Raises MessageError, ConfigError, ServiceError or OSError if the type is not known or is not that of the topic,
+        or the middleware does not respond.
         """
         while True:
             subscribed = self._topics.get(topic)
@@ -85,29 +87,23 @@ class Topics:
             # The last other client left meanwhile and the topic was removed: start again.
 
     async def _create(self, name: str, type_name: str) -> Topic:
-        try:
-            known = await self._node.topic_type(name)
-            _require_same_type(name, known, type_name)
-            type_name = known or type_name
-        except ServiceError as error:
-            raise ProtocolError(str(error), "subscribe") from None
+        known = await self._node.topic_type(name)
+        _require_same_type(name, known, type_name)
+        type_name = known or type_name
         serialize = await self._serializer(type_name)
         return Topic(name, type_name, serialize, self._encoder, self._log, self._limits)
 
     async def _serializer(self, type_name: str) -> Optional[Serializer]:
-        try:
-            return serializer(type_name, await self._node.message_definition(type_name))
-        except ServiceError as error:
-            raise ProtocolError(str(error), "subscribe") from None
+        return serializer(type_name, await self._node.message_definition(type_name))
 
     async def _set_options(self, subscribed: _Subscribed, receiver: Receiver, options: Optional[Options]) -> None:
         topic = subscribed.topic
         topic.set_options(receiver, options)
         try:
             await self._update(subscribed)
-        except (ConfigError, MessageError, ServiceError, OSError) as error:
+        except Exception:
             topic.set_options(receiver, None)
-            raise ProtocolError(str(error), "subscribe") from None
+            raise
         finally:
             if not topic.compressions:
                 self._dropped += topic.dropped
@@ -155,42 +151,40 @@ class Publications:
         self._types: Dict[str, str] = {}
         self._readers: Dict[str, Callable[[Mapping[str, Any]], Mapping[str, Any]]] = {}
 
-    async def advertise(self, topic: str, type_name: str, id: Id) -> None:  # noqa: A002 - the protocol's word
+    async def advertise(self, topic: str, type_name: str) -> None:
         """Advertises a topic for a client; without a type, the topic must exist.
 
-        ProtocolError: clients may not publish on the topic, have advertised too many, the type is not known or is not
-        that of the topic, or the middleware does not respond.
+        Raises MessageError, ConfigError, ServiceError or OSError if clients may not publish on the topic or have
+        advertised too many, if the type is not known or not that of the topic, or if the middleware does not respond.
         """
         topic = self._node.resolve(topic)
         if not self._access.may_publish(topic):
-            raise ProtocolError(f"clients may not publish on {topic}", "advertise", id)
+            raise MessageError(f"clients may not publish on {topic}")
         if topic not in self._types and len(self._types) >= MOST_PUBLISHED:
-            raise ProtocolError(f"clients have advertised {MOST_PUBLISHED} topics already", "advertise", id)
-        try:
-            known = self._types.get(topic) or await self._node.topic_type(topic)
-            if not (known or type_name):
-                raise ProtocolError(f"{topic} is not advertised", "publish", id)
-            _require_same_type(topic, known, type_name, "advertise", id)
-            type_name = type_name or known
-            await self._node.call(self._node.middleware.advertise, topic, type_name)
-            self._readers[topic] = null_reader(type_name, await self._node.message_definition(type_name))
-        except (ConfigError, ServiceError, OSError) as error:
-            raise ProtocolError(str(error), "advertise", id) from None
+            raise MessageError(f"clients have advertised {MOST_PUBLISHED} topics already")
+        known = self._types.get(topic) or await self._node.topic_type(topic)
+        if not (known or type_name):
+            raise MessageError(f"{topic} is not advertised")
+        _require_same_type(topic, known, type_name)
+        type_name = type_name or known
+        await self._node.call(self._node.middleware.advertise, topic, type_name)
+        self._readers[topic] = null_reader(type_name, await self._node.message_definition(type_name))
         self._types[topic] = type_name
 
-    async def publish(self, topic: str, message: Message, id: Id) -> None:  # noqa: A002 - the protocol's word
+    async def publish(self, topic: str, message: Message) -> None:
         """Publishes a client's message on an advertised topic; null becomes NaN in float fields.
 
-        ProtocolError: the message does not match its type, or the middleware does not respond.
+        Raises MessageError, ServiceError or OSError if the message does not match its type, or the middleware does not
+        respond.
         """
         topic = self._node.resolve(topic)
         try:
             await self._node.call(self._node.middleware.publish, topic, self._readers[topic](message))
-        except (MessageError, ServiceError, ValueError, TypeError, OSError) as error:
-            raise ProtocolError(str(error), "publish", id) from None
+        except (ValueError, TypeError) as error:
+            raise MessageError(str(error)) from None
 
 
-def _require_same_type(topic: str, known: str, requested: str, op: str = "subscribe", id: Id = None) -> None:  # noqa: A002 - the protocol's word
-    """Raises ProtocolError if both types are given and differ."""
+def _require_same_type(topic: str, known: str, requested: str) -> None:
+    """Raises MessageError if both types are given and differ."""
     if known and requested and canonical_type(known) != canonical_type(requested):
-        raise ProtocolError(f"type of {topic}: expected {known}, got {requested}", op, id)
+        raise MessageError(f"type of {topic}: expected {known}, got {requested}")

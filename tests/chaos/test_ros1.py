@@ -22,7 +22,7 @@ if not shutil.which("roscore"):
 import rosgraph  # noqa: E402
 
 ROUNDS = 2
-CODE = "import sys; from robot_health_monitor.ros1_executables import alert_system; sys.exit(alert_system())"
+CODE = "import sys; from robot_health_monitor.cli.ros1_executables import alert_system; sys.exit(alert_system())"
 
 
 class Roscore:

@@ -17,7 +17,7 @@ from harness.separate_network import SeparateNetwork
 rclpy = pytest.importorskip("rclpy", reason="no ROS 2")
 
 ROUNDS = 2
-CODE = "import sys; from robot_health_monitor.ros2_executables import alert_system; sys.exit(alert_system())"
+CODE = "import sys; from robot_health_monitor.cli.ros2_executables import alert_system; sys.exit(alert_system())"
 
 
 @pytest.fixture

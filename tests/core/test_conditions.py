@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robot_health_monitor.core import Level, Monitor, Sample, load_config
-from robot_health_monitor.core.config import ConfigError
-from robot_health_monitor.core.model import Transition
+from robot_health_monitor.core.config.monitor_config import ConfigError
+from robot_health_monitor.core.values.model import Transition
 
 SAG = Path(__file__).parent.parent / "data" / "battery_sag.csv"
 LOW = {"unit": "%", "warn_below": 20.0, "stale_after_s": 0.0}

@@ -7,13 +7,13 @@ from typing import Any, Dict, List, Mapping, Tuple
 
 import pytest
 
-from robot_health_monitor.core.config import load_config, sections
-from robot_health_monitor.core.local import LocalBus
-from robot_health_monitor.core.model import Level, Sample, Transition
+from robot_health_monitor.core.config.monitor_config import load_config, sections
+from robot_health_monitor.core.config.yaml_file import read_yaml
 from robot_health_monitor.core.nodes import AlertSystem, BatterySensor
-from robot_health_monitor.core.outlets import Event
+from robot_health_monitor.core.nodes.outlets import Event
+from robot_health_monitor.core.port.local import LocalBus
 from robot_health_monitor.core.sensors.configuration import PRESETS
-from robot_health_monitor.core.yaml_file import read_yaml
+from robot_health_monitor.core.values.model import Level, Sample, Transition
 
 CONFIG = Path(__file__).resolve().parents[2] / "config"
 BATTERY_TYPE = "sensor_msgs/BatteryState"

@@ -8,7 +8,7 @@ from typing import Any, Callable, Dict, List, Mapping, Sequence, Tuple
 import pytest
 
 from robot_health_monitor.core import Level, Monitor, Sample, load_config
-from robot_health_monitor.core.elements import DriverStatus, Elements
+from robot_health_monitor.core.values.elements import DriverStatus, Elements
 
 
 class Slow(float):

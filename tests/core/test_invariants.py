@@ -16,9 +16,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robot_health_monitor.core import ConfigError, Level, Monitor, MonitorConfig, Sample, Transition, load_config
-from robot_health_monitor.core.elements import Age, BadDatum, DriverStatus, Elements
-from robot_health_monitor.core.parameters import Parameter
-from robot_health_monitor.core.signal_config import CONDITIONS, SIGNAL_PARAMETERS, STATISTICS
+from robot_health_monitor.core.config.parameters import Parameter
+from robot_health_monitor.core.config.signal_config import CONDITIONS, SIGNAL_PARAMETERS, STATISTICS
+from robot_health_monitor.core.values.elements import Age, BadDatum, DriverStatus, Elements
 
 Call = Tuple[Any, ...]
 
@@ -335,7 +335,8 @@ def test_reports_between_the_calls_change_nothing(config: MonitorConfig, sequenc
 
 
 @pytest.mark.newest_python
-def test_a_million_random_calls_raise_nothing() -> None:
+def test_a_hundred_thousand_random_calls_raise_nothing() -> None:
+    """`make fuzz` makes more of them."""
     chance = random.Random(fixed_seed())
     config = load_config({"signals": {f"s{number}": tree for number, tree in enumerate(FEATURES)}})
     names = [*config.signals, "unknown"]
@@ -343,7 +344,7 @@ def test_a_million_random_calls_raise_nothing() -> None:
     observe, tick = monitor.observe, monitor.tick
     random_number, random_normal, choose = chance.random, chance.gauss, chance.choice
     now_s, seen = 0.0, 0
-    for _ in range(1_000_000):
+    for _ in range(100_000):
         kind = random_number()
         now_s += random_number() * 0.2
         if kind < 0.9:
@@ -361,7 +362,7 @@ def test_a_million_random_calls_raise_nothing() -> None:
             now_s = choose((now_s - 5.0, 0.0, 1e9, now_s + 100.0))
         else:
             tick(choose((math.nan, math.inf, -math.inf)))
-    assert seen > 10_000
+    assert seen > 1_000
 
 
 # --- whole numbers, which may come as int or as float ---------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""Prometheus's own `predict_linear`, by `promtool test rules`, gives each of the three predictions of a forecast."""
+"""Prometheus's `predict_linear` and `deriv`, by `promtool test rules`: each prediction of a forecast, and the rate."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import pytest
 from harness.promtool import PROMTOOL, needs_promtool
 from harness.seeds import fixed_seed
 
-from robot_health_monitor.core.forecast import ForecastWindow
+from robot_health_monitor.core.judge.forecast import ForecastWindow
 
 pytestmark = [pytest.mark.newest_python, needs_promtool]
 
@@ -23,6 +23,7 @@ LINES = {
     "all": f"predict_linear(value[{WINDOW_S}s], {FORECAST_S})",
     "older": f"predict_linear(value[{WINDOW_S // 2}s] offset {WINDOW_S // 2}s, {FORECAST_S})",
     "newer": f"predict_linear(value[{WINDOW_S // 2}s], {FORECAST_S})",
+    "rate": f"deriv(value[{WINDOW_S}s])",
 }
 """Prometheus predicts from the time of evaluation, also with an offset. In 2.42, a range includes both of its ends."""
 
@@ -45,17 +46,18 @@ def random_values(chance: random.Random) -> List[Any]:
 
 
 def series_of(name: str, values: Sequence[Any]) -> List[Dict[str, str]]:
-    """Returns the input series of promtool: the values, and each prediction where the monitor has one."""
+    """Returns the input series of promtool: the values, and each prediction and rate where the monitor has one."""
     window = ForecastWindow(float(WINDOW_S), 6000, 0.0, float(FORECAST_S), {})
     texts: Dict[str, List[str]] = {"value": [], **{line: [] for line in LINES}}
     for step, value in enumerate(values):
-        found = None
+        found: List[Any] = [None] * len(LINES)
         if value is not None:
             window.add(value, float(step))
-            found = window.lines()
+            lines = window.lines()
+            found = [*([None] * 3 if lines is None else [line[0] for line in lines]), window.rate()]
         texts["value"].append("_" if value is None else repr(value))
         for number, line in enumerate(LINES):
-            texts[line].append("stale" if found is None else repr(found[number][0]))
+            texts[line].append("stale" if found[number] is None else repr(found[number]))
     return [{"series": f'{line}{{timeline="{name}"}}', "values": " ".join(each)} for line, each in texts.items()]
 
 
@@ -81,7 +83,7 @@ def test_each_prediction_is_that_of_prometheus_at_every_step(tmp_path: Path) -> 
     chance = random.Random(fixed_seed())
     series = [each for number in range(TIMELINES) for each in series_of(f"t{number}", random_values(chance))]
     predicted = [text for each in series if not each["series"].startswith("value") for text in each["values"].split()]
-    assert sum(text != "stale" for text in predicted) >= 3 * 36_000
+    assert sum(text != "stale" for text in predicted) >= 4 * 36_000
     assert compare(tmp_path, series)[:2000] == ""
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from robot_health_monitor.core import Monitor, Sample, load_config
-from robot_health_monitor.core.elements import Elements
+from robot_health_monitor.core.values.elements import Elements
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 PAGE = (DOCS / "rules.md").read_text(encoding="utf-8")
@@ -28,6 +28,12 @@ def test_the_page_quotes_the_lines_of_the_worked_example() -> None:
     assert "\n".join(lines) in PAGE
 
 
+def test_the_page_quotes_the_lines_of_the_node_that_dies() -> None:
+    lines = drawing().node_lines()
+    assert len(lines) == 2
+    assert "\n".join(lines) in PAGE
+
+
 def test_the_page_lists_every_key_of_a_status() -> None:
     signal = {
         "unit": "%", "warn_below": 20.0, "warn_above": 80.0, "error_below": 10.0, "error_above": 90.0,
@@ -40,12 +46,15 @@ def test_the_page_lists_every_key_of_a_status() -> None:
     signals = {
         "battery_level": signal, "charging": {}, "soon": soon, "scan_gap": scan_gap,
         "weakest": {**cells, "reduce": "min"}, "spread": {**cells, "reduce": "spread"},
+        "driver": {"error_above": 0.5, "what_to_do": "restart it"},
+        "wheel": {"warn_below": 0.5, "depends_on": ["driver"]},
     }  # fmt: skip
     monitor = Monitor(load_config({"signals": signals}))
     for name in ("weakest", "spread"):
         monitor.observe(Sample(name, Elements([("0", 3.5), ("1", 3.75)]), 0.0))
     for now_s in range(40):
-        for name, value in (("battery_level", 25.0 + now_s % 2), ("soon", 80.0 - now_s), ("scan_gap", 1.0)):
+        of_known = {"soon": 80.0 - now_s, "scan_gap": 1.0, "driver": 1.0, "wheel": 0.0}
+        for name, value in {"battery_level": 25.0 + now_s % 2, **of_known}.items():
             monitor.observe(Sample(name, value, float(now_s)))
     keys = {key for status in monitor.report(40.0).statuses.values() for key in status.values}
     table = PAGE[PAGE.index("## Keys of a status") :]

@@ -8,10 +8,10 @@ from typing import Any, Dict, List
 
 import pytest
 
-from robot_health_monitor.core.config import load_config
-from robot_health_monitor.core.field_path import parse_field_path
+from robot_health_monitor.core.config.monitor_config import load_config
 from robot_health_monitor.core.sensors import configuration as sensing
 from robot_health_monitor.core.sensors.catalogue import HOST_SOURCES
+from robot_health_monitor.core.values.field_path import parse_field_path
 
 yaml = pytest.importorskip("yaml")
 
@@ -44,7 +44,7 @@ def test_the_table_of_fields_shows_paths() -> None:
 
 def test_the_lines_about_several_elements_are_what_the_monitor_says() -> None:
     from robot_health_monitor.core import Monitor, Sample
-    from robot_health_monitor.core.elements import Elements
+    from robot_health_monitor.core.values.elements import Elements
 
     (example,) = (example for example in EXAMPLES if "weakest_cell" in example)
     monitor = Monitor(load_config({"signals": example}))

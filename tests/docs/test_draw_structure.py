@@ -21,13 +21,18 @@ def test_core_imports_no_folder_and_the_top_imports_all() -> None:
     imported = SCRIPT["folders_imported"]
     assert imported("core") == set()
     assert imported("runtime") == {"core"}
-    assert imported("robot_health_monitor") == {
-        "core", "runtime", "ros1", "ros2", "rosbridge", "recordings", "ops"
+    assert imported("cli") == {
+        "core", "runtime", "ros1", "ros2", "rosbridge", "foxglove", "recordings", "ops"
     }  # fmt: skip
 
 
 def test_the_way_of_a_sample_passes_the_steps_of_the_rules() -> None:
     files = [file for file, _ in SCRIPT["way_of_a_sample"]()]
-    expected = ["core/nodes/alert_system.py", "core/monitor.py", "core/signal_monitor.py", "core/window.py"]
+    expected = [
+        "core/nodes/alert_system.py",
+        "core/judge/monitor.py",
+        "core/judge/signal_monitor.py",
+        "core/judge/window.py",
+    ]
     assert [file for file in files if file in expected] == expected
-    assert "core/outlets.py" in files[files.index("core/explanation.py") :]
+    assert "core/nodes/outlets.py" in files[files.index("core/judge/wording.py") :]

@@ -26,7 +26,7 @@ def test_every_block_is_on_a_page() -> None:
 
 
 def test_every_command_is_described() -> None:
-    listed = re.findall(r"^    (\w+) ", SCRIPT["_parser"]().format_help(), re.MULTILINE)
+    listed = re.findall(r"^  ([a-z]+) +[a-z]", SCRIPT["_parser"]().format_help(), re.MULTILINE)
     assert sorted(listed) == sorted(SCRIPT["COMMANDS"])
 
 

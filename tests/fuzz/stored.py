@@ -15,9 +15,9 @@ from fuzz.work import Work
 from harness.filled_history import fill_history, read_everything
 from harness.histories import opened, texts, transition
 
-from robot_health_monitor.core.faults import Faults
-from robot_health_monitor.ops.active_silences import Silences
-from robot_health_monitor.ops.history.database_file import reading
+from robot_health_monitor.core.values.faults import Faults
+from robot_health_monitor.ops.store.active_silences import Silences
+from robot_health_monitor.ops.store.database_file import reading
 
 Change = Tuple[str, str, Any]
 """Table, column, value."""
@@ -60,12 +60,11 @@ class HistoryRows(Target):
         history = opened(self._file, faults, keep_days=30_000.0)
         try:
             robot = history.of_robot("r9")
-            silences = Silences(history, faults)
+            Silences(history, faults)
             robot.restore()
             robot.watched_until_s()
             robot.record(transition(77, robot="r9"), {"level": 1}, [])
             assert "battery_level WARN: number 77" in texts(history)
-            silences.close()
         finally:
             history.close()
 

@@ -14,8 +14,8 @@ import pytest
 
 from harness.port_conformance import FLOAT32, START_S, Harness
 from harness.random_black_boxes import judged, without_past
-from robot_health_monitor.core.model import Transition
-from robot_health_monitor.operations import Operations
+from robot_health_monitor.cli.operations import Operations
+from robot_health_monitor.core.values.model import Transition
 from robot_health_monitor.ops.configuration import BlackBoxSettings, OpsConfig
 
 SIGNALS = {
@@ -74,8 +74,9 @@ def _check_with_mcap(path: Path) -> None:
         profile = reader.get_header().profile
     assert topics >= {"/robot1/battery_level", "/robot1/temperature", "/diagnostics"}
     assert any(topic.endswith("/alerts") for topic in topics)
-    # Over rosbridge, the robot's messages are raw and those of the monitor are JSON.
-    assert (profile, encodings) in [("ros1", {"ros1"}), ("ros2", {"cdr"}), ("", {"json"}), ("", {"json", "ros1"})]
+    # Over a bridge, the robot's messages are raw and those of the monitor are JSON.
+    bridged = [("", {"json", "ros1"}), ("", {"json", "cdr"})]
+    assert (profile, encodings) in [("ros1", {"ros1"}), ("ros2", {"cdr"}), ("", {"json"}), *bridged]
     if profile == "ros2":
         _check_for_rosbag2(summary)
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, Dict, List, Mapping, Optional, Tuple
 
-from robot_health_monitor.core.local import LocalBus
-from robot_health_monitor.core.model import Transition
-from robot_health_monitor.core.outlets import Event
-from robot_health_monitor.operations import Operations
+from robot_health_monitor.cli.operations import Operations
+from robot_health_monitor.core.nodes.outlets import Event
+from robot_health_monitor.core.port.local import LocalBus
+from robot_health_monitor.core.values.model import Transition
 from robot_health_monitor.ops.configuration import BlackBoxSettings, OpsConfig
 
 START_S = 1000.0

@@ -85,9 +85,8 @@ class Browser:
 
     def wait_for_text(self, selector: str, text: str) -> None:
         """Waits until the first element of a selector contains a text."""
-        self.wait_for(
-            "(document.querySelector(arguments[0]) || document.head).textContent.includes(arguments[1])", selector, text
-        )
+        shown = "(document.querySelector(arguments[0]) || document.head).textContent.replaceAll('\u00a0', ' ')"
+        self.wait_for(f"{shown}.includes(arguments[1])", selector, text)
 
     def find(self, selector: str) -> WebElement:
         """Returns the first element of a selector."""
@@ -121,9 +120,11 @@ class Browser:
             self.driver.switch_to.active_element.send_keys(key)
 
     def texts(self, selector: str) -> List[str]:
-        """Returns the texts of all elements of a selector."""
+        """Returns the texts of all elements of a selector, with blanks in place of no-break spaces."""
         found: List[str] = self.run(
-            "return [...document.querySelectorAll(arguments[0])].map((each) => each.textContent)", selector
+            "return [...document.querySelectorAll(arguments[0])].map((each) => each.textContent)"
+            ".map((text) => text.replaceAll('\u00a0', ' '))",
+            selector,
         )
         return found
 
@@ -218,8 +219,6 @@ class ServedRobots:
         if self._loop.is_closed():
             return
         self._run(self._server.close())
-        if self.robots.silences is not None:
-            self.robots.silences.close()
         self._loop.call_soon_threadsafe(self._loop.stop)
         self._thread.join(WAIT_S)
         self._loop.close()

@@ -19,10 +19,11 @@ from harness.bad_input import BAD_INPUT
 from harness.field_timeline import FIELDS, Scene
 from harness.local import LocalHarness
 from harness.port_conformance import FLOAT32, START_S, TRIGGER, Harness
-from robot_health_monitor.core.middleware import Middleware, Subscription, Timer
-from robot_health_monitor.core.model import Transition
+from harness.silence import SILENCE
 from robot_health_monitor.core.nodes import AlertSystem
 from robot_health_monitor.core.nodes.alert_system import TICK_PERIOD_S
+from robot_health_monitor.core.port.middleware import Middleware, Subscription, Timer
+from robot_health_monitor.core.values.model import Transition
 
 TIMELINE = Path(__file__).parents[1] / "data" / "timeline.csv"
 
@@ -100,7 +101,7 @@ class Equivalence:
         # as texts: a NaN that was judged is not equal to itself
         assert [repr(result) for result in replayed] == [repr(result) for result in reference]
 
-    @pytest.mark.parametrize("scene", [FIELDS, BAD_INPUT], ids=["fields", "bad input"])
+    @pytest.mark.parametrize("scene", [FIELDS, BAD_INPUT, SILENCE], ids=["fields", "bad input", "silence"])
     def test_every_kind_of_field_gives_the_same_transitions(self, harness: Harness, scene: Scene) -> None:
         reference = self.publish(LocalHarness(), scene)
         try:

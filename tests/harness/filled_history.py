@@ -8,11 +8,11 @@ from typing import List
 
 from harness.histories import opened, transition
 from robot_health_monitor.core import Level
-from robot_health_monitor.ops.active_silences import Silences
-from robot_health_monitor.ops.history import queries
-from robot_health_monitor.ops.history.summary import summarize
-from robot_health_monitor.ops.matchers import parse_matchers
-from robot_health_monitor.ops.silences import open_alerts, read_silences, silence_events, silenced_transitions
+from robot_health_monitor.ops.store import queries
+from robot_health_monitor.ops.store.active_silences import Silences
+from robot_health_monitor.ops.store.matchers import parse_matchers
+from robot_health_monitor.ops.store.silences import open_alerts, read_silences, silence_events, silenced_transitions
+from robot_health_monitor.ops.store.summary import summarize
 
 NOW_S = 1_700_000_000.0
 
@@ -31,7 +31,6 @@ def fill_history(path: Path) -> None:
     history.of_robot("r5").record(transition(9, robot="r5"), {"announced": {"level": "WARN"}}, [(NOW_S, 1.0)])
     silences.add(parse_matchers("robot=r5"), until_resolved=True)
     silences.add(parse_matchers("robot=r1"), for_s=60.0)
-    silences.close()
     history.close()
     opened(path).close()  # a second run
 

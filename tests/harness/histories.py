@@ -7,12 +7,12 @@ from typing import Any, List, Optional, Tuple
 
 from harness.waiting import WAIT_S
 from robot_health_monitor.core import Level
-from robot_health_monitor.core.faults import Faults
-from robot_health_monitor.core.model import Status, Transition
+from robot_health_monitor.core.values.faults import Faults
+from robot_health_monitor.core.values.model import Status, Transition
 from robot_health_monitor.ops.configuration import HistorySettings
-from robot_health_monitor.ops.history import queries
-from robot_health_monitor.ops.history.database_file import reading
-from robot_health_monitor.ops.history.history import History
+from robot_health_monitor.ops.store import queries
+from robot_health_monitor.ops.store.database_file import reading
+from robot_health_monitor.ops.store.history import History
 
 
 def transition(

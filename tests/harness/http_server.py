@@ -58,6 +58,13 @@ class Handler(BaseHTTPRequestHandler):
         self.wfile.write(body)
 
 
+class ManyAtOnce(ThreadingHTTPServer):
+    """Refuses no connection while many clients come at once."""
+
+    daemon_threads = True
+    request_queue_size = 100
+
+
 class HttpServer:
     """Listens on a free port of 127.0.0.1 while it is entered as a context."""
 
@@ -67,8 +74,7 @@ class HttpServer:
         self.closing = threading.Event()
         """Ends behaviours that would last for ever."""
         handler: Type[Handler] = type("BoundHandler", (Handler,), {"owner": self})
-        self._server = ThreadingHTTPServer(("127.0.0.1", 0), handler)
-        self._server.daemon_threads = True
+        self._server = ManyAtOnce(("127.0.0.1", 0), handler)
         self._thread = threading.Thread(target=self._server.serve_forever, args=(0.01,), daemon=True)
 
     @property

@@ -6,11 +6,11 @@ import json
 from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 
 from harness.stage import Stage
-from robot_health_monitor.core.model import Transition
+from robot_health_monitor.core.judge.sample_summary import SampleSummary
+from robot_health_monitor.core.judge.saved_state import SavedSignal
 from robot_health_monitor.core.nodes import AlertSystem
-from robot_health_monitor.core.outlets import Event
-from robot_health_monitor.core.sample_summary import SampleSummary
-from robot_health_monitor.core.state_reader import SavedSignal
+from robot_health_monitor.core.nodes.outlets import Event
+from robot_health_monitor.core.values.model import Transition
 
 
 class KeptHistory:

@@ -10,7 +10,7 @@ from __future__ import annotations
 from fractions import Fraction
 from typing import Iterable, Iterator, List, Optional, Sequence, Tuple
 
-from robot_health_monitor.core.model import Level
+from robot_health_monitor.core.values.model import Level
 
 RESULTS = 21
 

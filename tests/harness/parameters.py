@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from robot_health_monitor.core.mapping_node import MappingNode
-from robot_health_monitor.core.parameters import flatten, unflatten
+from robot_health_monitor.core.config.parameters import flatten, unflatten
+from robot_health_monitor.core.port.mapping_node import MappingNode
 
 
 def set_parameter(node: MappingNode, name: str, value: object) -> str:

@@ -13,9 +13,9 @@ from harness.histories import transition
 from robot_health_monitor.__main__ import main
 from robot_health_monitor.core import Level
 from robot_health_monitor.ops.configuration import HistorySettings
-from robot_health_monitor.ops.history.history import History
-from robot_health_monitor.ops.matchers import parse_matchers
-from robot_health_monitor.ops.silences import add_silence, expire_silence, resolve_alert
+from robot_health_monitor.ops.store.history import History
+from robot_health_monitor.ops.store.matchers import parse_matchers
+from robot_health_monitor.ops.store.silences import add_silence, expire_silence, resolve_alert
 
 START_S = 1_700_000_000.0  # 2023-11-14 22:13:20 UTC
 
@@ -68,7 +68,6 @@ def add_silences(file: Path) -> Path:
     with closing(sqlite3.connect(file)) as connection, connection:
         silence(connection, 10.0, "robot=r1,signal=battery*", for_s=7200.0, reason="fan", author="ana")
         silence(connection, 30.0, "robot=r2", for_s=30.0, author="=ben")
-        connection.execute('UPDATE signal_states SET state = \'{"announced": {"level": "WARN"}}\'')
         silence(connection, 92.0, "signal=cpu*", until_resolved=True, reason="known")
         expire_silence(connection, 1, START_S + 40.0, reason="fan works", author="eve")
         for signal in ("battery_level", "cpu_usage"):

@@ -22,14 +22,17 @@ from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Pro
 
 import pytest
 
-from robot_health_monitor.core.config import sections
-from robot_health_monitor.core.errors import ConfigError, MessageError
-from robot_health_monitor.core.middleware import Middleware, Severity
-from robot_health_monitor.core.model import Transition
-from robot_health_monitor.core.nodes import AlertSystem
-from robot_health_monitor.core.outlets import Event, Outlet
-from robot_health_monitor.core.parameters import Parameter, flatten, read_parameters
-from robot_health_monitor.core.yaml_file import read_yaml
+from robot_health_monitor.core.config.monitor_config import sections
+from robot_health_monitor.core.config.parameters import Parameter, flatten, read_parameters
+from robot_health_monitor.core.config.yaml_file import read_yaml
+from robot_health_monitor.core.nodes import Aggregator, AlertSystem, BatterySensor
+from robot_health_monitor.core.nodes.outlets import Event, Outlet
+from robot_health_monitor.core.port.middleware import Middleware, Severity
+from robot_health_monitor.core.proposal.candidates import Topic
+from robot_health_monitor.core.proposal.proposal import Proposal
+from robot_health_monitor.core.values.errors import ConfigError, MessageError
+from robot_health_monitor.core.values.field_path import ABSENT
+from robot_health_monitor.core.values.model import Transition
 
 START_S = 100.0
 """The simulated time at which every test starts."""
@@ -165,13 +168,17 @@ def bytes_of(data: Any) -> bytes:
 
 
 class Recorder:
-    """A callback that records its arguments."""
+    """A callback that records its arguments, and counts messages that hold no value."""
 
     def __init__(self) -> None:
         self.values: List[Any] = []
         self.times_s: List[float] = []
+        self.without = 0
 
     def __call__(self, value: Any, now_s: float) -> None:
+        if value is ABSENT:
+            self.without += 1
+            return
         self.times_s.append(now_s)
         self.values.append(value)
 
@@ -419,7 +426,7 @@ class PortConformance:
             field: [value] for field, value in values.items()
         }
 
-    def test_an_empty_array_beside_its_names_is_no_call(self, harness: Harness) -> None:
+    def test_an_empty_array_beside_its_names_is_a_sign_of_life_without_a_value(self, harness: Harness) -> None:
         one, every = Recorder(), Recorder()
         node = harness.node("alert_system")
         node.subscribe("in", "sensor_msgs/JointState", one, field='effort["arm"]')
@@ -428,6 +435,7 @@ class PortConformance:
         harness.publish("/in", "sensor_msgs/JointState", JOINTS)
         harness.wait_until(lambda: bool(one.values and every.values))
         assert one.values == [0.25] and len(every.values) == 1
+        assert one.without == every.without == 1
 
     def test_the_age_of_a_stamp_is_judged_by_the_simulated_clock(self, harness: Harness) -> None:
         events: List[Any] = []
@@ -448,7 +456,7 @@ class PortConformance:
         node = harness.node("alert_system", sim_time=False)
         assert abs(node.stamp_s() - time.time()) < 60.0
 
-    def test_a_message_without_the_picked_element_is_no_call(self, harness: Harness) -> None:
+    def test_a_message_without_the_picked_element_is_a_sign_of_life_without_a_value(self, harness: Harness) -> None:
         heard = Recorder()
         node = harness.node("alert_system")
         node.subscribe("in", DIAGNOSTICS, heard, field='status["driver: left motor"].level')
@@ -456,7 +464,7 @@ class PortConformance:
         harness.publish("/in", DIAGNOSTICS, {"status": []})
         harness.publish("/in", DIAGNOSTICS, {"status": [STATUS]})
         harness.wait_until(lambda: len(heard.values) >= 1)
-        assert heard.values == [2]
+        assert (heard.values, heard.without) == ([2], 2)
 
     def test_arrivals_are_received_without_reading_the_messages(self, harness: Harness) -> None:
         node, typed, untyped, read = harness.node("alert_system"), Recorder(), Recorder(), Recorder()
@@ -853,6 +861,34 @@ class PortConformance:
 
         harness.wait_until(warned)
         assert [line for line in harness.log_lines() if "in a callback" in line.text] == []
+
+    def test_what_the_nodes_of_this_package_publish_is_known_by_its_publisher(self, harness: Harness) -> None:
+        """The driver's /battery_level is the robot's, that of a battery_sensor is not, whatever it is called."""
+        remap = {"temperature": "/board"}
+        sensor = harness.node("power", namespace="own", parameters={"cpu_usage": {"source": "none"}}, remap=remap)
+        aggregator = harness.node("aggregator", namespace="own", parameters={"inputs": ["battery_level"]})
+        BatterySensor(sensor)
+        Aggregator(aggregator)
+        AlertSystem(harness.node("alert_system", namespace="own"))
+        robots = ["/battery_level", "/own/cpu_usage"]
+        own = [
+            "/board",
+            *(f"/own/{name}" for name in ("_simulated_sensors", "alerts", "battery_level", "system_health")),
+        ]
+        proposal = Proposal()
+        proposal.take(Topic(topic, FLOAT32, None) for topic in (*robots, *own))
+        proposal.take([Topic("/diagnostics", DIAGNOSTICS, None)])
+        proposal.listen(harness.node("init"), ["/diagnostics"])
+
+        def known() -> bool:
+            harness.publish("/diagnostics", DIAGNOSTICS, {"status": [STATUS]})
+            harness.set_time(sensor.now_s() + 1.0)
+            return proposal.own_topics >= set(own)
+
+        harness.wait_until(known)
+        assert proposal.own_topics == set(own)
+        not_watched = proposal.result().not_watched
+        assert [topic for topic, why in not_watched.items() if why == "published by this monitor"] == sorted(own)
 
     def test_nodes_hear_one_another(self, harness: Harness) -> None:
         sensor, monitor = harness.node("battery_sensor"), harness.node("alert_system")

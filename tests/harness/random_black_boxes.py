@@ -14,10 +14,10 @@ from robot_health_monitor.core import Level
 
 def judged(file: Path, *, sim_time: bool = False) -> List[Tuple[float, Level, str]]:
     """Returns the transitions of a replay in this process: virtual time, level, and the line without `(was ...)`."""
-    from robot_health_monitor.core.attachments import STATE, THRESHOLDS, read_saved_monitor
-    from robot_health_monitor.core.config import find_section
-    from robot_health_monitor.core.model import Transition
-    from robot_health_monitor.core.yaml_file import parse_yaml
+    from robot_health_monitor.core.config.monitor_config import find_section
+    from robot_health_monitor.core.config.yaml_file import parse_yaml
+    from robot_health_monitor.core.judge.attachments import STATE, THRESHOLDS, read_saved_monitor
+    from robot_health_monitor.core.values.model import Transition
     from robot_health_monitor.recordings.judging import Judge, JudgedEvent
     from robot_health_monitor.recordings.middleware import Player
     from robot_health_monitor.recordings.reading import Recordings

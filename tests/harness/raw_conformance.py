@@ -6,16 +6,19 @@ The referee is rosbags, which reads the bytes by the definition that came with t
 from __future__ import annotations
 
 import base64
+import gc
 import json
+import os
 from functools import partial
 from typing import Any, Dict, List, Mapping, Tuple
 
 import pytest
 
 from harness.port_conformance import DIAGNOSTICS, FLOAT32, JOINTS, START_S, STATUS, Harness, Recorder, levels_to
-from robot_health_monitor.core.errors import ConfigError, MessageError
-from robot_health_monitor.core.middleware import RawFormat, RawMessage, canonical_type
 from robot_health_monitor.core.nodes import AlertSystem
+from robot_health_monitor.core.port.middleware import RawFormat, RawMessage
+from robot_health_monitor.core.values.errors import ConfigError, MessageError
+from robot_health_monitor.core.values.names import canonical_type
 
 IMAGE = "sensor_msgs/Image"
 PIXELS = bytes(range(256)) * 4096
@@ -322,3 +325,19 @@ class RawConformance:
         node = harness.node("recorder")
         harness.publish("/listed", FLOAT32, {"data": 1.0})
         harness.wait_until(lambda: canonical_type(node.topic_types().get("/listed", "")) == FLOAT32)
+
+    def test_topics_that_come_and_go_leave_no_descriptor(self, harness: Harness) -> None:
+        """As a black box with `topics: ["/*"]` subscribes to what a robot publishes for a while."""
+        node = harness.node("recorder")
+
+        def come_and_go(first: int, last: int) -> int:
+            for number in range(first, last):
+                node.unsubscribe(node.subscribe_raw(f"/passing/t{number}", FLOAT32, Capture()))
+            return len(os.listdir("/proc/self/fd"))
+
+        gc.disable()  # chance must not close what is left open
+        try:
+            before = come_and_go(0, 5)
+            assert come_and_go(5, 505) <= before + 2
+        finally:
+            gc.enable()

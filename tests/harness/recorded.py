@@ -13,7 +13,7 @@ from mcap.writer import Writer as McapWriter
 from rosbags import rosbag1, rosbag2
 from rosbags.typesys import Stores, get_typestore
 
-from robot_health_monitor.recordings.decoding import types_of
+from robot_health_monitor.recordings.decoding import type_of
 from robot_health_monitor.recordings.reading import Recordings
 from robot_health_monitor.recordings.recording import Channel, RecordingError
 
@@ -178,7 +178,7 @@ def read(*paths: str) -> ReadBack:
         targets = {channel: channel for channel in recordings.channels}
         found = []
         for time_ns, channel, data in recordings.messages([targets] * len(paths)):
-            value = types_of(channel).field_getter("data")(data) if channel.type_name == "std_msgs/Float32" else data
+            value = type_of(channel).field_getter("data")(data) if channel.type_name == "std_msgs/Float32" else data
             found.append(Recorded((time_ns - START_NS) / 1e9, channel.topic, value))
         return ReadBack(found, recordings.problems, recordings.channels)
 

@@ -16,7 +16,7 @@ import yaml
 from rosgraph_msgs.msg import Clock, Log
 
 from harness.port_conformance import START_S, LogLine, ServiceFailed, poll_until
-from robot_health_monitor.core.middleware import Severity
+from robot_health_monitor.core.port.middleware import Severity
 from robot_health_monitor.ros1.middleware import Ros1Middleware
 
 _SEVERITIES = {

@@ -26,8 +26,8 @@ from rosgraph_msgs.msg import Clock
 from rosidl_parser.definition import AbstractSequence, Array, NamespacedType
 
 from harness.port_conformance import START_S, LogLine, ServiceFailed, poll_until
-from robot_health_monitor.core.middleware import Severity
-from robot_health_monitor.core.parameters import flatten
+from robot_health_monitor.core.config.parameters import flatten
+from robot_health_monitor.core.port.middleware import Severity
 from robot_health_monitor.ros2.middleware import Ros2Middleware
 
 _MATCH_S = 5.0

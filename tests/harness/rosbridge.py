@@ -8,8 +8,8 @@ from typing import Any, Callable, List, Mapping, Optional, Sequence
 
 from harness.parameters import set_parameter
 from harness.port_conformance import START_S, LogLine, ServiceFailed, poll_until
-from robot_health_monitor.core.errors import ConfigError, ServiceError
-from robot_health_monitor.core.local import LocalBus
+from robot_health_monitor.core.port.local import LocalBus
+from robot_health_monitor.core.values.errors import ConfigError, ServiceError
 from robot_health_monitor.rosbridge.client.middleware import RosbridgeClient, RosbridgeMiddleware
 from robot_health_monitor.rosbridge.server.access import Access
 from robot_health_monitor.rosbridge.server.server import Server

@@ -10,7 +10,7 @@ import aiohttp
 from aiohttp import web
 
 from harness.reserved import free_port
-from robot_health_monitor.core.middleware import Severity
+from robot_health_monitor.core.port.middleware import Severity
 from robot_health_monitor.rosbridge.client import Cause, RosbridgeClient
 
 DEADLINE_S = 30.0

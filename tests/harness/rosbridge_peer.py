@@ -10,7 +10,7 @@ from typing import Any, AsyncIterator, Awaitable, Callable, Dict, List, Optional
 import aiohttp
 import cbor2
 
-from robot_health_monitor.core.local import LocalBus
+from robot_health_monitor.core.port.local import LocalBus
 from robot_health_monitor.rosbridge.server.access import Access
 from robot_health_monitor.rosbridge.server.server import Server
 

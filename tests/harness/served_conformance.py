@@ -11,8 +11,9 @@ from typing import Any
 import pytest
 
 from harness.port_conformance import FLOAT32, TRIGGER, Harness
-from robot_health_monitor.core.errors import ConfigError, ServiceError
-from robot_health_monitor.core.middleware import ServedMiddleware, split_type_name
+from robot_health_monitor.core.port.middleware import ServedMiddleware
+from robot_health_monitor.core.values.errors import ConfigError, ServiceError
+from robot_health_monitor.core.values.names import split_type_name
 
 
 class ServedConformance:
@@ -59,7 +60,7 @@ class ServedConformance:
 
     def test_a_definition_holds_those_of_the_types_within(self, harness: Harness, served: ServedMiddleware) -> None:
         if served.raw_format(FLOAT32).message_encoding == "json":
-            return  # tests/core/test_raw_messages.py
+            return  # tests/core/port/test_raw_messages.py
         assert "float32 data" in served.raw_format(FLOAT32).schema
         text = served.raw_format("diagnostic_msgs/DiagnosticArray").schema
         parts = text.split("=" * 80 + "\n")

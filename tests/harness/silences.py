@@ -6,8 +6,8 @@ import sqlite3
 from typing import Callable
 
 from robot_health_monitor.core import Level
-from robot_health_monitor.core.model import Status, Transition
-from robot_health_monitor.ops.history.history import History
+from robot_health_monitor.core.values.model import Status, Transition
+from robot_health_monitor.ops.store.history import History
 
 NOON_S = 1_763_812_800.0
 """2025-11-22 12:00 UTC."""

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any, Dict, List, Mapping, Optional, Tuple
 
-from robot_health_monitor.core.local import LocalBus, LocalMiddleware
-from robot_health_monitor.core.middleware import Severity
 from robot_health_monitor.core.nodes import AlertSystem
-from robot_health_monitor.core.outlets import Outlet
+from robot_health_monitor.core.nodes.outlets import Outlet
+from robot_health_monitor.core.port.local import LocalBus, LocalMiddleware
+from robot_health_monitor.core.port.middleware import Severity
 
 FLOAT32 = "std_msgs/Float32"
 

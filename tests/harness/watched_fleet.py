@@ -8,12 +8,12 @@ import time
 from pathlib import Path
 from typing import AsyncIterator, List
 
-from robot_health_monitor.core.local import LogLine
-from robot_health_monitor.core.middleware import Severity
-from robot_health_monitor.core.model import Transition
-from robot_health_monitor.core.outlets import Event, Outlet
-from robot_health_monitor.fleet import Fleet
-from robot_health_monitor.fleet_configuration import FleetReader, Options, read_addresses
+from robot_health_monitor.cli.fleet import Fleet
+from robot_health_monitor.cli.fleet_configuration import FleetReader, Options, read_addresses
+from robot_health_monitor.core.nodes.outlets import Event, Outlet
+from robot_health_monitor.core.port.local import LogLine
+from robot_health_monitor.core.port.middleware import Severity
+from robot_health_monitor.core.values.model import Transition
 
 THRESHOLDS = """
 alert_system:

@@ -6,11 +6,10 @@ from pathlib import Path
 from typing import Any, List, Mapping, NamedTuple, Sequence, Tuple
 
 from robot_health_monitor.core import Sample, load_config
-from robot_health_monitor.core.continuity import Continuity
-from robot_health_monitor.core.monitor import Monitor
-from robot_health_monitor.core.nodes.node import sections_of
+from robot_health_monitor.core.judge.continuity import Continuity
+from robot_health_monitor.core.judge.monitor import Monitor
 from robot_health_monitor.ops.configuration import HistorySettings
-from robot_health_monitor.ops.history.history import History
+from robot_health_monitor.ops.store.history import History
 
 START_S = 1_700_000_000.0
 
@@ -33,7 +32,7 @@ def watched(file: Path, signals: Mapping[str, Any], name: str, timeline: Timelin
     config = load_config({"signals": signals})
     monitor = Monitor(config, "r3")
     continuity = Continuity(monitor, history.of_robot("r3"))
-    continuity.record_configuration(sections_of(config))
+    continuity.record_configuration(config)
     continuity.restore(0.0, at_first_call=False)
     monitor.tick(0.0)
     for now_s[0], datum in timeline:

@@ -9,12 +9,12 @@ from typing import Any, Awaitable, Callable, Dict, List, Mapping, Optional, Tupl
 
 import aiohttp
 
-from robot_health_monitor.core.local import LocalBus
-from robot_health_monitor.core.model import Sample
 from robot_health_monitor.core.nodes import AlertSystem
-from robot_health_monitor.ops.active_silences import Silences
+from robot_health_monitor.core.port.local import LocalBus
+from robot_health_monitor.core.values.model import Sample
 from robot_health_monitor.ops.configuration import HistorySettings
-from robot_health_monitor.ops.history.history import History
+from robot_health_monitor.ops.store.active_silences import Silences
+from robot_health_monitor.ops.store.history import History
 from robot_health_monitor.ops.web import WebInterface
 from robot_health_monitor.rosbridge.server import Server
 from robot_health_monitor.rosbridge.server.access import monitor_access

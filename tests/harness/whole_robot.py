@@ -6,7 +6,7 @@ import math
 import random
 from typing import Any, Callable, Dict, List, Mapping
 
-from robot_health_monitor.core.middleware import Middleware
+from robot_health_monitor.core.port.middleware import Middleware
 
 DRIVERS = ("motor_driver: left", "motor_driver: right", "laser")
 
@@ -97,19 +97,19 @@ class WholeRobot:
 
 
 FAULTS: Mapping[str, str] = {
-    "camera/image dies": "camera_image_rate STALE",
+    "camera/image dies": "/camera/image STALE",
     "camera/image halves": "camera_image_rate WARN",
     "camera/image stands still": "camera_image_age WARN",
-    "scan dies": "scan_rate STALE",
+    "scan dies": "/scan STALE",
     "scan halves": "scan_rate WARN",
     "scan late": "scan_age WARN",
-    "imu dies": "imu_rate STALE",
+    "imu dies": "/imu STALE",
     "imu doubles": "imu_rate WARN",
     "imu shakes": "imu_linear_acceleration_z WARN",
-    "joint_states dies": "joint_states_rate STALE",
+    "joint_states dies": "/joint_states STALE",
     "joint_states halves": "joint_states_rate WARN",
     "a joint overloads": "joint_states_effort_elbow WARN",
-    "battery_state dies": "battery_state_percentage STALE",
+    "battery_state dies": "/battery_state STALE",
     "battery low": "battery_state_percentage WARN",
     "battery empty": "battery_state_percentage ERROR",
     "a cell drops": "battery_state_cell_spread ERROR",

@@ -8,10 +8,10 @@ from typing import Iterator
 import pytest
 from harness.silences import Clock
 
-from robot_health_monitor.core.faults import Faults
-from robot_health_monitor.ops.active_silences import Silences
+from robot_health_monitor.core.values.faults import Faults
 from robot_health_monitor.ops.configuration import HistorySettings
-from robot_health_monitor.ops.history.history import History
+from robot_health_monitor.ops.store.active_silences import Silences
+from robot_health_monitor.ops.store.history import History
 
 
 @pytest.fixture
@@ -27,7 +27,5 @@ def history(tmp_path: Path, clock: Clock) -> Iterator[History]:
 
 
 @pytest.fixture
-def silences(history: History, clock: Clock) -> Iterator[Silences]:
-    opened = Silences(history, Faults(), wall_time_s=clock)
-    yield opened
-    opened.close()
+def silences(history: History, clock: Clock) -> Silences:
+    return Silences(history, Faults(), wall_time_s=clock)

@@ -6,7 +6,7 @@ import re
 import subprocess
 import sys
 from pathlib import Path
-from typing import Dict, List, Tuple
+from typing import Dict, List, Set, Tuple
 from xml.etree import ElementTree
 
 import pytest
@@ -14,6 +14,7 @@ import yaml
 from harness.packaging_workspace import ROOT, version
 
 from release import debs
+from robot_health_monitor.cli.arguments import COMMANDS
 
 FOCAL = {
     "python3-aiohttp": (3, 6, 2),
@@ -76,20 +77,75 @@ def test_no_field_is_left_open(debian: Path) -> None:
 
 
 def test_the_units_use_the_user_and_the_folders_that_the_package_makes(debian: Path) -> None:
-    postinst, postrm, rules = (
-        (debian / name).read_text("utf-8") for name in ("robot-health.postinst", "robot-health.postrm", "rules")
-    )
+    postinst, rules = ((debian / name).read_text("utf-8") for name in ("robot-health.postinst", "rules"))
     service, instances = UNITS
     for unit in UNITS:
         assert "\nUser=robot-health\nGroup=robot-health\n" in unit
         assert re.search(r"^ExecStart=/opt/robot-health/bin/robot-health ", unit, re.MULTILINE)
     assert "\nStateDirectory=robot-health\nStateDirectoryMode=0770\n" in service
     assert "install -d -o robot-health -g robot-health -m 770 /var/lib/robot-health\n" in postinst
-    assert "\nStateDirectory=robot-health-%i\n" in instances and " /var/lib/robot-health-* " in postrm
+    assert "\nStateDirectory=robot-health-%i\n" in instances
     started = next(line for line in service.splitlines() if line.startswith("ExecStart="))
     files = re.findall(r"/etc/robot-health/[\w.]+", started)
     assert len(files) == 2
     assert [file for file in files if f"$(package){file}\n" not in rules] == []
+
+
+@pytest.fixture(scope="module")
+def completions(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Returns the folder with what completes in bash and zsh."""
+    pytest.importorskip("shtab")
+    folder = tmp_path_factory.mktemp("completions")
+    debs.write_completions(folder)
+    return folder
+
+
+COMPLETE = """
+source "$1"; shift
+COMP_WORDS=("$@"); COMP_CWORD=$(($# - 1))
+$(complete -p robot-health | sed 's/.*-F \\(.*\\) .*/\\1/')
+printf '%s\\n' "${COMPREPLY[@]}"
+"""
+"""What bash does when Tab is pressed behind words."""
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (["su"], {"suggest"}),
+        (["silence", "ad"], {"add"}),
+        (["replay", "--thr"], {"--thresholds"}),
+        (["init", "--ros"], {"--ros1", "--ros2"}),
+        (["check", "/etc/hostn"], {"/etc/hostname"}),
+    ],
+)
+def test_bash_completes_commands_options_and_files(completions: Path, words: List[str], expected: Set[str]) -> None:
+    command = ["bash", "-c", COMPLETE, "bash", str(completions / "robot-health.bash"), "robot-health", *words]
+    found = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout.split()
+    assert set(found) == expected
+
+
+def test_zsh_has_every_command_and_option(completions: Path) -> None:
+    text = (completions / "_robot-health").read_text("utf-8")
+    assert text.startswith("#compdef robot-health\n")
+    quotes = "['\"]?"  # as the version of shtab has them
+    assert [name for name, line in COMMANDS.items() if not re.search(rf"\b{name}:{quotes}{line}", text)] == []
+    assert "--thresholds[" in text and ":_files" in text
+
+
+def test_purge_deletes_the_states_of_its_own_units_only(debian: Path, tmp_path: Path) -> None:
+    """Run on a folder in place of /, with no user to delete."""
+    others = [f"robot-health-{name}" for name in ("agent", "alertmanager", "north-backup", "prometheus", "vmagent")]
+    for folder in ("robot-health", "robot-health-north", *others):
+        (tmp_path / "var/lib" / folder).mkdir(parents=True)
+    (tmp_path / "etc/robot-health/north").mkdir(parents=True)
+    (tmp_path / "etc/robot-health/north/fleet.yaml").touch()
+    script = (debian / "robot-health.postrm").read_text("utf-8").replace("/var/lib/", f"{tmp_path}/var/lib/")
+    no_user = "getent() { return 1; }\n"
+    purge = ["sh", "-c", no_user + script.replace("/etc/", f"{tmp_path}/etc/"), "postrm", "purge"]
+    assert subprocess.run(purge, check=True, stdout=subprocess.PIPE).stdout == b""
+    assert sorted(file.name for file in (tmp_path / "var/lib").iterdir()) == others
+    assert list((tmp_path / "etc").iterdir()) == []
 
 
 def test_the_configuration_of_the_package_is_valid(debian: Path, tmp_path: Path) -> None:

@@ -22,13 +22,15 @@ BY_HAND = {"pynvml"}
 """Only for computers with a card of NVIDIA, whose owners install it; without it there is one clear line."""
 ALLOWED = {
     "core": {"psutil", "yaml"} | BY_HAND,
-    "runtime": set(),
+    "runtime": {"aiohttp"},
     "ros1": ROS1 | MESSAGES,
     "ros2": ROS2 | MESSAGES,
     "rosbridge": {"aiohttp", "cbor2"},
+    "foxglove": {"aiohttp"},
     "recordings": {"yaml"} | RECORDINGS,
-    "ops": {"aiohttp", "mcap", "numpy", "prometheus_client", "yaml"},
-    NAME: {"numpy", "rich"},
+    "ops": {"aiohttp", "mcap", "numpy", "prometheus_client", "yaml", "zstandard"},
+    "cli": {"numpy", "rich"},
+    NAME: set(),
 }
 """Packages that a folder may import, in addition to the standard library and this package."""
 

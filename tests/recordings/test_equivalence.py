@@ -12,9 +12,10 @@ from harness.field_timeline import FIELDS, Scene
 from harness.local import LocalHarness
 from harness.port_conformance import START_S
 from harness.recorded import ROS1, ROS2, START_NS, Recorded, message_of, write_bag, write_folder, write_mcap
+from harness.silence import SILENCE
 
-from robot_health_monitor.core.model import Transition
 from robot_health_monitor.core.nodes import AlertSystem
+from robot_health_monitor.core.values.model import Transition
 from robot_health_monitor.recordings.middleware import Player
 from robot_health_monitor.recordings.reading import Recordings
 
@@ -42,7 +43,7 @@ def later(message: Mapping[str, Any]) -> Mapping[str, Any]:
     return {**message, "header": {"stamp": {**stamp, "sec": stamp["sec"] + SHIFT_S}}}
 
 
-@pytest.mark.parametrize("scene", [FIELDS, BAD_INPUT], ids=["fields", "bad input"])
+@pytest.mark.parametrize("scene", [FIELDS, BAD_INPUT, SILENCE], ids=["fields", "bad input", "silence"])
 @pytest.mark.parametrize(
     "write",
     [

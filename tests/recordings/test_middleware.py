@@ -12,12 +12,15 @@ from typing import Any, List, Tuple
 import pytest
 from harness.raw_conformance import Capture
 from harness.recorded import ROS2, START_NS, Recorded, values, write_bag, write_folder, write_mcap
+from mcap.writer import Writer
 
-from robot_health_monitor.core.errors import ConfigError, MessageError
-from robot_health_monitor.core.local import LogLine
-from robot_health_monitor.core.middleware import Severity, canonical_type
-from robot_health_monitor.core.model import Level, Transition
 from robot_health_monitor.core.nodes import AlertSystem
+from robot_health_monitor.core.port.local import LogLine
+from robot_health_monitor.core.port.middleware import Severity
+from robot_health_monitor.core.values.errors import ConfigError, MessageError
+from robot_health_monitor.core.values.field_path import ABSENT
+from robot_health_monitor.core.values.model import Level, Transition
+from robot_health_monitor.core.values.names import canonical_type
 from robot_health_monitor.recordings import middleware
 from robot_health_monitor.recordings.middleware import Player
 from robot_health_monitor.recordings.reading import Recordings
@@ -209,22 +212,18 @@ def test_a_topic_that_is_recorded_with_another_type_delivers_nothing(tmp_path: P
 def test_only_watched_fields_are_decoded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Where only arrivals matter, messages are counted."""
     asked: List[Tuple[str, str]] = []
-    real = middleware.types_of
+    real = middleware.field_getter
 
-    class Counted:
-        def __init__(self, channel: Any) -> None:
-            self.channel = channel
+    def counted_getter(channel: Any, field: str) -> Any:
+        get = real(channel, field)
 
-        def field_getter(self, field: str) -> Any:
-            get = real(self.channel).field_getter(field)
+        def counted(data: bytes) -> Any:
+            asked.append((channel.topic, field))
+            return get(data)
 
-            def counted(data: bytes) -> Any:
-                asked.append((self.channel.topic, field))
-                return get(data)
+        return counted
 
-            return counted
-
-    monkeypatch.setattr(middleware, "types_of", Counted)
+    monkeypatch.setattr(middleware, "field_getter", counted_getter)
     messages = [*values("/x", [1, 2]), *values("/y", [1, 2]), *values("/z", [1, 2])]
     player = Player(Recordings([write_bag(tmp_path / "a.bag", messages)]))
     node = player.node("node", {})
@@ -233,7 +232,7 @@ def test_only_watched_fields_are_decoded(tmp_path: Path, monkeypatch: pytest.Mon
     node.subscribe("x", FLOAT32, lambda value, now_s: None, field="data")
     node.subscribe("y", FLOAT32, lambda value, now_s: arrivals.append(value), field=None)
     player.play()
-    assert asked == [("/x", "data")] * 2
+    assert asked == [("/x", "data")] * 3  # the first message twice: can it be read?
     assert arrivals == [1.0, 1.0]
 
 
@@ -255,7 +254,7 @@ def test_progress_goes_from_0_to_1(tmp_path: Path) -> None:
     assert seen[-1] == 1.0
 
 
-def test_a_message_that_does_not_match_its_type_is_counted(tmp_path: Path) -> None:
+def test_a_recording_of_which_nothing_can_be_decoded_is_not_played(tmp_path: Path) -> None:
     path = write_mcap(
         tmp_path / "a.mcap", values("/x", [1, 2]), definitions={"std_msgs/msg/Float32": ("ros2msg", "float64 data")}
     )
@@ -264,7 +263,6 @@ def test_a_message_that_does_not_match_its_type_is_counted(tmp_path: Path) -> No
         player.node("node", {}).subscribe("x", FLOAT32, lambda value, now_s: None, field=field)
     with pytest.raises(RecordingError, match=r"a\.mcap: none of its messages on /x can be decoded"):
         player.play()
-    assert player.problems == ["/x: 2 messages could not be decoded and were left out"]
 
 
 def test_a_time_in_the_far_future_does_not_run_the_timers_of_centuries(tmp_path: Path) -> None:
@@ -336,3 +334,48 @@ def test_a_capture_that_ended_takes_nothing_more(tmp_path: Path) -> None:
     node.unsubscribe(subscription)
     player.play()
     assert capture.items == []
+
+
+def test_a_topic_with_many_channels_is_looked_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """To ask each channel whether its messages can be read would read the file 300 times."""
+    path = tmp_path / "many.mcap"
+    with path.open("wb") as stream:
+        writer: Any = Writer(stream)
+        writer.start("ros2", "x")
+        for number in range(300):
+            schema = writer.register_schema(f"a/msg/T{number}", "ros2msg", b"float64 data")
+            channel = writer.register_channel("/x", "cdr", schema)
+            writer.add_message(channel, 10**18 + number, b"\0\1\0\0", 10**18 + number)  # too short
+        writer.finish()
+    passes: List[int] = []
+    real = Recordings.messages
+
+    def counted(recordings: Recordings, targets: Any) -> Any:
+        passes.append(1)
+        return real(recordings, targets)
+
+    monkeypatch.setattr(Recordings, "messages", counted)
+    with Recordings([str(path)]) as recordings:
+        player = Player(recordings)
+        assert player.why_unreadable("/x", "", "data") == "no message on /x can be decoded"
+    assert len(passes) <= 2
+
+
+def test_a_message_that_cannot_be_decoded_is_a_sign_of_life(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    with path.open("wb") as stream:
+        writer: Any = Writer(stream)
+        writer.start("ros2", "x")
+        schema = writer.register_schema("std_msgs/msg/Float32", "ros2msg", b"float32 data")
+        channel = writer.register_channel("/x", "cdr", schema)
+        for number, data in enumerate((b"\0\0\x80\x3f", b"\0", b"\0\0\0\x40")):
+            time_ns = 10**18 + number
+            writer.add_message(channel, time_ns, b"\0\1\0\0" + data, time_ns)
+        writer.finish()
+    heard: List[Any] = []
+    with Recordings([str(path)]) as recordings:
+        player = Player(recordings)
+        player.node("node", {}).subscribe("x", FLOAT32, lambda value, now_s: heard.append(value), field="data")
+        player.play()
+        assert heard == [1.0, ABSENT, 2.0]
+        assert player.problems == ["/x: 1 message could not be decoded and was left out"]

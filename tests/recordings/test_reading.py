@@ -14,7 +14,7 @@ import zstandard
 from harness.recorded import Recorded, read, values, write_bag, write_folder, write_mcap
 from rosbags import rosbag2
 
-from robot_health_monitor.core.errors import ConfigError
+from robot_health_monitor.core.values.errors import ConfigError
 from robot_health_monitor.recordings import reading
 from robot_health_monitor.recordings.middleware import Player
 from robot_health_monitor.recordings.reading import Recordings

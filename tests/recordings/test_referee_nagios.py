@@ -10,8 +10,8 @@ from harness.nagios import announcements
 from harness.recorded import START_NS, values, write_bag
 from harness.seeds import fixed_seed
 
-from robot_health_monitor.core.model import Level, Transition
 from robot_health_monitor.core.nodes import AlertSystem
+from robot_health_monitor.core.values.model import Level, Transition
 from robot_health_monitor.recordings.middleware import Player
 from robot_health_monitor.recordings.reading import Recordings
 

@@ -20,8 +20,8 @@ from harness.promtool import (
 from harness.recorded import START_NS, Recorded, write_bag, write_mcap
 from harness.seeds import fixed_seed
 
-from robot_health_monitor.core.model import Level, Transition
 from robot_health_monitor.core.nodes import AlertSystem
+from robot_health_monitor.core.values.model import Level, Transition
 from robot_health_monitor.recordings.middleware import Player
 from robot_health_monitor.recordings.reading import Recordings
 

@@ -134,7 +134,7 @@ def start(master: Master, parameters: Any) -> Iterator[Callable[..., LineProcess
     def start_executable(
         function: str, *arguments: str, environment: Optional[Mapping[str, str]] = None
     ) -> LineProcess:
-        code = f"import sys; from robot_health_monitor.ros1_executables import {function}; sys.exit({function}())"
+        code = f"import sys; from robot_health_monitor.cli.ros1_executables import {function}; sys.exit({function}())"
         variables: Dict[str, str] = {**master.environment, "PYTHONPATH": _with_root(), **(environment or {})}
         processes.append(LineProcess([sys.executable, "-c", code, *arguments], variables))
         return processes[-1]

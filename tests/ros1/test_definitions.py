@@ -34,7 +34,7 @@ def test_bytes_are_those_of_genpy(type_name: str) -> None:
 
 @pytest.mark.parametrize("type_name", list(MESSAGES))
 def test_fields_are_those_of_genpy(type_name: str) -> None:
-    from robot_health_monitor.core.standard_messages import definition
+    from robot_health_monitor.core.messages.standard_messages import definition
     from robot_health_monitor.ros1 import messages
     from robot_health_monitor.rosbridge.protocol.definitions import parse
 

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import glob
 import os
+import shutil
 import socket
 from pathlib import Path
 from typing import Any, Dict, Iterator, Mapping
 
 import pytest
 from harness.line_process import LineProcess
-
-NODES = ("/opt/ros/*/lib/diagnostic_aggregator/aggregator_node", "/usr/lib/diagnostic_aggregator/aggregator_node")
 
 
 @pytest.fixture
@@ -30,17 +28,18 @@ MANIFEST = """<package format="2"><name>diagnostic_aggregator</name><version>0.0
 
 @pytest.fixture
 def aggregated(ros: Any, master: Any, tmp_path: Path) -> Iterator[Any]:
-    """What a running diagnostic_aggregator publishes."""
-    found = [node for pattern in NODES for node in glob.glob(pattern)]
-    if not found:
+    """What a running diagnostic_aggregator publishes: that of the ROS 1 whose roscore runs, not one of a ROS 2."""
+    prefix = Path(shutil.which("roscore")).resolve().parents[1]
+    node = prefix / "lib" / "diagnostic_aggregator" / "aggregator_node"
+    if not node.exists():
         pytest.skip("diagnostic_aggregator is not installed")
     environment = dict(master.environment)
-    if found[0].startswith("/usr/lib"):  # the node asks where its package is, and gives up when there is none
+    if prefix == Path("/usr"):  # the node asks where its package is, and gives up when there is none
         package = tmp_path / "diagnostic_aggregator"
         package.mkdir()
         (package / "package.xml").write_text(MANIFEST, encoding="utf-8")
         environment["ROS_PACKAGE_PATH"] = f"{tmp_path}{os.pathsep}/usr/share"
-    process = LineProcess([found[0], "_pub_rate:=20.0"], environment)
+    process = LineProcess([str(node), "_pub_rate:=20.0"], environment)
     yield ros.listen("/diagnostics_agg", "diagnostic_msgs/DiagnosticArray")
     process.end()
 

@@ -1,21 +1,16 @@
-"""`robot-health init` on a real ROS 1 graph, with the robot that the proofs use."""
+"""`robot-health init` on a real ROS 1 graph."""
 
 from __future__ import annotations
 
-import os
-import re
-import sys
-from pathlib import Path
-from typing import Any, Iterator
+from typing import Any, Mapping
 
 import pytest
-from harness.line_process import LineProcess
+from harness.init_on_ros import InitOnRos
 
-from robot_health_monitor.core.config import load_config
 
-ROOT = Path(__file__).resolve().parents[2]
-
-ROBOT = """
+class TestRos1(InitOnRos):
+    ros = "ros1"
+    robot = """
 import sys
 import rospy
 sys.path.insert(0, sys.argv[1])
@@ -27,59 +22,25 @@ print("ready", flush=True)
 rospy.spin()
 """
 
+    @pytest.fixture
+    def variables(self, master: Any) -> Mapping[str, str]:
+        variables: Mapping[str, str] = master.environment
+        return variables
 
-@pytest.fixture
-def start(master: Any) -> Iterator[Any]:
-    """Starts Python with arguments on the graph."""
-    path = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH", "")]))
-    started = []
+    def test_without_a_master_there_is_one_line_at_once(
+        self, init: Any, master: Any, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.setitem(master.environment, "ROS_MASTER_URI", "http://127.0.0.1:9")
+        process = init()
+        assert process.wait() == 3, process.text
+        assert [line.text for line in process.lines] == [
+            "robot-health: no ROS master at http://127.0.0.1:9 (ROS_MASTER_URI)"
+        ]
 
-    def start_python(*arguments: str) -> LineProcess:
-        started.append(LineProcess([sys.executable, *arguments], {**master.environment, "PYTHONPATH": path}))
-        return started[-1]
-
-    yield start_python
-    for process in started:
-        process.end()
-
-
-def test_a_robot_gets_a_file_with_its_rates_ages_battery_and_drivers(start: Any, tmp_path: Path) -> None:
-    start("-c", ROBOT, str(ROOT / "tests")).wait_for_text("ready")
-    process = start("-m", "robot_health_monitor", "init", "--ros1", "--seconds", "25")
-    assert process.wait(90.0) == 0, process.text
-    file = tmp_path / "thresholds.yaml"
-    file.write_text("\n".join(line.text for line in process.lines if line.stream == "out"))
-    signals = load_config(file).signals
-    assert {
-        "battery_state_rate", "battery_state_age", "battery_state_percentage", "battery_state_cell_spread",
-        "camera_image_rate", "camera_image_age", "scan_rate", "scan_age", "imu_rate", "imu_age", "joint_states_rate",
-        "joint_states_age", "motor_temperature_temperature", "diagnostics",
-    } <= set(signals)  # fmt: skip
-    assert signals["diagnostics"].field == 'status["*"]'
-    assert not any(signal.topic in ("rosout", "event") for signal in signals.values())
-    assert re.search(r'^      # /joint_states, .*effort\["', file.read_text(), re.MULTILINE)
-
-
-def test_without_a_robot_there_is_one_line(start: Any) -> None:
-    process = start("-m", "robot_health_monitor", "init", "--ros1", "--seconds", "1")
-    assert process.wait() == 3, process.text
-    assert [line.stream for line in process.lines] == ["err"]
-    assert process.lines[0].text.startswith("robot-health: nothing to watch on ROS 1: ")
-
-
-def test_without_a_master_there_is_one_line_at_once(start: Any, master: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(master.environment, "ROS_MASTER_URI", "http://127.0.0.1:9")
-    process = start("-m", "robot_health_monitor", "init", "--ros1")
-    assert process.wait() == 3, process.text
-    assert [line.text for line in process.lines] == [
-        "robot-health: no ROS master at http://127.0.0.1:9 (ROS_MASTER_URI)"
-    ]
-
-
-def test_simulated_time_without_a_clock_is_one_line(start: Any, parameters: Any) -> None:
-    parameters("/use_sim_time", True)
-    process = start("-m", "robot_health_monitor", "init", "--ros1", "--seconds", "1")
-    assert process.wait() == 3, process.text
-    assert [line.text for line in process.lines] == [
-        "robot-health: use_sim_time is set, and there is no message on /clock: no ROS time"
-    ]
+    def test_simulated_time_without_a_clock_is_one_line(self, init: Any, parameters: Any) -> None:
+        parameters("/use_sim_time", True)
+        process = init("--seconds", "1")
+        assert process.wait() == 3, process.text
+        assert [line.text for line in process.lines] == [
+            "robot-health: use_sim_time is set, and there is no message on /clock: no ROS time"
+        ]

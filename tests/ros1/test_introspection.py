@@ -13,7 +13,7 @@ import yaml
 from harness.bridged_executable import check_served, look_at, settings
 from harness.served_conformance import ServedConformance
 
-from robot_health_monitor.core.errors import MessageError, ServiceError
+from robot_health_monitor.core.values.errors import MessageError, ServiceError
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -81,7 +81,7 @@ def test_without_the_library_only_the_server_is_missing(start: Any, ros: Any, pa
     (tmp_path / "aiohttp.py").write_text("raise ModuleNotFoundError(\"No module named 'aiohttp'\", name='aiohttp')")
     parameters("/alert_system", yaml.safe_load(settings(tmp_path, 9, "s3cret"))["alert_system"])
     process = start("alert_system", environment={"PYTHONPATH": f"{tmp_path}{os.pathsep}{ROOT}"})
-    process.wait_for_text("server: web page and rosbridge are off: install aiohttp")
+    process.wait_for_text("server: web page and rosbridge are off: aiohttp is not installed: ")
     ros.publish("/battery_level", "std_msgs/Float32", {"data": 15.0})
     process.wait_for_text("battery_level WARN")
 

@@ -294,7 +294,7 @@ def test_a_refused_value_does_not_keep_a_killed_node_from_starting_again(roslaun
         if value is not None:
             ros._master.setParam(bound, value)
         os.kill(node_pid(ros, "/alert_system"), signal.SIGKILL)
-        process.wait_for_text("watching battery_level on battery_level: WARN below 20 %")
+        process.wait_for_text("watching battery_level on /battery_level: WARN below 20 %")
         process.wait_for_text("watching cpu_usage")
     process.wait_for_text("parameters: started with the last good ones: ")
     assert ros._master.getParam(bound) == 20.0
@@ -342,6 +342,6 @@ def test_the_textbook_example_needs_configuration_only(roslaunch: Any, ros: Any)
         return any("WARN: 30.5 degC is above 30 degC" in alert["message"] for alert in alerts)
 
     ros.wait_until(is_announced)
-    process.wait_for_text("sensor_data WARN: 30.5 degC is above 30 degC")
+    process.wait_for_text("sensor_data WARN: 30.5 °C is above 30 °C")
     process.signal()
     assert process.wait(30.0) == 0

@@ -11,7 +11,7 @@ from typing import Any, List
 
 import pytest
 
-from robot_health_monitor.core.errors import ServiceError
+from robot_health_monitor.core.values.errors import ServiceError
 
 
 @pytest.fixture

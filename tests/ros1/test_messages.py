@@ -10,7 +10,7 @@ import pytest
 
 pytest.importorskip("rospy")
 
-from robot_health_monitor.core.errors import ConfigError
+from robot_health_monitor.core.values.errors import ConfigError
 from robot_health_monitor.ros1.messages import message_class, service_class, to_mapping, to_native
 
 

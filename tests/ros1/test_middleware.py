@@ -11,8 +11,8 @@ import pytest
 from harness.port_conformance import FLOAT32, TRIGGER, Recorder, RefusingNode
 from harness.raw_conformance import Capture
 
-from robot_health_monitor.core.errors import ConfigError
-from robot_health_monitor.core.middleware import Severity
+from robot_health_monitor.core.port.middleware import Severity
+from robot_health_monitor.core.values.errors import ConfigError
 
 
 @pytest.fixture

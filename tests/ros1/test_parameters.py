@@ -6,9 +6,9 @@ from typing import Any, Dict, List, Tuple
 
 import pytest
 
-from robot_health_monitor.core.errors import ConfigError
-from robot_health_monitor.core.faults import Faults
-from robot_health_monitor.core.middleware import Severity
+from robot_health_monitor.core.port.middleware import Severity
+from robot_health_monitor.core.values.errors import ConfigError
+from robot_health_monitor.core.values.faults import Faults
 
 NODE = "/alert_system"
 BOUND = f"{NODE}/ros__parameters/signals/fan/warn_below"

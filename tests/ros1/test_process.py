@@ -32,7 +32,7 @@ def start_with(master: Any) -> Iterator[Callable[..., subprocess.Popen]]:
     """Starts alert_system with given stdout and stderr."""
     processes: List[subprocess.Popen] = []
     environment: Dict[str, str] = {**master.environment, "PYTHONPATH": str(ROOT)}
-    code = "import sys; from robot_health_monitor.ros1_executables import alert_system; sys.exit(alert_system())"
+    code = "import sys; from robot_health_monitor.cli.ros1_executables import alert_system; sys.exit(alert_system())"
 
     def start(**streams: Any) -> subprocess.Popen:
         processes.append(subprocess.Popen([sys.executable, "-c", code], env=environment, **streams))

@@ -10,9 +10,9 @@ from typing import Any, Iterator, List
 
 import pytest
 
-from robot_health_monitor.core.model import Transition
 from robot_health_monitor.core.nodes import AlertSystem
-from robot_health_monitor.recordings.decoding import types_of
+from robot_health_monitor.core.values.model import Transition
+from robot_health_monitor.recordings.decoding import type_of
 from robot_health_monitor.recordings.middleware import Player
 from robot_health_monitor.recordings.reading import Recordings
 
@@ -85,7 +85,7 @@ def test_a_replay_gives_the_alerts_of_the_run(
 
     with Recordings([str(bag)]) as recordings:
         (channel,) = [channel for channel in recordings.channels if channel.topic == "/alerts"]
-        read = types_of(channel).field_getter("")
+        read = type_of(channel).field_getter("")
         announced = [(time_ns / 1e9, read(data)) for time_ns, _, data in recordings.messages([{channel: None}])]
         live = [(at_s, message["name"].partition(": ")[2], message["level"]) for at_s, message in announced]
         replayed: List[Any] = []

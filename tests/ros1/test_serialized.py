@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, List, Mapping
 
-from robot_health_monitor.core.field_path import ABSENT
+from robot_health_monitor.core.values.field_path import ABSENT
 
 FLOAT = {
     "type": "std_msgs/Float32",

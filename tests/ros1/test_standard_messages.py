@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 import roslib.message
 
-from robot_health_monitor.core.standard_messages import MESSAGES, SERVICES, messages
+from robot_health_monitor.core.messages.standard_messages import MESSAGES, SERVICES, messages
 from robot_health_monitor.ros1 import messages as ros1_messages
 
 

@@ -86,7 +86,7 @@ def start(ros_environment: Dict[str, str]) -> Iterator[Callable[..., LineProcess
     def start_executable(
         function: str, *arguments: str, environment: Optional[Mapping[str, str]] = None
     ) -> LineProcess:
-        code = f"import sys; from robot_health_monitor.ros2_executables import {function}; sys.exit({function}())"
+        code = f"import sys; from robot_health_monitor.cli.ros2_executables import {function}; sys.exit({function}())"
         path = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH", "")]))
         variables = {**ros_environment, "PYTHONPATH": path, **(environment or {})}
         processes.append(LineProcess([sys.executable, "-c", code, *arguments], variables))

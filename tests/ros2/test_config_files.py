@@ -7,9 +7,9 @@ from typing import Any, Dict
 
 import pytest
 
-from robot_health_monitor.core.config import sections
-from robot_health_monitor.core.parameters import flatten
-from robot_health_monitor.core.yaml_file import read_yaml
+from robot_health_monitor.core.config.monitor_config import sections
+from robot_health_monitor.core.config.parameters import flatten
+from robot_health_monitor.core.config.yaml_file import read_yaml
 
 CONFIG = Path(__file__).resolve().parents[2] / "config"
 SECTIONS = [(path.name, node) for path in sorted(CONFIG.glob("*.yaml")) for node in sections(read_yaml(path).tree)]

@@ -9,7 +9,7 @@ import pytest
 
 def test_the_definition_of_a_bounded_string_can_be_parsed() -> None:
     pytest.importorskip("type_description_interfaces.msg")
-    from robot_health_monitor.core.definitions import Field, parse_msg
+    from robot_health_monitor.core.messages.definitions import Field, parse_msg
     from robot_health_monitor.ros2.definitions import raw_format
 
     name = "type_description_interfaces/IndividualTypeDescription"
@@ -32,7 +32,7 @@ def test_constants_and_comments_are_those_of_the_installed_file() -> None:
 
 @pytest.mark.parametrize("name", ["std_msgs/Empty", "std_msgs/Float32", "diagnostic_msgs/DiagnosticArray"])
 def test_what_is_installed_without_its_file_is_described_by_its_class(name: str, monkeypatch: Any) -> None:
-    from robot_health_monitor.core.definitions import parse_definition
+    from robot_health_monitor.core.messages.definitions import parse_definition
     from robot_health_monitor.ros2 import definitions
 
     from_file = parse_definition(name, definitions.raw_format(name).schema, "msg")

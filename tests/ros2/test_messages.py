@@ -10,7 +10,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from robot_health_monitor.core.errors import ConfigError
+from robot_health_monitor.core.values.errors import ConfigError
 from robot_health_monitor.ros2.messages import (
     field_getter,
     message_class,

@@ -5,7 +5,6 @@ In parameter files, errors name file and line, and a node's section applies in a
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, Dict, List, Mapping
 
@@ -13,12 +12,10 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from robot_health_monitor.core import config, signal_config
-from robot_health_monitor.core.config import described_parameters, load_config
-from robot_health_monitor.core.deprecation import RenamedWarning
-from robot_health_monitor.core.errors import ConfigError
-from robot_health_monitor.core.middleware import NOTHING_CHANGED, Severity
-from robot_health_monitor.core.parameters import Parameter
+from robot_health_monitor.core.config.monitor_config import described_parameters, load_config
+from robot_health_monitor.core.config.parameters import Parameter
+from robot_health_monitor.core.port.middleware import NOTHING_CHANGED, Severity
+from robot_health_monitor.core.values.errors import ConfigError
 from robot_health_monitor.ros2.parameters import ParameterFiles
 
 
@@ -89,24 +86,6 @@ def test_parameters_show_what_was_given_and_the_defaults(ros: Any) -> None:
         1.0,
         "auto",
     ]
-
-
-def test_a_value_given_by_a_former_name_is_declared_by_the_present_one(
-    ros: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """As if `warn_below` had been `low` until now."""
-    renamed = tuple(
-        replace(each, former="low") if each.name == "warn_below" else each for each in signal_config.SIGNAL_PARAMETERS
-    )
-    for module in (config, signal_config):
-        monkeypatch.setattr(module, "SIGNAL_PARAMETERS", renamed)
-    with pytest.warns(RenamedWarning):
-        watched = Watched(ros, {"signals": {"battery_of_old": {"low": 20.0}}})
-    former, present = "signals.battery_of_old.low", "signals.battery_of_old.warn_below"
-    assert get(ros, watched.node, present) == [20.0]
-    assert ros.propose(watched.node, present, 30.0) == ""
-    assert watched.trees[-1]["signals"]["battery_of_old"] == {"warn_below": 30.0}
-    assert "unknown parameter" in ros.propose(watched.node, former, 25.0)
 
 
 def test_a_whole_number_will_do_for_a_bound(ros: Any) -> None:

@@ -32,7 +32,7 @@ def start_with(ros_environment: Dict[str, str], tmp_path: Path) -> Iterator[Call
     processes: List[subprocess.Popen] = []
     path = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH", "")]))
     environment = {**ros_environment, "PYTHONPATH": path}
-    code = "import sys; from robot_health_monitor.ros2_executables import alert_system; sys.exit(alert_system())"
+    code = "import sys; from robot_health_monitor.cli.ros2_executables import alert_system; sys.exit(alert_system())"
 
     def start(**streams: Any) -> subprocess.Popen:
         command = [sys.executable, "-c", code, "--ros-args", "--params-file", str(file)]
@@ -115,7 +115,7 @@ def test_it_starts_without_a_writable_folder(start: Any, tmp_path: Path) -> None
     file.write_text(THRESHOLDS, encoding="utf-8")
     nowhere = dict.fromkeys(("TMPDIR", "TEMP", "TMP"), "/proc/none")
     process = start("alert_system", "--ros-args", "--params-file", str(file), environment=nowhere)
-    process.wait_for_text("watching battery_level on battery_level: WARN below 20")
+    process.wait_for_text("watching battery_level on /battery_level: WARN below 20")
     process.signal()
     assert process.wait(30.0) == 0
 

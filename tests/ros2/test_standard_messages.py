@@ -6,7 +6,7 @@ import importlib
 
 import pytest
 
-from robot_health_monitor.core.standard_messages import MESSAGES, ROS2_FIELDS
+from robot_health_monitor.core.messages.standard_messages import MESSAGES, ROS2_FIELDS
 
 PACKAGES = ("std_msgs", "sensor_msgs", "diagnostic_msgs")
 

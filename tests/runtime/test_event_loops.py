@@ -14,7 +14,7 @@ from typing import List
 
 import pytest
 
-from robot_health_monitor.core.errors import ServiceError
+from robot_health_monitor.core.values.errors import ServiceError
 from robot_health_monitor.runtime.event_loops import LoopThread, ThreadPool, run_in_daemon_thread
 
 ROOT = str(Path(__file__).resolve().parents[2])

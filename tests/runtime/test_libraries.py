@@ -51,30 +51,47 @@ def test_the_line_says_what_to_do() -> None:
     assert missing_text(["rich"]) == "rich is not installed: pip install rich"
 
 
-def in_debian_python(monkeypatch: pytest.MonkeyPatch, folder: Path) -> None:
-    """Python as Debian 12 and Ubuntu 24.04 install it: pip refuses to install into it."""
+def in_system_python(monkeypatch: pytest.MonkeyPatch, folder: Path, *, pip_may_install: bool = False) -> None:
+    """Python as Ubuntu installs it: from 23.04 on, pip refuses to install into it."""
     if not Path("/usr/bin/apt").exists():
         pytest.skip("apt is not installed")
-    (folder / "EXTERNALLY-MANAGED").touch()
+    if not pip_may_install:
+        (folder / "EXTERNALLY-MANAGED").touch()
     monkeypatch.setattr(sysconfig, "get_path", lambda name: str(folder))
-    monkeypatch.setattr(sys, "prefix", sys.base_prefix)
+    monkeypatch.setattr(sys, "base_prefix", "/usr")
+    monkeypatch.setattr(sys, "prefix", "/usr")
 
 
-def test_where_pip_may_not_install_the_line_has_the_packages_of_apt(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+@pytest.mark.parametrize("pip_may_install", [False, True], ids=["noble", "focal"])
+def test_in_the_system_s_python_the_line_has_the_packages_of_apt(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, pip_may_install: bool
 ) -> None:
-    in_debian_python(monkeypatch, tmp_path)
-    assert missing_text(["cbor2", "rich"]) == "cbor2, rich are not installed: apt install python3-cbor2 python3-rich"
+    in_system_python(monkeypatch, tmp_path, pip_may_install=pip_may_install)
+    assert missing_text(["aiohttp"]) == "aiohttp is not installed: apt install python3-aiohttp"
     packages = missing_text(["PyYAML", "prometheus_client"]).partition(": ")[2]
     assert packages == "apt install python3-yaml python3-prometheus-client"
 
 
-def test_what_debian_does_not_have_comes_from_pip(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    in_debian_python(monkeypatch, tmp_path)
-    assert missing_text(["mcap", "numpy"]) == "mcap, numpy are not installed: pip install mcap numpy"
+def test_what_apt_does_not_have_comes_with_pipx_where_pip_may_not_install(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    in_system_python(monkeypatch, tmp_path)
+    hint = "apt has no mcap, rosbags; install robot-health with pipx, which has all of them (docs/install.md)"
+    assert missing_text(["lz4", "mcap", "rosbags"]) == f"lz4, mcap, rosbags are not installed: {hint}"
+    (tmp_path / "EXTERNALLY-MANAGED").unlink()
+    assert missing_text(["mcap"]) == "mcap is not installed: pip3 install --user mcap"
 
 
-def test_in_a_virtual_environment_pip_installs_on_debian_too(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    in_debian_python(monkeypatch, tmp_path)
+def test_what_pipx_installed_gets_more_by_pipx(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    venv = tmp_path / "robot-health-monitor"
+    venv.mkdir()
+    (venv / "pipx_metadata.json").write_text("{}")
+    monkeypatch.setattr(sys, "prefix", str(venv))
+    expected = "lz4, mcap are not installed: pipx inject robot-health-monitor lz4 mcap"
+    assert missing_text(["lz4", "mcap"]) == expected
+
+
+def test_in_a_virtual_environment_pip_installs(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    in_system_python(monkeypatch, tmp_path)
     monkeypatch.setattr(sys, "prefix", str(tmp_path))
     assert missing_text(["rich"]) == "rich is not installed: pip install rich"

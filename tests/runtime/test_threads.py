@@ -12,7 +12,7 @@ from typing import List, Optional
 
 import pytest
 
-from robot_health_monitor.core.sensors.source import SensorError
+from robot_health_monitor.core.values.errors import ServiceError
 from robot_health_monitor.runtime.threads import DetachedCalls, MonotonicEvent, StepThread
 
 ROOT = str(Path(__file__).resolve().parents[2])
@@ -22,8 +22,8 @@ def test_nodes_import_only_what_they_use() -> None:
     """asyncio would take 2 MB in each node of ROS; sockets, and what reads this machine, another megabyte."""
     program = """
 import sys
-import robot_health_monitor.executables, robot_health_monitor.runtime.threads
-from robot_health_monitor.core.local import LocalBus
+import robot_health_monitor.cli.executables, robot_health_monitor.runtime.threads
+from robot_health_monitor.core.port.local import LocalBus
 from robot_health_monitor.core.nodes import Aggregator, AlertSystem, BatterySensor
 
 bus = LocalBus()
@@ -54,7 +54,7 @@ def test_a_detached_call_that_hangs_keeps_its_thread_and_others_share_one() -> N
     calls._patience_s = 0.0
     other = threading.Event()
     assert not calls(lambda: assert_set(other))
-    with pytest.raises(SensorError, match=r"^2 sources do not answer: no thread is left$"):
+    with pytest.raises(ServiceError, match=r"^2 sources do not answer: no thread is left$"):
         calls(lambda: None)
     hangs.set()
     other.set()

@@ -9,7 +9,7 @@ from typing import List
 
 import pytest
 
-from robot_health_monitor.core.errors import ConfigError
+from robot_health_monitor.core.values.errors import ConfigError
 from robot_health_monitor.runtime.tokens import LARGEST_TOKEN, TOKEN_VARIABLE, TokenFiles, read_token_file
 
 

@@ -18,13 +18,13 @@ import time
 from pathlib import Path
 from typing import Any, Dict, List, Mapping, Sequence, Tuple
 
-from robot_health_monitor.core.local import LocalBus
-from robot_health_monitor.core.model import Transition
 from robot_health_monitor.core.nodes import AlertSystem
-from robot_health_monitor.core.outlets import Event
+from robot_health_monitor.core.nodes.outlets import Event
+from robot_health_monitor.core.port.local import LocalBus
+from robot_health_monitor.core.values.model import Transition
 from robot_health_monitor.ops.configuration import HistorySettings
-from robot_health_monitor.ops.history import history as history_module
-from robot_health_monitor.ops.history.history import History
+from robot_health_monitor.ops.store import history as history_module
+from robot_health_monitor.ops.store.history import History
 
 LONGEST_S = 0.08
 """Longest time until the kill: a monitor starts in about a quarter of it."""
@@ -39,9 +39,11 @@ SIGNALS: Mapping[str, Mapping[str, Any]] = {
     "silent": {"warn_below": 20.0, "stale_after_s": 3.0, "startup_grace_s": 4.0},
     "repeating": {"warn_below": 40.0, "repeat_s": 5.0},
 }
+SOURCES = tuple(f"/{name}" for name in SIGNALS)
+"""Their topics: one that falls silent is announced itself, or through its one signal."""
 LEVELS = ("OK", "WARN", "ERROR", "STALE")
 Announced = Tuple[str, int, int, float]
-"""Signal, levels from and to, and virtual time."""
+"""Signal or source, levels from and to, and virtual time."""
 
 
 def _monitor(folder: Path, start_s: float, chance: random.Random, steps: float) -> None:
@@ -86,7 +88,7 @@ class Referee:
         self._folder = folder
         self._offset = 0
         self._last_id = 0
-        self._levels: Dict[str, int] = dict.fromkeys(SIGNALS, 0)
+        self._levels: Dict[str, int] = dict.fromkeys((*SIGNALS, *SOURCES), 0)
         self._known_resets = 0
         self.counts = {"announced": 0, "stored, but killed before the announcement": 0, "latched at a kill": 0}
 
@@ -105,8 +107,13 @@ class Referee:
             found.append(f"in the history, but not announced before the next one: {unannounced}")
         found += self._check_chains(stored, start_s, resets)
         for name, state in states.items():
-            if state["announced"]["level"] != LEVELS[self._levels[name]]:
+            if _announced_level(name, state) != LEVELS[self._levels[name]]:
                 found.append(f"{name}: the state to resume is {state}, announced was {LEVELS[self._levels[name]]}")
+        found += [
+            f"{name}: announced was {LEVELS[level]}, but there is no state to resume"
+            for name, level in self._levels.items()
+            if level and name not in states
+        ]
         latch = states.get("latching", {}).get("latched", "OK")
         if latch != LEVELS[self._levels["latching"]] and not resets:
             found.append(f"the latch is {latch}, announced was {LEVELS[self._levels['latching']]}")
@@ -160,6 +167,19 @@ class Referee:
         finally:
             connection.close()
         return [row[:4] for row in rows], {name: json.loads(state) for name, state in states.items()}, new_resets
+
+
+def _announced_level(name: str, state: Mapping[str, Any]) -> str:
+    """Returns the announced level of a state to resume.
+
+    A source that is silent has a state even if it was never announced: what was, is its one signal or another source.
+    Its own silence is announced if it speaks for itself.
+    """
+    if name not in SOURCES:
+        return state["announced"]["level"]
+    level = state.get("announced", {}).get("level", "OK")
+    speaks = state.get("silence", {}).get("speaks", False)
+    return level if speaks == (level == "STALE") else f"{level}, speaks: {speaks}"
 
 
 def run(rounds: int, seed: int) -> Tuple[List[str], Dict[str, int]]:

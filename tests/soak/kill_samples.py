@@ -17,10 +17,10 @@ from pathlib import Path
 from typing import Dict, List, Tuple
 
 from robot_health_monitor.core import Monitor, Sample, load_config
-from robot_health_monitor.core.continuity import Continuity
-from robot_health_monitor.core.sample_summary import PERIOD_S
+from robot_health_monitor.core.judge.continuity import Continuity
+from robot_health_monitor.core.judge.sample_summary import PERIOD_S
 from robot_health_monitor.ops.configuration import HistorySettings
-from robot_health_monitor.ops.history.history import History
+from robot_health_monitor.ops.store.history import History
 
 LONGEST_S = 0.08
 """Longest time until the kill: a monitor starts in about a quarter of it."""

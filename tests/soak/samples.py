@@ -20,13 +20,13 @@ from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Seq
 from soak.figures import Figure, count
 
 from robot_health_monitor.core import Monitor, Sample, load_config
-from robot_health_monitor.core.continuity import Continuity
-from robot_health_monitor.core.elements import Elements
+from robot_health_monitor.core.judge.continuity import Continuity
+from robot_health_monitor.core.values.elements import Elements
 from robot_health_monitor.ops.configuration import HistorySettings
-from robot_health_monitor.ops.history.history import History
-from robot_health_monitor.ops.history.retention import Retention
-from robot_health_monitor.ops.history.samples import FINE_S, MERGED_S, StoredSamples, read, read_coarse
-from robot_health_monitor.ops.web.history_requests import past_samples
+from robot_health_monitor.ops.store.history import History
+from robot_health_monitor.ops.store.retention import Retention
+from robot_health_monitor.ops.store.samples import FINE_S, MERGED_S, StoredSamples, read, read_coarse
+from robot_health_monitor.ops.web.history_requests import SamplesQuery, past_samples
 
 START_S = 1_800_000_000.0
 """Begin of an hour."""
@@ -176,7 +176,7 @@ class _Run:
         return Figure("file of samples", predicted_mb, size_mb, size_mb, predicted_mb * ALLOWED_SIZE, "MB")
 
     def _read_for_page(self, history: History) -> object:
-        return past_samples(history, {"robot": "r1", "signal": NAMES[0], "seconds": "1800"})
+        return past_samples(history, SamplesQuery("r1", NAMES[0], seconds=1800))
 
     def _time(self, what: str, step: Callable[[], object]) -> Figure:
         limit_s = READ_LIMIT_S if self._hours * HOUR_S >= 30.0 * DAY_S else math.inf

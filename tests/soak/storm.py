@@ -17,12 +17,12 @@ from harness.histories import fault_texts, transition
 from soak.figures import Figure, count
 
 from robot_health_monitor.core import Level
-from robot_health_monitor.core.faults import Faults
+from robot_health_monitor.core.values.faults import Faults
 from robot_health_monitor.ops.configuration import HistorySettings
-from robot_health_monitor.ops.history import queries
-from robot_health_monitor.ops.history.database_file import reading
-from robot_health_monitor.ops.history.history import History, RobotHistory
-from robot_health_monitor.ops.silences import read_silences
+from robot_health_monitor.ops.store import queries
+from robot_health_monitor.ops.store.database_file import reading
+from robot_health_monitor.ops.store.history import History, RobotHistory
+from robot_health_monitor.ops.store.silences import read_silences
 
 RATE_HZ = 1000.0
 SIGNALS = 1000

@@ -9,6 +9,8 @@ from pathlib import Path
 import pytest
 from soak.figures import flat
 
+pytestmark = pytest.mark.newest_python  # as `make soak` itself
+
 SOAK = Path(__file__).parent
 
 

@@ -79,7 +79,6 @@ export class Actions {
     });
   }
 
-  /** Asks, then clears the latched alerts of a robot. */
   reset(robot) {
     const text = `Clears the latched alerts of ${robot}. An alert whose condition is still true stays.`;
     this.confirm("Reset latched alerts?", text, "Reset", async () => {

@@ -2,7 +2,7 @@
 import {remember, remembered, AUTHOR} from "./actions.js";
 import {request} from "./connection.js";
 import {byId, isolated, make, setText} from "./elements.js";
-import {fullTimeText, utcOffset, withDegrees, withHint} from "./format.js";
+import {fullTimeText, utcOffset, withUnits, withHint} from "./format.js";
 import {Badge, kindOfLevel} from "./levels.js";
 import {drawEvidence} from "./plots.js";
 import {requestSamples, stored} from "./ranges.js";
@@ -10,11 +10,11 @@ import {requestSamples, stored} from "./ranges.js";
 const AROUND_S = 1800;
 const PERIOD_S = 10;
 
-const list = (items) => (items.length ? make("ul", {}, ...items.map((item) => make("li", {}, ...item))) : null);
+const list = (items) => (items.length ? make("ul", ...items.map((item) => make("li", ...item))) : null);
 const link = (href, text) => make("a", {href}, isolated(text));
 
 function part(heading, content) {
-  return content && make("section", {}, make("h3", {}, heading), content);
+  return content && make("section", make("h3", heading), content);
 }
 
 export class AlertPage {
@@ -24,7 +24,6 @@ export class AlertPage {
     this.id = "";
   }
 
-  /** Shows the alert with this id; empty: none. */
   async show(id) {
     if (id === this.id && !this.hasFailed) return;
     this.id = id;
@@ -43,21 +42,22 @@ export class AlertPage {
   }
 
   fill(past) {
-    const {alert, others, silences, thresholds} = past, time = Date.parse(alert.time);
+    const {alert, others, silences, thresholds, thresholds: {what_to_do: advice}} = past, time = Date.parse(alert.time);
     this.notes = make("ul.notes");
     const settings = Object.entries(thresholds).map(([key, value]) => `${key}: ${JSON.stringify(value)}`).join("\n");
     const file = alert.black_box && link(`api/black_box/${encodeURIComponent(alert.black_box)}`, alert.black_box);
     if (file) file.download = alert.black_box;
     const window = make("div.plot"), around = make("div.plot");
     this.box.append(...[
-      make("h3.alert-title", {}, new Badge(kindOfLevel(alert.to_level)).element, " ", isolated(withHint(alert.text, alert.hint))),
-      make("p.facts", {}, `${fullTimeText(time)} · `, link(`#robots/${encodeURIComponent(alert.robot)}`, alert.robot)),
+      make("h3.alert-title", new Badge(kindOfLevel(alert.to_level)).element, " ", isolated(withHint(alert.text, alert.hint))),
+      make("p.facts", `${fullTimeText(time)} · `, link(`#robots/${encodeURIComponent(alert.robot)}`, alert.robot)),
+      part("What to do", advice && make("p", /^https?:/.test(advice) ? link(advice, advice) : isolated(advice))),
       part("Samples in the window", window), part("Half an hour before and after", around),
       part("Also not OK then", list(others.map((other) => [new Badge(kindOfLevel(other.to_level)).element, " ", link(`#alerts/${other.id}`, withHint(other.text, other.hint))]))),
-      part("Thresholds in force", settings ? make("pre", {}, settings) : null),
+      part("Thresholds in force", settings ? make("pre", settings) : null),
       part("Silences", list(silences.map((silence) => [isolated(`${silence.matchers}: ${silence.reason}${silence.author && ` (${silence.author})`}`)]))),
-      part("Black box", file ? make("p", {}, file) : null),
-      make("section", {}, make("h3", {}, "Notes"), this.notes, this.form(alert)),
+      part("Black box", file ? make("p", file) : null),
+      make("section", make("h3", "Notes"), this.notes, this.form(alert)),
     ].filter((each) => each));
     if (past.samples.some(([, value]) => value !== null)) drawEvidence(window, past);
     else window.append("No samples.");
@@ -81,13 +81,13 @@ export class AlertPage {
     const alerts = [{id: "alert-page", t, level: alert.to_level, text: alert.text}];
     const view = new HealthPlot.View(t - AROUND_S, t + AROUND_S, utcOffset(t * 1000));
     const name = `${alert.signal}, half an hour before and after`;
-    new HealthPlot.Plot(box, {name, unit: withDegrees(unit || ""), bounds, ...data, levels, alerts, until: levels[levels.length - 1][0]}, view);
+    new HealthPlot.Plot(box, {name, unit: withUnits(unit || ""), bounds, ...data, levels, alerts, until: levels.at(-1)[0]}, view);
   }
 
   form(alert) {
     const text = make("input", {maxlength: 1000, required: "", "aria-label": "Note", placeholder: "What happened, what was done"});
     const author = make("input", {maxlength: 200, "aria-label": "Your name", placeholder: "Your name", autocomplete: "name"});
-    const problem = make("p.error-text", {role: "alert"}), button = make("button", {}, "Add note");
+    const problem = make("p.error-text", {role: "alert"}), button = make("button", "Add note");
     button.type = "submit";
     author.value = remembered(AUTHOR);
     const form = make("form.note-form", {hidden: this.page.fleet.state.can_change ? null : ""}, text, author, button, problem);
@@ -109,6 +109,6 @@ export class AlertPage {
   }
 
   addNote({time, author, text}) {
-    this.notes.append(make("li", {}, isolated(text), make("span.hint", {}, ` ${author ? `${author}, ` : ""}${fullTimeText(Date.parse(time))}`)));
+    this.notes.append(make("li", isolated(text), make("span.hint", ` ${author ? `${author}, ` : ""}${fullTimeText(Date.parse(time))}`)));
   }
 }

@@ -2,13 +2,13 @@
 import {request} from "./connection.js";
 import {byId, isolated, make, makeCell, makeRow, makeTable, setAttribute, setChildren, setText, silencedMark} from "./elements.js";
 import {durationText, fullTimeText, patternOf, timeText, withHint} from "./format.js";
-import {Badge, kindOfLevel} from "./levels.js";
+import {Badge, kindOfLevel, rankOf} from "./levels.js";
 
 const PAGE_SIZE = 100;
 let tables = 0;
 
 export class AlertTable {
-  /** `only`: parameters of /api/history; `size`: how many at a time; `pages`: whether older ones can be shown. */
+  /** `only`: parameters of /api/history; `size`: how many at a time; `pages`: whether older ones follow. */
   constructor(page, {only = {}, size = PAGE_SIZE, pages = true, ofSignal = false} = {}) {
     Object.assign(this, {page, only, size, pages, ofSignal, rows: new Map(), gaps: [], more: false, loading: false});
     this.id = `alerts-${++tables}`;
@@ -16,9 +16,9 @@ export class AlertTable {
     this.columns = heads.length;
     Object.assign(this, makeTable("alerts", "Alerts, newest first", heads));
     this.table.hidden = true;
-    this.note = make("p.note", {}, "loading…");
+    this.note = make("p.note", "loading…");
     this.older = make("button", {hidden: true, onclick: () => this.load(true)}, "Show older");
-    this.element = make("div", {}, this.table, this.note, this.older);
+    this.element = make("div", this.table, this.note, this.older);
   }
 
   filter(only) {
@@ -62,6 +62,11 @@ export class AlertTable {
     const shown = [...this.rows.values()];
     const oldest = Math.min(...shown.map((row) => row.time));
     const rows = [...shown, ...this.gaps.filter((gap) => gap.time >= oldest || !this.more)].sort((one, other) => other.time - one.time || other.place - one.place);
+    if (!this.pages) {
+      const names = this.page.fleet.sorted.map(({name}) => name);
+      const place = ({alert}) => (alert ? names.indexOf(alert.robot) * 9 + rankOf(kindOfLevel(alert.to_level)) : 1e6);
+      rows.sort((one, other) => place(one) - place(other));
+    }
     setChildren(this.body, rows.map(({row}) => row));
     this.table.hidden = !rows.length;
     this.tell(shown.length ? "" : Object.keys(this.only).length ? "No alert matches." : "No alerts.");
@@ -97,23 +102,23 @@ class AlertRow {
     this.place = alert.id;
     this.id = `${table.id}-${alert.id}`;
     const {now} = this.page.fleet;
-    this.acknowledge = make("button", {
-      hidden: true, "aria-label": `Acknowledge ${alert.signal} of ${alert.robot}`,
+    this.silence = make("button", {
+      hidden: true, "aria-label": `Silence ${alert.signal} of ${alert.robot}`,
       onclick: () => this.page.actions.silence(alert.robot, alert.signal, true, "resolved"),
-    }, "Acknowledge…");
+    }, "Silence…");
     this.silenced = silencedMark();
     this.row = makeRow("alert",
       makeCell("time", make("time", {datetime: alert.time, title: fullTimeText(this.time)}, timeText(this.time, now))),
       makeCell("level", new Badge(kindOfLevel(alert.to_level)).element),
       table.ofSignal ? null : makeCell("robot-cell", this.robotLink(alert.robot)),
-      makeCell("text", make("a", {href: `#alerts/${alert.id}`}, isolated(withHint(alert.text, alert.hint)))), table.ofSignal ? null : makeCell("action", make("span", {}, this.acknowledge, this.silenced)));
+      makeCell("text", make("a", {href: `#alerts/${alert.id}`}, isolated(withHint(alert.text, alert.hint)))), table.ofSignal ? null : makeCell("action", make("span", this.silence, this.silenced)));
     this.row.id = this.id;
   }
 
   /** `signal` is as in the API; null: the alert is not open. */
   showOpen(signal) {
     setAttribute(this.row, "class", `alert${signal ? " open" : ""}`);
-    this.acknowledge.hidden = !signal || Boolean(signal.silenced) || !this.page.fleet.canSilence;
+    this.silence.hidden = !signal || Boolean(signal.silenced) || !this.page.fleet.canSilence;
     this.silenced.hidden = !signal || !signal.silenced;
     setAttribute(this.silenced, "title", signal && signal.silenced);
   }

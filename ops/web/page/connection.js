@@ -4,7 +4,7 @@ const FIRST_DELAY_MS = 1000;
 const LONGEST_DELAY_MS = 30000;
 const REQUEST_MS = 10000;
 
-/** Returns the answer to a GET, or with `body` to a POST of JSON; throws an Error with `status`, and a message for users. */
+/** Returns the answer to a GET, or with `body` to a POST; throws an Error with `status` and a message for users. */
 export async function request(path, body) {
   const options = {credentials: "same-origin", cache: "no-store", signal: AbortSignal.timeout(REQUEST_MS)};
   if (body !== undefined) {
@@ -34,7 +34,7 @@ export class Connection {
     this.retryAt = 0;
     addEventListener("online", () => this.retryAt && this.open());
     document.addEventListener("visibilitychange", () => !document.hidden && this.retryAt && this.open());
-    // Streams of pages that are kept for going back count among the six connections to a server.
+    // A page that is kept for going back would hold one of six connections.
     addEventListener("pagehide", () => this.close());
     addEventListener("pageshow", ({persisted}) => persisted && this.open());
   }
@@ -68,13 +68,13 @@ export class Connection {
     this.listener[type](JSON.parse(data));
   }
 
-  /** An event comes each second. A connection that is silent is lost, whatever TCP says. */
+  /** An event comes each second: a silent connection is lost. */
   watch() {
     clearTimeout(this.watchdog);
     this.watchdog = setTimeout(() => this.lose(), SILENCE_MS);
   }
 
-  /** Plans the next attempt, and finds out why this one failed: EventSource does not say. */
+  /** Plans the next attempt, and finds out why this one failed. */
   async lose() {
     this.close();
     this.robots = [];  // they may be why: a robot that is gone

@@ -3,8 +3,9 @@ export const addSvg = HealthPlot.add;
 
 export const byId = (id) => document.getElementById(id);
 
-/** Returns a new element. `tag` may have a class, as "button.primary"; attributes `on…` are listeners; null is left out. */
-export function make(tag, attributes = {}, ...children) {
+/** Returns a new element. `tag` may have a class, as "button.primary"; then attributes, of which `on…` are listeners, and children or null. */
+export function make(tag, ...children) {
+  const attributes = children[0]?.constructor === Object ? children.shift() : {};
   const [name, ...classes] = tag.split(".");
   const element = document.createElement(name);
   if (classes.length) element.className = classes.join(" ");
@@ -18,10 +19,10 @@ export function make(tag, attributes = {}, ...children) {
 }
 
 export function isolated(text) {
-  return make("bdi", {}, text);
+  return make("bdi", text);
 }
 
-/** Returns a table and its body. The roles keep it a table where CSS lays it out otherwise. */
+/** Returns a table and its body. The roles keep it a table whatever CSS does. */
 export function makeTable(kind, label, heads) {
   const body = make("tbody", {role: "rowgroup"});
   const table = make(`table.${kind}`, {role: "table", "aria-label": label},
@@ -45,7 +46,7 @@ export function shape(name) {
 }
 
 export function silencedMark() {
-  return make("span.silenced-mark", {hidden: true}, shape("silenced"), make("span", {}, "silenced"));
+  return make("span.silenced-mark", {hidden: true}, shape("silenced"), make("span", "silenced"));
 }
 
 export function setShape(svg, name) {

@@ -1,6 +1,6 @@
 /* The state of all robots, as the last events gave it. Knows nothing of the page. */
 import {withHint} from "./format.js";
-import {LINK, kindOfLevel, kindOfSignal, rankOf} from "./levels.js";
+import {LINK, isAlert, kindOfLevel, kindOfSignal, rankOf} from "./levels.js";
 
 const NAMES = new Intl.Collator("en", {numeric: true});
 
@@ -31,13 +31,20 @@ class Robot {
 
   judge() {
     const signals = Object.entries(this.data.signals);
-    /** The signals that are not OK, worst first, as [name, signal]. */
-    this.bad = signals.filter(([name]) => this.kinds.get(name) !== "ok")
+    /** The signals that are not OK, worst first, as [name, signal]; without the effects of another one. */
+    this.bad = signals.filter(([name]) => this.kinds.get(name) !== "ok" && this.causeOf(name) === name)
       .sort(([one], [other]) => rankOf(this.kinds.get(one)) - rankOf(this.kinds.get(other)));
-    /** How many more; with the link down, all are unknown for that one reason. */
+    /** How many more; none while the link is down. */
     this.others = this.kinds.get(LINK) === "nolink" ? 0 : Math.max(0, this.bad.length - 1);
-    this.silenced = signals.filter(([, signal]) => signal.silenced).length;
+    this.silenced = signals.filter(([name, signal]) => signal.silenced && isAlert(this.kinds.get(name))).length;
     this.kind = this.bad.length ? this.kinds.get(this.bad[0][0]) : this.isEmpty ? "waiting" : "ok";
+  }
+
+  /** Returns the first cause of what a signal suffers from, itself if there is none. */
+  causeOf(name) {
+    const {signals} = this.data, seen = new Set();
+    for (let cause = name; cause in signals && !seen.has(cause); cause = signals[cause].cause) seen.add(name = cause);
+    return name;
   }
 
   get isEmpty() {
@@ -56,7 +63,7 @@ class Robot {
 
   matches(text) {
     if (!text || this.name.toLowerCase().includes(text)) return true;
-    return this.bad.some((each) => reasonOf(each).toLowerCase().includes(text));
+    return this.bad.some((each) => reasonOf(each).toLowerCase().replaceAll("\u00a0", " ").includes(text));
   }
 }
 
@@ -93,7 +100,7 @@ export class Fleet {
     return this.merge(state);
   }
 
-  /** Returns the names of the robots that changed, the [robot, signal] of new kinds, and whether to sort again. */
+  /** Returns the names of changed robots, the [robot, signal] of new kinds, and whether to sort again. */
   merge(change) {
     const {robots, ...others} = change;
     Object.assign(this.state, others);

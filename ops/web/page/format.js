@@ -1,31 +1,29 @@
 /* Numbers, durations and times as texts. Durations are in s, times in ms since 1970. */
 import {setText} from "./elements.js";
 
-/** Returns a duration in at most two units: 95 s, 12 min, 5 h 12 min, 4 d 5 h. */
+/** Returns a duration as the monitor does: 312 s, 12 min 5 s, 25 h 1 min, from 100 h on 4 d 5 h. */
 export function durationText(seconds) {
   if (!(seconds >= 0) || seconds > 1e12) return "";
-  if (seconds < 120) return `${Math.floor(seconds)} s`;
-  const minutes = Math.floor(seconds / 60);
-  if (minutes < 60) return `${minutes} min`;
-  const hours = Math.floor(minutes / 60);
-  const [large, unit, small, smallUnit] = hours < 48 ? [hours, "h", minutes % 60, "min"] : [Math.floor(hours / 24), "d", hours % 24, "h"];
-  return `${large} ${unit}${small ? ` ${small} ${smallUnit}` : ""}`;
+  const units = seconds < 600 ? [1, "s"] : seconds < 3600 ? [60, "min", 1, "s"] : seconds < 360000 ? [3600, "h", 60, "min"] : [86400, "d", 3600, "h"];
+  const [large, unit, small, smallUnit] = units, rest = small ? Math.floor((seconds % large) / small) : 0;
+  return withUnits(`${Math.floor(seconds / large)} ${unit}${rest ? ` ${rest} ${smallUnit}` : ""}`);
 }
 
-export function withDegrees(text) {
-  return text.replace(/\bdegC\b/g, "°C");
+/** Returns a text with °C, and without line breaks between numbers and units. */
+export function withUnits(text) {
+  return text.replace(/\bdegC\b/g, "°C").replace(/(\d) (?=[^\s\d(])/g, "$1\u00a0");
 }
 
 /** Returns a message with the hint why there are no samples. */
 export function withHint(text, hint) {
-  return withDegrees(hint ? `${text} [${hint}]` : text);
+  return withUnits(hint ? `${text} [${hint}]` : text);
 }
 
 /** Returns a value with at most five digits and its unit; texts as they are. */
 export function valueText(value, unit) {
   if ((value ?? "") === "") return "";
   const text = typeof value === "number" ? Number(value.toPrecision(5)) : value;
-  return withDegrees(unit ? `${text} ${unit}` : String(text));
+  return withUnits(unit ? `${text} ${unit}` : String(text));
 }
 
 /** Returns the local time of day, with the date unless it is the day of `now`. */
@@ -40,8 +38,7 @@ export function fullTimeText(time) {
 }
 
 export function zoneText(time) {
-  const parts = new Intl.DateTimeFormat("en", {timeZoneName: "short"}).formatToParts(new Date(time));
-  return parts.find((part) => part.type === "timeZoneName").value;
+  return new Intl.DateTimeFormat("en", {timeZoneName: "short"}).formatToParts(time).find(({type}) => type === "timeZoneName").value;
 }
 
 /** Returns local time minus UTC, in s. */
@@ -67,5 +64,5 @@ export function countText(count, noun) {
 
 /** Returns a pattern that matches a name: what patterns cannot have as such, except `kept`, becomes `?`. */
 export function patternOf(name, kept = "") {
-  return name.replace(/[*?[\]"]|(?! )[\p{C}\p{Z}]/gu, (character) => (kept.includes(character) ? character : "?"));
+  return name.replace(/[*?]|(?! )[\p{C}\p{Z}]/gu, (character) => (kept.includes(character) ? character : "?"));
 }

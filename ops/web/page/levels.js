@@ -2,15 +2,9 @@
 import {make, setShape, setText, shape} from "./elements.js";
 
 /** The labels, worst first. */
-export const KINDS = new Map([
-  ["error", "ERROR"],
-  ["nolink", "NO LINK"],
-  ["stale", "STALE"],
-  ["warn", "WARN"],
-  ["unknown", "unreachable"],
-  ["waiting", "waiting"],
-  ["ok", "OK"],
-]);
+export const KINDS = new Map(Object.entries(
+  {error: "ERROR", nolink: "NO LINK", stale: "STALE", warn: "WARN", unknown: "unreachable", waiting: "waiting", ok: "OK"},
+));
 
 const RANK = [...KINDS.keys()];
 export const LINK = "link";
@@ -32,6 +26,9 @@ export function rankOf(kind) {
   return RANK.indexOf(kind);
 }
 
+/** Whether a kind is an alert: known, and not OK. */
+export const isAlert = (kind) => rankOf(kind) < rankOf("unknown");
+
 export function worse(kind, other) {
   return rankOf(other) < rankOf(kind) ? other : kind;
 }
@@ -40,7 +37,7 @@ export class Badge {
   constructor(kind) {
     this.shape = shape(kind);
     this.text = make("span.badge-text");
-    this.element = make("span", {}, this.shape, this.text);
+    this.element = make("span", this.shape, this.text);
     this.show(kind);
   }
 

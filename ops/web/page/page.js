@@ -15,10 +15,9 @@ const LOGGED_IN = "robot-health-logged-in";
 const RECENT = 5;
 const MOST_ANNOUNCED = 3;
 const ANNOUNCE_MS = 2000;
-/** How often the levels of the last 24 hours are fetched. */
 const DAYS_MS = 60000;
 
-/** Returns a part of an address as text; as it is if it is malformed. */
+/** Returns a part of an address as text, if it can be read. */
 function decoded(part) {
   try {
     return decodeURIComponent(part);
@@ -27,7 +26,6 @@ function decoded(part) {
   }
 }
 
-/** Makes the icon of the tab look like a shape. */
 function drawIcon(link, svg) {
   const id = svg.firstElementChild.getAttribute("href"), {color} = getComputedStyle(svg);
   const content = document.querySelector(id).innerHTML.replaceAll("currentColor", color).replaceAll("var(--cut)", "#fff");
@@ -76,7 +74,6 @@ class Page {
     this.loadDays();
   }
 
-  /** Without levels, robots have no bar. */
   async loadDays() {
     this.daysAt = performance.now() + DAYS_MS;
     if (!this.fleet.state.history) return;
@@ -145,7 +142,7 @@ class Page {
     drawIcon(byId("icon"), byId("worst-shape"));
     byId("monitor-faults").hidden = !this.hasState || !faults.length;
     byId("monitor-faults").className = monitorKind;
-    setChildren(byId("monitor-faults").firstChild, faults.map((fault) => make("p", {}, isolated(fault))));
+    setChildren(byId("monitor-faults").firstChild, faults.map((fault) => make("p", isolated(fault))));
   }
 
   tick() {
@@ -174,7 +171,7 @@ class Page {
   /** Shows what the address names: #robots, #robots/NAME, #alerts, #alerts/ID, #silences. */
   showView() {
     const [view, name] = location.hash.slice(1).split("/").map(decoded);
-    // Other addresses lead to an element of the view: from a marker in a plot to its alert.
+    // Other addresses lead to an element of the view.
     if (VIEWS.includes(view)) this.view = view;
     byId("tabs").hidden = !this.hasState;
     for (const each of VIEWS) {
@@ -195,7 +192,10 @@ class Page {
   collectNews(alerts) {
     const known = alerts.filter(([robot, signal]) => !["waiting", "unknown"].includes(robot.kinds.get(signal)));
     if (known.length && !this.news.length) setTimeout(() => this.readNews(), ANNOUNCE_MS);
-    this.news.push(...known.map(([robot, signal]) => `${robot.name}: ${signal} ${KINDS.get(robot.kinds.get(signal))}, ${withHint(robot.data.signals[signal].message, robot.data.signals[signal].hint)}`));
+    this.news.push(...known.map(([{name, data, kinds}, signal]) => {
+      const {message, hint} = data.signals[signal];
+      return `${name}: ${signal} ${KINDS.get(kinds.get(signal))}, ${withHint(message, hint)}`;
+    }));
   }
 
   readNews() {
@@ -204,7 +204,6 @@ class Page {
     this.news = [];
   }
 
-  /** Has a text read out, even the same one again. */
   announce(text) {
     byId("announcer").replaceChildren(text);
   }

@@ -1,6 +1,6 @@
 /* Plots of windows and of alerts, drawn by plot.js (`HealthPlot`), which the replay report uses too. */
 import {addSvg} from "./elements.js";
-import {utcOffset, withDegrees, withHint} from "./format.js";
+import {utcOffset, withUnits, withHint} from "./format.js";
 
 const RESOLUTION_S = 0.001;
 const MOST_LEVELS = 300;
@@ -25,7 +25,7 @@ function lineAhead(signal, t) {
   const {forecast, trend_per_min: trend, forecast_s: horizon, time_to_bound_s: meets} = signal;
   if ([forecast, trend, horizon].some((each) => !Number.isFinite(each))) return null;
   const at = (after) => [t + after, forecast + trend / 60 * (after - horizon)];
-  return {id: "", from: at(0), to: at(horizon), meets: Number.isFinite(meets) && meets <= horizon ? at(meets) : null, text: withDegrees(signal.outlook || "")};
+  return {id: "", from: at(0), to: at(horizon), meets: Number.isFinite(meets) && meets <= horizon ? at(meets) : null, text: withUnits(signal.outlook || "")};
 }
 
 /** Returns at which distance the line breaks: a few times the usual one. */
@@ -68,7 +68,7 @@ export class WindowPlot {
 
   show(signal, kind, samples, now) {
     this.noteLevel(signal, kind);
-    const common = {name: this.name, unit: withDegrees(signal.judged_unit ?? signal.unit ?? ""), bounds: signal.bounds || [], alerts: this.past.alerts};
+    const common = {name: this.name, unit: withUnits(signal.judged_unit ?? signal.unit ?? ""), bounds: signal.bounds || [], alerts: this.past.alerts};
     const {from, to, ...data} = this.stored ? this.longData(now) : this.windowData(signal, samples, now);
     const shown = {...common, ...data};
     if (!this.plot) {
@@ -84,7 +84,7 @@ export class WindowPlot {
 
   windowData(signal, samples, now) {
     const from = samples.length ? samples[0][0] : now - 60;
-    const last = samples.length ? samples[samples.length - 1][0] : now;
+    const last = samples.length ? samples.at(-1)[0] : now;
     const until = HealthPlot.clamp(now, last, last + Math.max(60, last - from));  // what is no longer measured stays visible
     const ahead = samples.length ? lineAhead(signal, last) : null;
     const seen = this.levels.length ? this.levels[0][0] : Infinity;
@@ -95,12 +95,12 @@ export class WindowPlot {
   }
 
   longData(now) {
-    const {data, levels, from} = this.stored, until = levels.length ? levels[levels.length - 1][0] : now;
+    const {data, levels, from} = this.stored, until = levels.length ? levels.at(-1)[0] : now;
     return {from, to: Math.max(now, from + 1), until: Math.min(until, now), ...data, levels, ahead: []};
   }
 
   noteLevel(signal, kind) {
-    const {levels} = this, level = LEVEL_OF_KIND[kind] || "", since = seconds(signal.since), last = levels[levels.length - 1] || [];
+    const {levels} = this, level = LEVEL_OF_KIND[kind] || "", since = seconds(signal.since), last = levels.at(-1) || [];
     if (since < last[0]) levels.length = 0;  // the clock was set back
     else if (level === last[1] || Number.isNaN(since)) return;
     levels.push([since, level]);
@@ -115,7 +115,7 @@ export function drawEvidence(element, past) {
   const room = Math.max((to - from) * 0.03, 0.5);
   const ahead = alert.statistic === "forecast" && lineAhead({...past, forecast: alert.value}, time);
   const signal = {
-    name: alert.signal, unit: withDegrees(past.unit || ""), ...columns(samples), bad: [], gap: gapOf(samples),
+    name: alert.signal, unit: withUnits(past.unit || ""), ...columns(samples), bad: [], gap: gapOf(samples),
     bounds: LIKE_VALUES.has(alert.statistic) ? past.bounds : [],
     levels: [[seconds(alert.since) || from, alert.from_level], [time, alert.to_level]],
     alerts: [{id: "alert-page", t: time, level: alert.to_level, text: withHint(alert.text, alert.hint)}],
@@ -133,12 +133,12 @@ export function drawSpark(signal, samples) {
   const valid = samples.filter(([, value]) => Number.isFinite(value));
   if (valid.length < 2) return svg;
   const values = valid.map(([, value]) => value).concat(bounds.map(({value}) => value));
-  const [low, high] = [Math.min(...values), Math.max(...values)], [from, to] = [valid[0][0], valid[valid.length - 1][0]];
+  const [low, high] = [Math.min(...values), Math.max(...values)], [from, to] = [valid[0][0], valid.at(-1)[0]];
   const y = (value) => (high > low ? edge + (high - value) / (high - low) * (height - 2 * edge) : height / 2).toFixed(1);
   const x = (t) => ((t - from) / (to - from || 1) * (width - edge)).toFixed(1);
   const path = (kind, d) => addSvg(svg, "path", {class: kind, d});
   for (const {level, value} of bounds) path(`spark-bound ${level.toLowerCase()}`, `M0 ${y(value)}H${width}`);
   path("spark-line", valid.map(([t, value], at) => `${at ? "L" : "M"}${x(t)} ${y(value)}`).join(""));
-  path("spark-end", `M${x(to)} ${y(valid[valid.length - 1][1])}h0`);
+  path("spark-end", `M${x(to)} ${y(valid.at(-1)[1])}h0`);
   return svg;
 }

@@ -20,7 +20,7 @@ export function stored(samples, [, length, width], now) {
   for (const sample of samples) {
     const t = Date.parse(sample.start) / 1000;
     if (levels.length && end < t) levels.push([end, ""]);  // nothing is known of the time between
-    if (!levels.length || levels[levels.length - 1][1] !== sample.level) levels.push([t, sample.level]);
+    if (!levels.length || levels.at(-1)[1] !== sample.level) levels.push([t, sample.level]);
     end = t + Math.max(width, sample.seconds);
     if (sample.bad) bad.push(t + width / 2);
     if (sample.min === null) continue;
@@ -79,7 +79,6 @@ export class Ranges {
     }
   }
 
-  /** Called every second. */
   refresh() {
     if (this.at && this.page.fleet.now >= this.loadAt) this.load();
   }

@@ -1,7 +1,6 @@
 /* The list of robots. An event updates only the rows of robots that changed. */
-import {byId, isolated, make, setAttribute, setChildren, setText, shape, silencedMark} from "./elements.js";
-import {countText, showAge, valueText, withDegrees} from "./format.js";
-import {makeDay, showDay} from "./day.js";
+import {addSvg, byId, isolated, make, setAttribute, setChildren, setText, shape, silencedMark} from "./elements.js";
+import {countText, showAge, valueText, withUnits} from "./format.js";
 import {Badge, KINDS, LINK} from "./levels.js";
 import {SignalTable} from "./signals.js";
 
@@ -9,22 +8,43 @@ import {SignalTable} from "./signals.js";
 const MOST_PLOTTED = 10;
 let rows = 0;
 
+/** Levels of the last 24 hours by their letters, worst first. */
+const LETTERS = {E: "error", S: "stale", W: "warn", O: "ok"};
+/** Levels differ in height, not in colour alone. */
+const HEIGHT = {ok: 4, warn: 8, stale: 10, error: 12};
+
+/** Shows cells, one letter each; `-` is not known and not drawn. */
+function showDay(svg, cells) {
+  if (svg.cells === cells) return;
+  svg.cells = cells;
+  svg.setAttribute("viewBox", `0 0 ${cells.length || 1} 12`);
+  svg.replaceChildren();
+  let x = 0;
+  for (const [run] of cells.matchAll(/(.)\1*/g)) {
+    const kind = LETTERS[run[0]], height = HEIGHT[kind];
+    if (kind) addSvg(svg, "rect", {class: `cell ${kind}`, x, width: run.length, y: 12 - height, height});
+    x += run.length;
+  }
+  const parts = Object.entries({...LETTERS, "-": "unknown"}).filter(([letter]) => cells.includes(letter))
+    .map(([letter, kind]) => `${KINDS.get(kind).replace("unreachable", "unknown")} ${(cells.split(letter).length - 1) / 4} h`);
+  setAttribute(svg, "aria-label", `last 24 hours: ${parts.join(", ") || "unknown"}`);
+}
+
 class RobotRow {
   constructor(robot, page) {
     this.page = page;
     this.badge = new Badge(robot.kind);
     this.reason = isolated("");
-    this.more = make("span.more");
     this.silenced = silencedMark();
     this.since = make("time.since");
     this.values = make("span.main-values");
-    this.day = makeDay();
+    this.day = addSvg(null, "svg", {class: "day", role: "img", preserveAspectRatio: "none"});
     const id = `robot-${++rows}`;
     this.head = make("button.robot-head", {"aria-expanded": "false", "aria-controls": id, onclick: () => this.toggle()},
-      shape("open"), this.badge.element, make("bdi.robot-name", {}, robot.name),
-      make("span.cause", {}, this.reason, this.more), this.silenced, this.since, this.values, this.day);
+      shape("open"), this.badge.element, make("bdi.robot-name", robot.name),
+      make("span.cause", this.reason), this.silenced, this.since, this.values, this.day);
     this.body = make("div.robot-body", {id, hidden: true});
-    this.element = make("li.robot", {}, make("h3", {}, this.head), this.body);
+    this.element = make("li.robot", make("h3", this.head), this.body);
     this.table = null;
     this.update(robot);
   }
@@ -34,9 +54,8 @@ class RobotRow {
     this.badge.show(robot.kind);
     setAttribute(this.element, "class", `robot ${robot.kind}`);
     const text = robot.isEmpty ? "no signal is watched: run `robot-health init`" : countText(robot.kinds.size, "signal");
-    setText(this.reason, robot.cause || text);
-    setText(this.more, robot.others ? ` and ${robot.others} more` : "");
-    this.showValues();
+    const hasValues = this.showValues(), more = robot.others ? ` and ${robot.others} more` : "";
+    setText(this.reason, robot.cause + more || (hasValues ? "" : text));
     this.silenced.hidden = !robot.silenced;
     setText(this.silenced.lastChild, robot.silenced ? `${robot.silenced} silenced` : "");
     this.tick();
@@ -48,11 +67,12 @@ class RobotRow {
     const shown = (show || []).filter((name) => name in signals && name !== LINK && !["waiting", "unknown"].includes(kinds.get(name)));
     setChildren(this.values, shown.map((name) => {
       const {text, value, unit} = signals[name];
-      return make("span", {}, isolated(name), " ", make("b", {}, kinds.get(name) === "stale" ? "STALE" : withDegrees(text ?? valueText(value, unit)) || "–"), " ");
+      return make("span", isolated(name), " ", make("b", kinds.get(name) === "stale" ? "STALE" : withUnits(text ?? valueText(value, unit)) || "–"), " ");
     }));
     const cells = this.page.robots && this.page.robots.days[this.robot.name];
     setAttribute(this.day, "hidden", cells ? null : "");
     if (cells) showDay(this.day, cells);
+    return shown.length > 0;
   }
 
   updateBody() {
@@ -84,7 +104,7 @@ class RobotRow {
     this.page.robots.follow(this.table);
     this.silence = make("button", {onclick: () => actions.silence(name, "*", false)}, "Silence robot…");
     this.reset = make("button.reset", {onclick: () => actions.reset(name)}, "Reset latched alerts…");
-    this.body.append(this.table.table, make("div.robot-tools", {}, this.silence, this.reset));
+    this.body.append(make("div.robot-tools", this.silence, this.reset), this.table.table);
     this.updateBody();
   }
 }
@@ -154,7 +174,7 @@ export class RobotList {
     for (const row of this.rows.values()) row.showValues();
   }
 
-  /** Asks for the samples of open robots, first of those with plots; of too many, one is closed, but not `latest`. */
+  /** Asks for the samples of open robots, first of those with plots; of too many, one closes, but not `latest`. */
   follow(latest) {
     const open = [...this.rows.values()].map((row) => row.table).filter((table) => table);
     const tables = open.filter((table) => table.opened.length);

@@ -2,8 +2,8 @@
 import {AlertTable} from "./alerts.js";
 import {isolated, make, makeCell, makeRow, makeTable, setAttribute, setChildren, setText, shape, silencedMark} from "./elements.js";
 import {request} from "./connection.js";
-import {patternOf, showAge, valueText, withDegrees, withHint} from "./format.js";
-import {Badge, LINK, rankOf} from "./levels.js";
+import {patternOf, showAge, valueText, withUnits, withHint} from "./format.js";
+import {Badge, LINK, isAlert, rankOf} from "./levels.js";
 import {WindowPlot, drawSpark} from "./plots.js";
 import {Ranges} from "./ranges.js";
 
@@ -26,12 +26,12 @@ class SignalDetails {
     this.silence = make("button", {onclick: () => page.actions.silence(robotName, name, this.isAlert)}, "Silence…");
     this.only = {robot: patternOf(robotName), signal: patternOf(name)};
     this.alerts = new AlertTable(page, {only: this.only, size: 5, ofSignal: true});
-    this.element = make("div.signal-body", {}, this.ranges.element, this.plotBox, this.facts, this.silenced, make("div.buttons", {}, this.silence),
-      make("h4", {}, "Alerts"), this.alerts.element);
+    this.element = make("div.signal-body", this.ranges.element, this.plotBox, this.facts, this.silenced, make("div.buttons", this.silence),
+      make("h4", "Alerts"), this.alerts.element);
   }
 
   update(signal, kind) {
-    this.isAlert = !["ok", "waiting", "unknown"].includes(kind);
+    this.isAlert = isAlert(kind);
     if (signal.since !== this.since) {
       this.alerts.load();
       this.loadPast();
@@ -50,7 +50,6 @@ class SignalDetails {
     this.plot.show(signal, kind, samples, this.page.fleet.now / 1000);
   }
 
-  /** Without an answer the plot shows less. */
   async loadPast() {
     if (!this.page.fleet.state.history) return;
     const answer = await request(`api/history?${new URLSearchParams({...this.only, limit: MOST_PAST})}`).catch(() => null);
@@ -93,7 +92,7 @@ class SignalRow {
     this.more.hidden = true;
     this.button = make("button.signal-name", {"aria-expanded": "false", "aria-controls": id}, shape("open"), isolated(name));
     this.element = makeRow("signal", makeCell("level", this.badge.element), make("th", {role: "rowheader", scope: "row"}, this.button),
-      makeCell("value", this.value), this.spark, makeCell("reason", make("span", {}, this.message, this.outlook, this.silenced)), makeCell("since", this.since));
+      makeCell("value", this.value), this.spark, makeCell("reason", make("span", this.message, this.outlook, this.silenced)), makeCell("since", this.since));
     this.element.addEventListener("click", (event) => this.click(event));
   }
 
@@ -122,13 +121,13 @@ class SignalRow {
     this.badge.show(kind);
     setAttribute(this.element, "class", `signal ${kind}`);
     const text = signal.text ?? valueText(signal.value, signal.unit);
-    const value = this.name === LINK ? (kind === "ok" ? signal.message : "") : withDegrees(text) || "–";
+    const value = this.name === LINK && kind === "ok" ? signal.message : this.name === LINK || this.name[0] === "/" ? "" : withUnits(text) || "–";
     setText(this.value, value);
     // The reason of a healthy signal only repeats its value.
-    const repeats = kind === "ok" && !signal.hint && withDegrees(signal.message || "") === value;
+    const repeats = kind === "ok" && !signal.hint && withUnits(signal.message || "") === value;
     setText(this.message, repeats ? "" : withHint(signal.message || "", signal.hint));
-    setText(this.outlook, (signal.outlook && !repeats ? ", " : "") + withDegrees(signal.outlook || ""));
-    this.silenced.hidden = !signal.silenced;
+    setText(this.outlook, (signal.outlook && !repeats ? ", " : "") + withUnits(signal.outlook || ""));
+    this.silenced.hidden = !signal.silenced || !isAlert(kind);
     setAttribute(this.silenced, "title", signal.silenced);
     if (this.details) this.details.update(signal, kind);
     this.tick();
@@ -137,7 +136,7 @@ class SignalRow {
   plot() {
     if (!this.element.isConnected) return;
     const samples = this.parent.samples.get(this.name) || [];
-    this.spark.replaceChildren(drawSpark(this.signal, samples));
+    if (!this.parent.arrayNames.has(this.name)) this.spark.replaceChildren(drawSpark(this.signal, samples));
     if (this.details) this.details.draw(this.signal, this.kind, samples);
   }
 
@@ -146,10 +145,9 @@ class SignalRow {
   }
 }
 
-/** Stands for the healthy elements of an array. */
-class ElementsRow {
+/** Stands for `names`, which are `what`, if they are more than `most`. */
+class FoldRow {
   constructor(table) {
-    this.names = [];
     this.isOpen = false;
     this.button = make("button", {onclick: () => { this.isOpen = !this.isOpen; table.arrange(); }});
     this.element = makeRow("elements", makeCell("", this.button, 6));
@@ -157,11 +155,11 @@ class ElementsRow {
 
   get hidden() { return this.isOpen || !this.isShown ? [] : this.names; }
 
-  get isShown() { return this.names.length > MOST_ELEMENTS; }
+  get isShown() { return this.names.length > this.most; }
 
   show() {
     setAttribute(this.button, "aria-expanded", String(this.isOpen));
-    setText(this.button, `${this.isOpen ? "Hide" : "Show"} ${this.names.length} elements that are OK`);
+    setText(this.button, `${this.isOpen ? "Hide" : "Show"} ${this.names.length} ${this.what}`);
   }
 }
 
@@ -170,8 +168,8 @@ export class SignalTable {
     this.page = page;
     this.robot = robot;
     this.rows = new Map();
-    /** The rows that stand for healthy elements, by the name of the array. */
-    this.arrays = new Map();
+    /** The rows that stand for others, by the name of the array or cause. */
+    this.folds = new Map();
     /** Samples in the window of each signal, as [s since 1970, value]. */
     this.samples = new Map();
     Object.assign(this, makeTable("signals", `Signals of ${robot.name}`, ["Level", "Signal", "Value", "Trend", "Reason", "For"]));
@@ -179,7 +177,9 @@ export class SignalTable {
 
   update(robot) {
     this.robot = robot;
-    for (const name of Object.keys(robot.data.signals)) {
+    const names = Object.keys(robot.data.signals);
+    this.arrayNames = new Set(names.map((name) => name.split("[")).filter((parts) => parts.length > 1).map(([array]) => array));
+    for (const name of names) {
       if (!this.rows.has(name)) this.rows.set(name, new SignalRow(this, name, this.page));
       this.rows.get(name).update(robot.data.signals[name], robot.kinds.get(name));
     }
@@ -188,26 +188,34 @@ export class SignalTable {
     this.arrange();
   }
 
-  /** Sorts the rows, worst first, and folds healthy elements. */
+  /** Sorts the rows, worst first, and folds healthy elements and effects. */
   arrange() {
     const {kinds, data: {signals}} = this.robot, rank = (name) => rankOf(kinds.get(name));
-    for (const array of this.arrays.values()) array.names = [];
+    for (const fold of this.folds.values()) fold.names = [];
+    const effects = new Map(), roots = [], elements = [], unplotted = [];
     for (const name of Object.keys(signals)) {
-      const [array] = name.split("[");
-      if (array === name || !(array in signals) || kinds.get(name) !== "ok" || this.rows.get(name).details) continue;
-      if (!this.arrays.has(array)) this.arrays.set(array, new ElementsRow(this));
-      this.arrays.get(array).names.push(name);
+      const [array] = name.split("["), cause = this.robot.causeOf(name), isEffect = cause !== name, by = isEffect ? cause : array;
+      if (isEffect) effects.set(by, [...(effects.get(by) || []), name]);
+      else roots.push(name);
+      if (by === name || !(by in signals) || !isEffect && kinds.get(name) !== "ok" || this.rows.get(name).details) continue;
+      const fold = this.folds.get(by) || new FoldRow(this);
+      this.folds.set(by, fold);
+      (fold.names ||= []).push(name);
+      [fold.what, fold.most] = isEffect ? ["affected", 0] : ["elements that are OK", MOST_ELEMENTS];
     }
-    const hidden = new Set([...this.arrays.values()].flatMap((array) => array.hidden)), elements = [];
-    const names = Object.keys(signals).filter((name) => !hidden.has(name)).sort((one, other) => rank(one) - rank(other));
-    for (const name of names) {
-      const row = this.rows.get(name), array = this.arrays.get(name);
+    const hidden = new Set([...this.folds.values()].flatMap((fold) => fold.hidden));
+    const add = (name) => {
+      if (hidden.has(name)) return;
+      const row = this.rows.get(name), fold = this.folds.get(name);
       elements.push(row.element, row.more);
-      if (array && array.isShown) elements.push(array.element);
-      if (array) array.show();
-    }
+      if (!row.spark.firstChild) unplotted.push(row);
+      if (fold && fold.isShown) elements.push(fold.element);
+      if (fold) fold.show();
+      (effects.get(name) || []).forEach(add);
+    };
+    roots.sort((one, other) => rank(one) - rank(other)).forEach(add);
     setChildren(this.body, elements);
-    for (const name of names) if (!this.rows.get(name).spark.firstChild) this.rows.get(name).plot();
+    for (const row of unplotted) row.plot();
   }
 
   tick() {
@@ -221,9 +229,9 @@ export class SignalTable {
   addSamples({full, signals, window_s: windows}) {
     for (const [name, added] of Object.entries(signals)) {
       const samples = full ? [] : this.samples.get(name) || [];
-      const last = samples.length ? samples[samples.length - 1][0] : -Infinity;
+      const last = samples.length ? samples.at(-1)[0] : -Infinity;
       samples.push(...added.filter(([t]) => t > last));
-      const end = samples.length ? samples[samples.length - 1][0] : 0;
+      const end = samples.length ? samples.at(-1)[0] : 0;
       this.samples.set(name, samples.filter(([t]) => t >= end - windows[name]));
     }
     for (const row of this.rows.values()) row.plot();

@@ -1,4 +1,4 @@
-/* The view of the silences in force. */
+/* The view of the silences that have not ended. */
 import {byId, isolated, make, makeCell, makeRow, makeTable, setChildren, setText} from "./elements.js";
 import {durationText, fullTimeText} from "./format.js";
 
@@ -15,9 +15,10 @@ class SilenceRow {
   }
 
   tick() {
-    const {fleet} = this.page, {until, until_resolved: untilResolved} = this.silence;
+    const {fleet} = this.page, {until, until_resolved: untilResolved, every, timezone, in_force: inForce} = this.silence;
+    const rule = every ? `every ${every} (${timezone}), ${inForce ? "in force" : "not in force now"}` : "";
     const left = until ? `${durationText(Math.max(0, Date.parse(until) - fleet.now) / 1000)} left` : "";
-    setText(this.remaining, left + (untilResolved ? `${left ? " or " : ""}until resolved` : ""));
+    setText(this.remaining, rule + (rule && left ? ", " : "") + left + (untilResolved ? `${left ? " or " : ""}until resolved` : ""));
     this.button.hidden = !fleet.state.can_change;
   }
 }
@@ -30,12 +31,13 @@ export class SilenceList {
     Object.assign(this, makeTable("silences", "Silences", ["Silenced", "Reason", "By", "Remaining", "Action"]));
     this.none = make("p.note");
     this.add = make("button", {onclick: () => page.actions.silence("*", "*", false)}, "New silence…");
-    byId("silence-list").append(this.table, this.none, make("div.buttons", {}, this.add));
+    byId("silence-list").append(this.table, this.none, make("div.buttons", this.add));
   }
 
   update() {
     const {fleet} = this.page, {silences, silencing} = fleet.state;
     this.rows = new Map(silences.map((silence) => [silence.id, this.rows.get(silence.id) || new SilenceRow(this.page, silence)]));
+    for (const silence of silences) this.rows.get(silence.id).silence = silence;
     setChildren(this.body, [...this.rows.values()].map((row) => row.element));
     this.tick();
     this.table.hidden = !silences.length;

@@ -9,12 +9,12 @@ import pytest
 from harness.parameters import set_parameter
 from harness.stage import Stage, status, values_of
 
-from robot_health_monitor.core.config import DEFAULT_SIGNALS
-from robot_health_monitor.core.errors import ConfigError
-from robot_health_monitor.core.middleware import Severity
+from robot_health_monitor.core.config.monitor_config import DEFAULT_SIGNALS
+from robot_health_monitor.core.config.signal_config import read_signal
 from robot_health_monitor.core.nodes import Aggregator
 from robot_health_monitor.core.nodes.aggregator import has_inputs, health_score
-from robot_health_monitor.core.signal_config import read_signal
+from robot_health_monitor.core.port.middleware import Severity
+from robot_health_monitor.core.values.errors import ConfigError
 
 
 @pytest.fixture
@@ -72,7 +72,7 @@ def test_a_score_maps_each_metric_to_0_to_100_by_its_thresholds_first(stage: Sta
 
 def test_the_statistics_of_the_window_are_in_diagnostics(stage: Stage) -> None:
     _, arrays = start(stage)
-    for now_s, value in ((0.0, 10.0), (0.5, 20.0)):
+    for now_s, value in ((0.0, 10.0), (0.25, 15.0), (0.5, 20.0)):
         stage.bus.run_until(now_s)
         stage.publish("battery_level", value)
     stage.bus.run_until(1.0)
@@ -81,9 +81,9 @@ def test_the_statistics_of_the_window_are_in_diagnostics(stage: Stage) -> None:
         "mean": "15",
         "min": "10",
         "max": "20",
-        "stddev": "5",
+        "stddev": "4.082",
         "rate": "20",
-        "frequency_hz": "2",
+        "frequency_hz": "4",
     }
 
 

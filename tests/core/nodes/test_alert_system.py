@@ -9,15 +9,15 @@ from harness.parameters import set_parameter
 from harness.port_conformance import levels_to
 from harness.stage import FLOAT32, Stage, status, values_of
 
-from robot_health_monitor.core.errors import ConfigError
-from robot_health_monitor.core.faults import Fault
-from robot_health_monitor.core.local import LocalBus, LocalMiddleware, LogLine
-from robot_health_monitor.core.middleware import Severity, Timer
-from robot_health_monitor.core.model import Level, Sample, Transition
-from robot_health_monitor.core.monitor import Monitor
+from robot_health_monitor.core.judge.monitor import Monitor
 from robot_health_monitor.core.nodes import Aggregator, AlertSystem, BatterySensor
+from robot_health_monitor.core.nodes.outlets import Event, Notice
 from robot_health_monitor.core.nodes.self_monitor import SelfReport
-from robot_health_monitor.core.outlets import Event, Notice
+from robot_health_monitor.core.port.local import LocalBus, LocalMiddleware, LogLine
+from robot_health_monitor.core.port.middleware import Severity, Timer
+from robot_health_monitor.core.values.errors import ConfigError
+from robot_health_monitor.core.values.faults import Fault
+from robot_health_monitor.core.values.model import Level, Sample, Transition
 
 LATCHING: Mapping[str, Any] = {
     "robot_name": "robot1",
@@ -251,6 +251,7 @@ class TestItself:
         assert values == {
             "uptime_s": "3",
             "signals": "1",
+            "published_topics": "/alerts",
             "simulated": "",
             "without_sensor": "",
             "samples_per_s": "0",  # 7 in the second before
@@ -457,8 +458,8 @@ class TestSimulatedSensors:
     """Signals that battery_sensor lists as simulated."""
 
     def list_topics(self, stage: Stage, text: str) -> None:
-        stage.outside.advertise("simulated_sensors", "std_msgs/String", latched=True)
-        stage.outside.publish("simulated_sensors", {"data": text})
+        stage.outside.advertise("_simulated_sensors", "std_msgs/String", latched=True)
+        stage.outside.publish("_simulated_sensors", {"data": text})
 
     def test_they_are_known_judged_and_shown(self, stage: Stage) -> None:
         arrays = stage.listen("/diagnostics")
@@ -500,8 +501,8 @@ class TestUnavailableSensors:
     """Signals that battery_sensor lists as without a sensor."""
 
     def list_sensors(self, stage: Stage, text: str) -> None:
-        stage.outside.advertise("unavailable_sensors", "std_msgs/String")
-        stage.outside.publish("unavailable_sensors", {"data": text})
+        stage.outside.advertise("_unavailable_sensors", "std_msgs/String")
+        stage.outside.publish("_unavailable_sensors", {"data": text})
 
     def test_a_signal_without_a_sensor_never_becomes_stale(self, stage: Stage) -> None:
         arrays = stage.listen("/diagnostics")
@@ -650,7 +651,14 @@ def test_a_history_that_raises_prevents_no_reset_and_no_change_of_thresholds() -
 def test_what_is_watched_is_logged_with_unit_and_statistic(stage: Stage) -> None:
     signals = {"camera": {"topic": "image", "field": "", "statistic": "frequency_hz", "warn_below": 27.0}}
     stage.alert_system({"signals": signals})
-    assert "watching camera on image: frequency_hz WARN below 27 Hz" in stage.log(Severity.INFO)
+    assert "watching camera on /image: frequency_hz WARN below 27 Hz" in stage.log(Severity.INFO)
+
+
+def test_what_is_watched_is_logged_with_the_topic_that_is_subscribed_to(stage: Stage) -> None:
+    parameters = {"signals": {"odom": {}, "scan": {"topic": "lidar/scan"}}}
+    remap = {"odom": "/wheel/odom"}
+    AlertSystem(stage.bus.node("alert_system", namespace="robot1", parameters=parameters, remap=remap))
+    assert stage.log(Severity.INFO)[-2:] == ["watching odom on /wheel/odom", "watching scan on /robot1/lidar/scan"]
 
 
 @pytest.mark.parametrize(

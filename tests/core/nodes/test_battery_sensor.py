@@ -2,23 +2,30 @@
 
 from __future__ import annotations
 
+import os
 import shutil
+import subprocess
+import sys
+import threading
 from pathlib import Path
-from typing import Any, Callable, List, Mapping, Tuple
+from typing import Any, List, Mapping, Tuple
 
 import pytest
 from harness.machine import Machine
+from harness.machines import LAPTOP, chip
 from harness.parameters import set_parameter
 from harness.port_conformance import levels_to
 from harness.stage import Stage, status, values_of
+from harness.waiting import wait_for
 
-from robot_health_monitor.core.errors import ConfigError
-from robot_health_monitor.core.local import LocalMiddleware
-from robot_health_monitor.core.middleware import Severity
+from robot_health_monitor.core.config.parameters import flatten, unflatten
 from robot_health_monitor.core.nodes import AlertSystem, BatterySensor
-from robot_health_monitor.core.parameters import flatten, unflatten
+from robot_health_monitor.core.port.local import LocalMiddleware
+from robot_health_monitor.core.port.middleware import Severity
 from robot_health_monitor.core.sensors import configuration
 from robot_health_monitor.core.sensors.computer import HOST_PATHS, Computer, HostPaths
+from robot_health_monitor.core.values.errors import ConfigError
+from robot_health_monitor.runtime.threads import DetachedCalls
 
 BATTERY = {
     "/sys/class/power_supply/BAT0/capacity": "62",
@@ -74,39 +81,84 @@ def test_defaults_that_a_middleware_fills_in_are_no_change(stage: Stage) -> None
     assert levels == [100.0, 99.0, 98.0, 97.0]
 
 
-def test_a_disk_that_hangs_is_stale_and_delays_no_other_metric(stage: Stage, machine: Machine) -> None:
-    machine({"/proc/vmstat": "nr_free_pages 1\noom_kill 0"})
-    started: List[Callable[[], None]] = []
+HANGING = {
+    "rail": ({"source": "voltage_rail", "sensor": "pmbus/in2"}, "/sys/class/hwmon/hwmon3/in2_input", 5.0),
+    "fan": ({"source": "fan_rpm"}, "/sys/class/hwmon/hwmon1/fan2_input", 5000.0),
+    "nvme": ({"source": "temperature", "sensor": "nvme/Composite"}, "/sys/class/hwmon/hwmon2/temp1_input", 5.0),
+    "volts": ({"source": "battery_voltage"}, "/sys/class/power_supply/BAT0/voltage_now", 0.005),
+    "pressure": ({"source": "pressure_io"}, "/proc/pressure/io", None),
+}
+"""Sources whose files never answer, and what they read if that is 5000."""
+ANSWERING = {
+    "other_rail": {"source": "voltage_rail", "sensor": "pmbus/in1"},
+    "cpu": {"source": "temperature"},
+    "board": {"source": "temperature", "sensor": "thinkpad/0"},
+    "charge": {"source": "battery_percent"},
+    "amperes": {"source": "battery_current"},
+    "waiting": {"source": "pressure_cpu"},
+    "kills": {"source": "oom_kills"},
+    "carrier": {"source": "network_carrier"},
+}
 
-    def background(function: Callable[[], None]) -> bool:
-        """A thread whose disk hangs from the second read on, until it is let go on."""
-        started.append(function)
-        if len(started) != 2:
-            function()
-        return len(started) != 2
 
-    host = {"disk": {"source": "disk_free"}, "kills": {"source": "oom_kills"}}
+@pytest.fixture
+def hanging_machine(machine: Machine) -> Machine:
+    """A laptop on which some files of the kernel never answer, as when an I2C bus hangs."""
+    machine(LAPTOP, chip(3, "pmbus", in1="12000", in2="5000"))
+    for _, path, _ in HANGING.values():
+        file = machine.root / path.lstrip("/")
+        file.unlink()
+        os.mkfifo(file)
+    return machine
+
+
+def test_files_that_never_answer_are_stale_and_delay_no_other_metric(stage: Stage, hanging_machine: Machine) -> None:
+    others = threading.active_count()  # of tests before this one
+    host = {**{name: options for name, (options, _, _) in HANGING.items()}, **ANSWERING}
     off = {metric: {"source": "none"} for metric in configuration.METRICS}
-    disk, kills = stage.listen("disk", "data"), stage.listen("kills", "data")
+    heard = {name: stage.listen(name, "data") for name in host}
     alerts: List[Tuple[str, str]] = []
-    stage.alert_system({"signals": {"disk": {}, "kills": {}}}, {"test": levels_to(alerts)})
-    node = stage.bus.node("battery_sensor", parameters={**off, "host": host})
-    BatterySensor(node, Computer(machine.paths, background))
+    stage.alert_system({"signals": {name: {} for name in host}}, {"test": levels_to(alerts)})
+    calls = DetachedCalls("test", patience_s=0.2)
+    computer = Computer(hanging_machine.paths, calls)
+    BatterySensor(stage.bus.node("battery_sensor", parameters={**off, "host": host}), computer)
     stage.bus.run_until(20.0)
-    assert (len(disk), len(kills)) == (5, 20)
-    assert alerts == [("disk", "STALE")]
-    line = "disk is not published: no answer from the disk at / for more than 5 s"
-    assert stage.log(Severity.WARN).count(line) == 1
-    started[1]()
-    stage.bus.run_until(22.0)
-    assert alerts == [("disk", "STALE"), ("disk", "OK")]
-    assert len(started) == 3  # one thread hung, however often the disk was to be read
+    counts = {name: len(values) for name, values in heard.items()}
+    assert counts == {**dict.fromkeys(HANGING, 0), **dict.fromkeys(ANSWERING, 20)}
+    (alert,) = alerts  # one for all: they were never heard
+    assert alert == (f"/{next(iter(HANGING))}", "STALE")
+    assert "volts is not published: no answer from the battery for more than 5 s" in stage.log(Severity.WARN)
+    assert threading.active_count() - others < 11  # a thread per file that hangs, however often it is read
+    for _, path, _ in HANGING.values():
+        (hanging_machine.root / path.lstrip("/")).write_text("5000\n" if "pressure" not in path else "some avg10=1.5\n")
+    wait_for(lambda: all(thread.finished.is_set() for thread in calls._busy))
+    stage.bus.run_until(21.0)
+    expected = {name: value for name, (_, _, value) in HANGING.items()}
+    assert {name: heard[name][0] for name in HANGING} == pytest.approx({**expected, "pressure": 1.5})
+    calls.close()
+
+
+def test_files_that_never_answer_delay_neither_the_list_of_sources_nor_its_end(hanging_machine: Machine) -> None:
+    code = """
+import sys
+from robot_health_monitor.cli.commands.sources_command import show_sources
+from robot_health_monitor.core.sensors.computer import Computer, HostPaths
+from robot_health_monitor.runtime.threads import DetachedCalls
+show_sources(False, sys.stdout, Computer(HostPaths(*sys.argv[1:]), DetachedCalls("sources")))
+"""
+    arguments = [sys.executable, "-c", code, *hanging_machine.paths]
+    done = subprocess.run(arguments, stdout=subprocess.PIPE, text=True, timeout=60, check=True)
+    lines = done.stdout.splitlines()
+    assert "{source: battery_percent}: 55 %" in lines
+    assert "{source: battery_voltage}: no answer from the battery yet" in lines
+    assert '{source: voltage_rail, sensor: "pmbus/in1"}: 12 V' in lines
+    assert '{source: voltage_rail, sensor: "pmbus/in2"}: no answer from voltage sensor pmbus/in2 yet' in lines
 
 
 def test_a_node_that_dies_is_an_alert_and_its_other_metrics_are_stale(stage: Stage, machine: Machine) -> None:
-    stat = "S 1 1 1 0 -1 4194560 0 0 0 0 5 5 0 0 20 0 3 0 500 0 5000 1 0 0"
-    amcl = {"/proc/70/stat": f"70 (amcl) {stat}", "/proc/70/cmdline": "/x/amcl"}
-    machine({"/proc/uptime": "100.0 1.0", "/proc/1/stat": f"1 (init) {stat}", "/proc/1/cmdline": "/sbin/init"}, amcl)
+    machine({"/proc/uptime": "100.0 1.0"})
+    machine.runs(1, "/sbin/init")
+    machine.runs(70, "/x/amcl")
     host = {
         "running": {"source": "process_running", "command": "*/amcl*"},
         "threads": {"source": "process_threads", "command": "*/amcl*"},
@@ -121,7 +173,7 @@ def test_a_node_that_dies_is_an_alert_and_its_other_metrics_are_stale(stage: Sta
     shutil.rmtree(machine.root / "proc" / "70")
     stage.bus.run_until(20.0)
     assert alerts == [("running", "ERROR"), ("threads", "STALE")]
-    machine(amcl)
+    machine.runs(70, "/x/amcl")
     stage.bus.run_until(22.0)
     assert alerts[2:] == [("running", "OK"), ("threads", "OK")]
 
@@ -146,6 +198,7 @@ def test_simulated_values_are_marked_in_the_log_and_on_diagnostics(stage: Stage)
         "battery_level": "simulated",
         "temperature": "none",
         "cpu_usage": "simulated",
+        "published_topics": "/_simulated_sensors, /battery_level, /cpu_usage",
         "fingerprint": values_of(own)["fingerprint"],
     }
 
@@ -220,9 +273,9 @@ def test_a_battery_that_is_removed_is_an_alert(stage: Stage, machine: Machine) -
 def test_the_list_of_missing_sensors_is_published_only_for_a_host(stage: Stage, machine: Machine) -> None:
     start(stage, {})
     stage.bus.run_until(2.0)
-    assert "/unavailable_sensors" not in stage.bus.types
+    assert "/_unavailable_sensors" not in stage.bus.types
     other = Stage()
-    missing = other.listen("unavailable_sensors", "data")
+    missing = other.listen("_unavailable_sensors", "data")
     start(other, HOST, machine.paths)
     other.bus.run_until(3.0)
     assert missing[-1] == "battery_level, temperature"
@@ -230,7 +283,7 @@ def test_the_list_of_missing_sensors_is_published_only_for_a_host(stage: Stage, 
 
 def test_the_topics_of_simulated_values_are_listed_before_the_first_value_and_every_second(stage: Stage) -> None:
     listed: List[Any] = []
-    stage.outside.subscribe("simulated_sensors", "", lambda value, now_s: listed.append(value), field="data")
+    stage.outside.subscribe("_simulated_sensors", "", lambda value, now_s: listed.append(value), field="data")
     node = stage.bus.node("battery_sensor", parameters={"cpu_usage": {"source": "host"}}, remap={"/temperature": "/t"})
     BatterySensor(node)
     assert listed == ["/battery_level, /t"]
@@ -238,13 +291,13 @@ def test_the_topics_of_simulated_values_are_listed_before_the_first_value_and_ev
     assert listed == ["/battery_level, /t"] * 4
     late: List[Any] = []
     stage.bus.node("late").subscribe(
-        "simulated_sensors", "", lambda value, now_s: late.append(value), field="data", latched=True
+        "_simulated_sensors", "", lambda value, now_s: late.append(value), field="data", latched=True
     )
     assert late == ["/battery_level, /t"]
 
 
 def test_values_that_are_no_longer_simulated_are_no_longer_listed(stage: Stage, machine: Machine) -> None:
-    listed = stage.listen("simulated_sensors", "data")
+    listed = stage.listen("_simulated_sensors", "data")
     middleware = start(stage, {"temperature": {"source": "none"}, "cpu_usage": {"source": "none"}}, machine.paths)
     set_parameter(middleware, "battery_level.source", "host")
     assert listed == ["/battery_level", ""]

@@ -8,8 +8,8 @@ import pytest
 from harness.kept_history import KeptHistory
 from harness.stage import Stage, status, values_of
 
-from robot_health_monitor.core.middleware import Severity
-from robot_health_monitor.core.model import Level
+from robot_health_monitor.core.port.middleware import Severity
+from robot_health_monitor.core.values.model import Level
 
 CELLS: Mapping[str, Any] = {
     "robot_name": "robot1",

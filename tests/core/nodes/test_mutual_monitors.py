@@ -7,8 +7,8 @@ from typing import Any, Dict, List, Mapping
 import pytest
 from harness.stage import Stage
 
-from robot_health_monitor.core.middleware import Severity
 from robot_health_monitor.core.nodes import Aggregator, AlertSystem, BatterySensor
+from robot_health_monitor.core.port.middleware import Severity
 
 ALL: Mapping[str, Any] = {
     "topic": "/diagnostics", "type": "diagnostic_msgs/DiagnosticArray", "field": 'status["*"]', "stale_after_s": 0.0,

@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 
 from robot_health_monitor.core import load_config
-from robot_health_monitor.core.errors import ConfigError
-from robot_health_monitor.core.local import LocalBus
 from robot_health_monitor.core.nodes.node import Sections, base_name, describe_changes, refuse_changes, sections_of
+from robot_health_monitor.core.port.local import LocalBus
+from robot_health_monitor.core.values.errors import ConfigError
 
 
 def test_a_base_name_has_no_namespace() -> None:

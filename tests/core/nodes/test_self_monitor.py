@@ -6,11 +6,11 @@ from typing import List
 
 import pytest
 
-from robot_health_monitor.core.local import LocalBus
-from robot_health_monitor.core.middleware import Severity
-from robot_health_monitor.core.model import Level
+from robot_health_monitor.core.nodes.outlets import Event, Notice
 from robot_health_monitor.core.nodes.self_monitor import SelfMonitor
-from robot_health_monitor.core.outlets import Event, Notice
+from robot_health_monitor.core.port.local import LocalBus
+from robot_health_monitor.core.port.middleware import Severity
+from robot_health_monitor.core.values.model import Level
 
 
 class Watch:

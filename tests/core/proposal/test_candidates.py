@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
-from typing import List, Optional
+from typing import Dict, List, Optional
 
 import pytest
 
-from robot_health_monitor.core.definitions import parse_definition
+from robot_health_monitor.core.messages.definitions import parse_definition
+from robot_health_monitor.core.messages.standard_messages import definition
 from robot_health_monitor.core.proposal.candidates import MOST_FIELDS, MOST_SIGNALS, Topic, list_candidates
-from robot_health_monitor.core.standard_messages import definition
 
 
 def topic(name: str, type_name: str, text: Optional[str] = None) -> Topic:
     return Topic(name, type_name, parse_definition(type_name, definition(type_name) if text is None else text, "msg"))
+
+
+def reasons(type_name: str, text: Optional[str] = None) -> Dict[str, List[str]]:
+    found = list_candidates([topic("/a", type_name, text)]).fields
+    return {reason: list(fields) for reason, fields in found.get("/a", {}).items()}
 
 
 def fields(type_name: str, text: Optional[str] = None) -> List[str]:
@@ -26,10 +31,46 @@ def test_numbers_of_the_standard_messages_without_headers_codes_and_arrays() -> 
     assert fields("std_msgs/UInt8") == ["", "data"]
     assert fields("sensor_msgs/Temperature") == ["", "header.stamp", "temperature", "variance"]
     numbers = ["voltage", "temperature", "current", "charge", "capacity", "design_capacity"]
-    assert fields("sensor_msgs/BatteryState") == ["", "header.stamp", "percentage", "cell_voltage[*]", *numbers]
+    cells = ["cell_temperature[*]", "cell_temperature[*]"]
+    assert fields("sensor_msgs/BatteryState") == ["", "header.stamp", "percentage", "cell_voltage[*]", *numbers, *cells]
+    assert reasons("sensor_msgs/BatteryState") == {
+        "8 bits: a state or a code": ["power_supply_status", "power_supply_health", "power_supply_technology"],
+        "flags": ["present"],
+        "text": ["location", "serial_number"],
+    }
 
 
-@pytest.mark.parametrize("type_name", ["std_msgs/String", "std_msgs/Bool", "std_msgs/Float32MultiArray"])
+def test_an_array_of_numbers_is_watched_by_its_smallest_and_its_largest_one() -> None:
+    found = list_candidates([topic("/a", "std_msgs/Float32MultiArray")]).candidates
+    lines = [
+        (each.name, each.settings["field"], each.settings.get("reduce")) for each in found if each.kind == "number"
+    ]
+    assert lines == [
+        ("a_layout_data_offset", "layout.data_offset", None),
+        ("a_min", "data[*]", "min"),
+        ("a_max", "data[*]", "max"),
+    ]
+    assert reasons("std_msgs/Float32MultiArray") == {"times and arrays of messages": ["layout.dim"]}
+
+
+def test_whatever_is_no_number_is_left_out_with_its_reason() -> None:
+    text = "Header header\nstring name\nbool on\ntime since\nMotor[] motors\nuint8[4] code\n" + "=" * 80
+    text += "\nMSG: own_msgs/Motor\nfloat32 amps\n"
+    assert reasons("own_msgs/Drive", text) == {
+        "text": ["name"],
+        "flags": ["on"],
+        "times and arrays of messages": ["since", "motors"],
+        "8 bits: a state or a code": ["code"],
+    }
+    assert reasons("sensor_msgs/Image")["a block of bytes, or beside one: not read"] == [
+        "height", "width", "is_bigendian", "step", "data",
+    ]  # fmt: skip
+    assert list_candidates([Topic("/a", "own_msgs/Secret", None)]).fields == {
+        "/a": {"the definition of its type is not known": ["its fields"]}
+    }
+
+
+@pytest.mark.parametrize("type_name", ["std_msgs/String", "std_msgs/Bool"])
 def test_of_messages_without_numbers_the_arrival_counts(type_name: str) -> None:
     assert fields(type_name) == [""]
 
@@ -37,7 +78,7 @@ def test_of_messages_without_numbers_the_arrival_counts(type_name: str) -> None:
 def test_numbers_of_any_type_whose_definition_is_there() -> None:
     text = "Header header\nuint8 CODE=1\nint32 state\nfloat64[36] covariance\nMotor left\n" + "=" * 80
     text += "\nMSG: own_msgs/Motor\nfloat32 amps\nstring label\nbool on\nduration since\n"
-    assert fields("own_msgs/Drive", text) == ["", "header.stamp", "state", "left.amps"]
+    assert fields("own_msgs/Drive", text) == ["", "header.stamp", "state", "left.amps", *["covariance[*]"] * 2]
 
 
 def test_a_topic_whose_type_is_unknown_is_watched_by_its_arrivals() -> None:
@@ -102,7 +143,7 @@ def test_a_topic_with_two_types_is_a_problem() -> None:
 @pytest.mark.parametrize("name", ["/", "/2d", "//a", "/a//b", "/a b", "/ä", "/\x1b[31m", "/a\n", "/<b>"])
 def test_a_topic_with_a_name_that_ros_does_not_allow_is_left_out(name: str) -> None:
     found = list_candidates([topic(name, "std_msgs/Float32")])
-    assert found == ([], {name: "its name is not valid in ROS"}, [])
+    assert found == ([], {name: "its name is not valid in ROS"}, {}, [])
 
 
 def test_numbers_of_a_topic_are_limited() -> None:
@@ -129,4 +170,4 @@ def test_topics_that_appear_later_count_and_their_arrivals_come_before_numbers_o
     second = list_candidates(later, before=first).candidates
     assert [each.kind for each in second] == ["rate"] * 200
     third = list_candidates([topic("/c", "std_msgs/Float32")], before=[*first, *second])
-    assert third == ([], {"/c": "more than 300 signals"}, [])
+    assert third == ([], {"/c": "more than 300 signals"}, {}, [])

@@ -9,15 +9,17 @@ import pytest
 import yaml
 from harness.whole_robot import FAULTS, WholeRobot
 
-from robot_health_monitor.core.definitions import parse_definition
-from robot_health_monitor.core.local import LocalBus
-from robot_health_monitor.core.model import Level, Transition
+from robot_health_monitor.core.messages.definitions import parse_definition
+from robot_health_monitor.core.messages.standard_messages import definition
 from robot_health_monitor.core.nodes import AlertSystem
-from robot_health_monitor.core.outlets import Event
+from robot_health_monitor.core.nodes.outlets import Event
+from robot_health_monitor.core.port.local import LocalBus
 from robot_health_monitor.core.proposal.candidates import Topic
 from robot_health_monitor.core.proposal.proposal import Proposal
 from robot_health_monitor.core.proposal.thresholds_file import thresholds_text
-from robot_health_monitor.core.standard_messages import definition
+from robot_health_monitor.core.values.model import Level, Transition
+
+pytestmark = pytest.mark.newest_python
 
 FAULT_S = 40.0
 RECOVERY_S = 50.0
@@ -94,6 +96,12 @@ def test_after_one_minute_all_are_found_but_those_of_ranges() -> None:
     found = alerts_after(60.0, healthy_s=10.0)
     missed = {fault for fault in FAULTS if FAULTS[fault] not in [name for name, _ in found[fault]]}
     assert missed == {"a joint overloads", "imu shakes"}
+
+
+def test_a_fault_is_one_or_two_lines(found: Dict[str, Lines]) -> None:
+    bad = {fault: [text for name, text in lines if not name.endswith(" OK")] for fault, lines in found.items()}
+    assert {fault: texts for fault, texts in bad.items() if len(texts) > 2} == {}
+    assert sum(map(len, bad.values())) <= 22
 
 
 def test_every_fault_ends(found: Dict[str, Lines]) -> None:

@@ -8,9 +8,9 @@ from typing import Iterable
 
 import pytest
 
+from robot_health_monitor.core.config.signal_config import read_signal
 from robot_health_monitor.core.proposal.measured import Measured
 from robot_health_monitor.core.proposal.suggestion import MOST_IRREGULAR
-from robot_health_monitor.core.signal_config import read_signal
 
 
 def arrivals(times_s: Iterable[float]) -> Measured:

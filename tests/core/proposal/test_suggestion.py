@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from robot_health_monitor.core.config.signal_config import read_signal
 from robot_health_monitor.core.proposal.measured import Measured
 from robot_health_monitor.core.proposal.suggestion import suggest
-from robot_health_monitor.core.signal_config import read_signal
 
 
 def measured(values: Sequence[float], interval_s: float = 1.0, **signal: Any) -> Measured:
@@ -72,8 +72,8 @@ def test_short_excursions_give_a_duration_and_long_ones_move_the_bound() -> None
 @pytest.mark.parametrize(
     ("values", "signal", "reason"),
     [
-        (RAMP[:99], {}, "99 valid samples in 98 s; expected at least 100 in 30 s"),
-        ([float("nan")] * 200, {}, "0 valid samples in 199 s; expected at least 100 in 30 s"),
+        (RAMP[:99], {}, "only 99 valid samples in 98 s; a range needs 100, which takes about 120 s"),
+        ([float("nan")] * 200, {}, "only 0 valid samples in 199 s; a range needs 100"),
         ([7.0] * 1000, {}, "the value is always 7"),
         ([0.0, 1.0, 4.0] * 400, {}, "only the values 0, 1, 4: looks like a code"),
         ([float(each) for each in range(1000)], {}, "the value only rises: looks like a counter"),
@@ -205,7 +205,7 @@ def test_a_rate_has_a_margin_of_20_or_30_percent(messages: int, interval_s: floa
 def test_a_rate_needs_20_messages() -> None:
     found = suggest(measured([30.0] * 19, 1 / 30, field="", statistic="frequency_hz", unit=""))
     assert "warn_below" not in found.settings
-    assert found.left_out == ["no bounds: 19 messages in 0.6 s; expected at least 20"]
+    assert found.left_out == ["no bounds: only 19 messages in 0.6 s: a rate needs 20"]
 
 
 def test_a_range_that_was_seen_for_less_than_10_minutes_is_no_bound() -> None:

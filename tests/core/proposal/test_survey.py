@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any, Dict
 
-from robot_health_monitor.core.local import LocalBus
+from robot_health_monitor.core.config.signal_config import read_signal
+from robot_health_monitor.core.port.local import LocalBus
 from robot_health_monitor.core.proposal.survey import MOST_ELEMENTS, Survey
-from robot_health_monitor.core.signal_config import read_signal
 
 
 def heard(config: Dict[str, Any], type_name: str, *messages: Any) -> Survey:
@@ -51,11 +51,13 @@ def test_the_number_of_elements_is_bounded() -> None:
     names = [f"j{number}" for number in range(1000)]
     survey = heard({"field": 'effort["*"]'}, "sensor_msgs/JointState", {"name": names, "effort": [1.0] * 1000})
     assert list(survey.elements["x"]) == names[:MOST_ELEMENTS]
+    assert survey.cut == {"x"}
 
 
 def test_the_time_between_two_recordings_is_no_gap() -> None:
     survey = Survey()
     for start_s in (0.0, 1000.0):
+        survey.begin_recording()
         bus = LocalBus(start_s=start_s)
         robot = bus.node("robot")
         robot.advertise("topic", "std_msgs/Float32")

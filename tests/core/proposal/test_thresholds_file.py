@@ -7,12 +7,12 @@ from typing import Any, List
 import pytest
 import yaml
 
-from robot_health_monitor.core.config import load_config
+from robot_health_monitor.core.config.monitor_config import load_config
+from robot_health_monitor.core.config.signal_config import read_signal
 from robot_health_monitor.core.proposal.measured import Measured
 from robot_health_monitor.core.proposal.proposal import Proposed, Signal
 from robot_health_monitor.core.proposal.suggestion import Setting, Suggestion
 from robot_health_monitor.core.proposal.thresholds_file import thresholds_text, yaml_text
-from robot_health_monitor.core.signal_config import read_signal
 
 
 def signal(name: str, topic: str, suggestion: Suggestion) -> Signal:
@@ -79,6 +79,23 @@ def test_lists_are_bounded() -> None:
 def test_names_from_a_robot_cannot_break_out_of_a_comment() -> None:
     lines = text(signal("a", "/a", WATCHED), fields={"/a": {"constant": ['effort["x\n  evil: 1"]']}})
     assert not any(line.strip().startswith("evil") for line in lines)
+
+
+HOSTILE_TOPICS = [
+    "/a: b", "/a #b", "/a\n  evil: 1", "/a\r\nevil: 1", "/a\tb", "/'", '/"', "/\\", "/{a: 1}", "/[a]", "/&a", "/*a",
+    "/!!python/object:os.system", "/%a", "/@a", "/`a`", "/|", "/>", "/~", "/null", "/\x1b[2J", "/\x00", "/\u2028x",
+    "/\u202etxt", "/\ud800", "/\ufeff", "/" + "a" * 500, "/ ", "/---",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("topic", HOSTILE_TOPICS)
+def test_a_topic_of_any_name_stays_what_it_is_and_where_it_is(topic: str) -> None:
+    lines = text(signal("a", topic, WATCHED), signal("b", topic, SHOWN), not_watched={topic: "no message"})
+    tree = yaml.safe_load("\n".join(lines))
+    signals = tree["alert_system"]["ros__parameters"]["signals"]
+    assert list(tree) == ["alert_system"] and list(signals) == ["a"]
+    assert signals["a"]["topic"] == topic and signals["a"]["warn_above"] == 5.0
+    assert all(line.isprintable() for line in lines)
 
 
 @pytest.mark.parametrize("value", [1e-05, 1e300, "on", "a b", "~", "", "%", 'effort["a"]', [1.0], {"is": 1.0}, True, 5])

@@ -37,36 +37,6 @@ class Disk:
         return self.reads
 
 
-def test_a_file_is_read_once_for_all_reads_at_the_same_time() -> None:
-    computer, reads = Computer(), []
-
-    def read(paths: HostPaths, name: str) -> str:
-        reads.append(name)
-        return name * 2
-
-    assert [computer.once(1.0, read, "a"), computer.once(1.0, read, "b"), computer.once(1.0, read, "a")] == [
-        "aa",
-        "bb",
-        "aa",
-    ]
-    assert reads == ["a", "b"]
-    assert computer.once(2.0, read, "a") == "aa"
-    assert reads == ["a", "b", "a"]
-
-
-def test_an_error_is_raised_for_all_reads_at_the_same_time() -> None:
-    computer, reads = Computer(), []
-
-    def read(paths: HostPaths) -> str:
-        reads.append(1)
-        raise SensorError("unplugged")
-
-    for _ in range(3):
-        with pytest.raises(SensorError, match=r"unplugged"):
-            computer.once(1.0, read)
-    assert len(reads) == 1
-
-
 def test_absent_hardware_is_searched_for_every_ten_seconds_and_other_errors_are_read_each_time() -> None:
     computer, searched_s = Computer(), []
     error = [NoSuchSensor("no battery"), NoSuchSensor("no battery"), SensorError("unplugged")]
@@ -77,7 +47,7 @@ def test_absent_hardware_is_searched_for_every_ten_seconds_and_other_errors_are_
 
     for now_s in (0.0, 1.0, 9.9, 10.0, 19.0, 20.0, 21.0):
         with pytest.raises(SensorError):
-            computer.once(now_s, search)
+            computer.ask(now_s, 0.0, "the battery", search)
     assert searched_s == [0.0, 10.0, 20.0, 21.0]
 
 
@@ -90,7 +60,7 @@ def test_after_time_went_back_absent_hardware_is_searched_for_again() -> None:
 
     for now_s in (100.0, 5.0, 6.0):
         with pytest.raises(NoSuchSensor):
-            computer.once(now_s, search)
+            computer.ask(now_s, 0.0, "the battery", search)
     assert searched_s == [100.0, 5.0]
 
 

@@ -7,13 +7,13 @@ from typing import Any, Dict
 import pytest
 from harness.parameters import set_parameter
 
-from robot_health_monitor.core.errors import ConfigError
-from robot_health_monitor.core.local import LocalBus
 from robot_health_monitor.core.nodes import BatterySensor
+from robot_health_monitor.core.port.local import LocalBus
 from robot_health_monitor.core.sensors import configuration as sensing
 from robot_health_monitor.core.sensors.catalogue import HOST_SOURCES, HostReading
-from robot_health_monitor.core.sensors.host import HostCpuUsage, HostTemperature
+from robot_health_monitor.core.sensors.host import HostCpuUsage
 from robot_health_monitor.core.sensors.simulated import SimulatedBattery, SimulatedCpuUsage, SimulatedTemperature
+from robot_health_monitor.core.values.errors import ConfigError
 
 
 def test_everything_is_simulated_by_default() -> None:
@@ -28,7 +28,7 @@ def test_everything_is_simulated_by_default() -> None:
 def test_each_metric_can_come_from_this_machine() -> None:
     tree = {metric: {"source": "host"} for metric in sensing.METRICS}
     kinds = {metric: type(source) for metric, source in sensing.read_sources(tree).items()}
-    assert kinds == {"battery_level": HostReading, "temperature": HostTemperature, "cpu_usage": HostCpuUsage}
+    assert kinds == {"battery_level": HostReading, "temperature": HostReading, "cpu_usage": HostCpuUsage}
 
 
 @pytest.mark.parametrize("nowhere", ["none", False])  # YAML reads `off` as false
@@ -80,8 +80,7 @@ def test_without_a_seed_every_start_is_another() -> None:
         ),
         (
             {"battery_level": {"discharge_rates": 1.0}},
-            "battery_level.discharge_rates: unknown key; did you mean discharge_rate? "
-            "expected one of source, discharge_rate, charge_rate, charge_at",
+            "battery_level.discharge_rates: unknown key; did you mean discharge_rate?",
         ),
         (
             {"battery_level": {"discharge_rate": -1.0}},
@@ -154,7 +153,7 @@ def test_every_source_of_the_host_can_be_had_with_its_option_left_out() -> None:
         ),
         (
             {"disk": {"source": "disk_percent", "pth": "/"}},
-            "host.disk.pth: unknown key; did you mean path? expected one of source, path",
+            "host.disk.pth: unknown key; did you mean path?",
         ),
         (
             {"disk": {"source": "disk_percent", "path": 1}},
@@ -232,7 +231,7 @@ def test_sensors_is_the_source_of_metrics_that_name_none(sensors: str, kinds: li
 def test_the_parameter_sensors_is_the_source_of_metrics_without_one() -> None:
     tree = {"sensors": "host", "battery_level": {"source": "simulated"}}
     kinds = {metric: type(source) for metric, source in sensing.read_sources(tree).items()}
-    assert kinds == {"battery_level": SimulatedBattery, "temperature": HostTemperature, "cpu_usage": HostCpuUsage}
+    assert kinds == {"battery_level": SimulatedBattery, "temperature": HostReading, "cpu_usage": HostCpuUsage}
     assert [sensing.settings_of(tree, metric)["source"] for metric in sensing.METRICS] == [
         "simulated",
         "host",

@@ -42,6 +42,17 @@ def test_the_disks_are_listed_without_partitions_and_loops(machine: Machine) -> 
     assert devices(machine.paths) == ["mmcblk0", "nvme0n1", "sda"]
 
 
+def test_a_disk_is_read_only_if_nobody_can_write_to_it(machine: Machine) -> None:
+    """The last mount at a place counts; that of a service may be read-only on a disk that is not."""
+    for disk, mount, expected in (("rw,errors=remount-ro", "ro,nosuid", False), ("ro,seclabel", "ro", True)):
+        line = "29 1 8:1 / / {mount},relatime shared:1 - ext4 /dev/sda1 {disk}\n"
+        first = line.format(mount="rw", disk="ro" if not expected else "rw")
+        machine(
+            {"/proc/self/mountinfo": f"{first}30 29 0:5 / /dev rw - tmpfs x rw\n{line.format(mount=mount, disk=disk)}"}
+        )
+        assert read_space(machine.paths, "/").is_read_only is expected
+
+
 def test_latency_is_the_time_per_request_of_the_slowest_disk(machine: Machine) -> None:
     machine(disks())
     slowest = HOST_SOURCES["disk_latency_ms"].make(machine.computer)

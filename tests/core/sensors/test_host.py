@@ -14,9 +14,9 @@ from typing import Any, List
 import pytest
 from harness.machine import Machine
 
-from robot_health_monitor.core.sensors.computer import HOST_PATHS, Computer, call_psutil
+from robot_health_monitor.core.sensors.computer import Computer
 from robot_health_monitor.core.sensors.disks import mount_points
-from robot_health_monitor.core.sensors.host import Battery, HostCpuUsage, HostTemperature
+from robot_health_monitor.core.sensors.host import Battery, HostCpuUsage, temperature
 from robot_health_monitor.core.sensors.source import SensorError
 
 psutil = pytest.importorskip("psutil")
@@ -132,21 +132,20 @@ def percent(number: int) -> Any:
 )
 def test_temperature_is_that_of_the_cpu_where_there_is_one(machine: Machine, tree: Any, celsius: float) -> None:
     machine(tree)
-    assert HostTemperature(paths=machine.paths).read(0.0) == celsius
+    assert temperature(machine.paths) == celsius
 
 
 def test_temperature_follows_the_files(machine: Machine) -> None:
-    source = HostTemperature(paths=machine.paths)
     machine(RASPBERRY_PI)
-    source.read(0.0)
+    assert temperature(machine.paths) == 48.68
     machine({f"{HWMON}/hwmon0/temp1_input": "81230"})
-    assert source.read(1.0) == 81.23
+    assert temperature(machine.paths) == 81.23
 
 
 def test_placeholders_are_not_taken_for_temperatures(machine: Machine) -> None:
     machine(ONLY_PLACEHOLDERS)
     with pytest.raises(SensorError) as caught:
-        HostTemperature(paths=machine.paths).read(0.0)
+        temperature(machine.paths)
     line = str(caught.value)
     assert line.startswith("no plausible temperature: ")
     assert "acpitz reads 0.0" in line
@@ -155,18 +154,18 @@ def test_placeholders_are_not_taken_for_temperatures(machine: Machine) -> None:
 
 def test_a_placeholder_beside_a_measurement_does_not_hide_it(machine: Machine) -> None:
     machine(ONLY_PLACEHOLDERS, {f"{HWMON}/hwmon2/name": "nvme", f"{HWMON}/hwmon2/temp1_input": "38850"})
-    assert HostTemperature(paths=machine.paths).read(0.0) == 38.85
+    assert temperature(machine.paths) == 38.85
 
 
 def test_frost_is_a_temperature(machine: Machine) -> None:
     machine({f"{HWMON}/hwmon0/name": "cpu_thermal", f"{HWMON}/hwmon0/temp1_input": "-12500"})
-    assert HostTemperature(paths=machine.paths).read(0.0) == -12.5
+    assert temperature(machine.paths) == -12.5
 
 
 def test_a_machine_without_temperature_sensors_says_so(machine: Machine) -> None:
     machine()
     with pytest.raises(SensorError, match=r"^no temperature sensor in .*/sys/class/hwmon"):
-        HostTemperature(paths=machine.paths).read(0.0)
+        temperature(machine.paths)
 
 
 def test_battery_is_the_charge_in_percent(machine: Machine) -> None:
@@ -263,14 +262,8 @@ def test_without_psutil_the_disks_cannot_be_listed_and_the_others_are_read(
     cpu = HostCpuUsage(machine.computer)
     machine(stat(user=10, idle=90))
     assert cpu.read(1.0) == percent(10)
-    assert HostTemperature(paths=machine.paths).read(0.0) == 53.0
+    assert temperature(machine.paths) == 53.0
     assert Battery(machine.paths).percent() == pytest.approx(62.5, abs=0.05)
-
-
-def test_a_system_where_psutil_lacks_a_function_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delattr(psutil, "net_io_counters")
-    with pytest.raises(SensorError, match=r"^psutil cannot read network counters on this system"):
-        call_psutil("net_io_counters", "network counters", HOST_PATHS)
 
 
 def test_a_proc_that_cannot_be_read_costs_the_reading_and_is_named(machine: Machine) -> None:

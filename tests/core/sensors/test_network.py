@@ -56,7 +56,7 @@ def test_carrier_is_that_of_one_interface_or_of_any(machine: Machine) -> None:
     assert network.carrier(machine.paths, "") == 1.0
     assert network.carrier(machine.paths, "eth0") == 0.0
     assert network.carrier(machine.paths, "eth1") == 0.0
-    with pytest.raises(SensorError, match=r"no network interface eth7; available: eth0, eth1, wlan0$"):
+    with pytest.raises(SensorError, match=r"no network interface eth7; available: eth0, eth1, lo, wlan0$"):
         network.carrier(machine.paths, "eth7")
 
 
@@ -64,6 +64,7 @@ def test_a_machine_with_the_loopback_only_has_no_carrier(machine: Machine) -> No
     machine({"/sys/class/net/lo/carrier": "1"})
     with pytest.raises(NoSuchSensor, match=r"^no network interface in "):
         network.carrier(machine.paths, "")
+    assert network.carrier(machine.paths, "lo") == 1.0  # if it is asked for by its name
 
 
 def test_wifi_signal_is_in_dbm_however_the_driver_writes_it(machine: Machine) -> None:

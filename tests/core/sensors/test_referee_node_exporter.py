@@ -19,7 +19,7 @@ from harness.waiting import wait_for
 
 from robot_health_monitor.core.sensors.catalogue import HOST_SOURCES
 from robot_health_monitor.core.sensors.computer import HOST_PATHS, Computer, HostPaths
-from robot_health_monitor.core.sensors.host import read_chips, read_temperatures
+from robot_health_monitor.core.sensors.host import find_sensors
 from robot_health_monitor.core.sensors.network import can_interfaces
 from robot_health_monitor.core.sensors.source import NoSuchSensor, NotMeasuredYet, SensorError
 
@@ -114,10 +114,12 @@ def test_a_machine_reads_as_node_exporter_reads_it(tmp_path: Path, name: str) ->
         metrics = scrape()
         temperatures = sorted(family(metrics, "node_hwmon_temp_celsius").values())
         zones = sorted(family(metrics, "node_thermal_zone_temp").values())
-        ours = sorted(sensor.celsius for sensors in read_temperatures(paths).values() for sensor in sensors)
-        assert ours == pytest.approx(temperatures or zones)
-        assert sorted(read_chips(paths, "fan").values()) == sorted(family(metrics, "node_hwmon_fan_rpm").values())
-        volts = sorted(value / 1000.0 for value in read_chips(paths, "in").values())
+        celsius, fans, volts = (
+            sorted(read(kind, computer, sensor=sensor.names[-1]) for sensor in find_sensors(paths, files))
+            for kind, files in (("temperature", "temp"), ("fan_rpm", "fan"), ("voltage_rail", "in"))
+        )
+        assert celsius == pytest.approx(temperatures or zones)
+        assert fans == sorted(family(metrics, "node_hwmon_fan_rpm").values())
         assert volts == pytest.approx(sorted(family(metrics, "node_hwmon_in_volts").values()))
         (available,) = family(metrics, "node_memory_MemAvailable_bytes").values()
         (total,) = family(metrics, "node_memory_MemTotal_bytes").values()

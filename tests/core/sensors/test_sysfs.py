@@ -8,7 +8,7 @@ from typing import Dict
 import pytest
 from harness.machine import Machine
 
-from robot_health_monitor.core.sensors.host import Battery, Temperature, read_temperatures
+from robot_health_monitor.core.sensors.host import Battery, find_sensors, sensor_names, temperature
 from robot_health_monitor.core.sensors.source import NoSuchSensor, SensorError
 
 HWMON = "/sys/class/hwmon"
@@ -27,36 +27,32 @@ def test_sensors_are_in_the_order_of_their_numbers(machine: Machine) -> None:
         for sensor in (10, 9, 1):
             tree[f"{HWMON}/hwmon{chip}/temp{sensor}_input"] = str(chip * 1000 + sensor * 100)
     machine(tree)
-    assert [reading.celsius for reading in read_temperatures(machine.paths)["nvme"]] == [
-        2.1,
-        2.9,
-        3.0,
-        10.1,
-        10.9,
-        11.0,
-    ]
+    found = [temperature(machine.paths, f"nvme/{number}") for number in range(6)]
+    assert found == [2.1, 2.9, 3.0, 10.1, 10.9, 11.0]
 
 
 def test_sensors_in_the_folder_of_the_device_are_read_where_the_chip_has_none(machine: Machine) -> None:
     machine({f"{HWMON}/hwmon0/device/name": "it87", f"{HWMON}/hwmon0/device/temp1_input": "41000"})
-    assert read_temperatures(machine.paths) == {"it87": [Temperature("", 41.0)]}
+    assert temperature(machine.paths, "it87/0") == 41.0
 
 
 @pytest.mark.parametrize("text", ["", "N/A", "1e"])
-def test_a_sensor_without_a_number_is_left_out(machine: Machine, text: str) -> None:
+def test_a_sensor_without_a_number_does_not_hide_the_others(machine: Machine, text: str) -> None:
     machine({f"{HWMON}/hwmon0/temp1_input": text, f"{HWMON}/hwmon0/temp2_input": "41000"})
-    assert read_temperatures(machine.paths) == {"unknown": [Temperature("", 41.0)]}
+    assert temperature(machine.paths) == temperature(machine.paths, "unknown/1") == 41.0
+    with pytest.raises(SensorError, match=r"^unknown/0 cannot be read: .*/temp1_input has no number$"):
+        temperature(machine.paths, "unknown/0")
 
 
 def test_a_label_that_is_no_text_is_readable(machine: Machine) -> None:
     machine({f"{HWMON}/hwmon0/name": "chip", f"{HWMON}/hwmon0/temp1_input": "41000"})
     (machine.root / "sys/class/hwmon/hwmon0/temp1_label").write_bytes(b"\xff\xfe\n")
-    assert read_temperatures(machine.paths)["chip"][0].label == "\N{REPLACEMENT CHARACTER}" * 2
+    assert sensor_names(machine.paths, "temp") == ["chip/" + "\N{REPLACEMENT CHARACTER}" * 2]
 
 
 def test_a_machine_without_sys_has_no_sensors(tmp_path: Path, machine: Machine) -> None:
     paths = machine.paths._replace(sys=str(tmp_path / "missing"))
-    assert read_temperatures(paths) == {}
+    assert find_sensors(paths, "temp") == []
     with pytest.raises(NoSuchSensor, match=r"no battery in .*/missing/class/power_supply"):
         Battery(paths)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import resource
 import signal
@@ -55,7 +56,7 @@ def test_a_full_disk_is_a_fault_that_the_next_file_ends(tmp_path: Path, small_fi
     robot.wait(15.0)
     assert robot.files() == []
     assert [text for text in faults(robot) if text.startswith("black box: ") and "File too large" in text]
-    assert os.listdir(tmp_path) == [".lock"]
+    assert os.listdir(tmp_path) == []
     assert [each.to_level for each in robot.transitions] == [Level.WARN, Level.STALE]
     robot.wait(60.0)
     alert(robot)
@@ -202,7 +203,7 @@ def test_after_a_kill_the_next_start_completes_the_file_or_removes_it(tmp_path: 
     process.wait()
     process.stdout.close()
     robot = RecordedRobot(tmp_path)
-    wait_for(lambda: not list(tmp_path.glob("*.part")) and (tmp_path / ".lock").exists())
+    wait_for(lambda: not list(tmp_path.glob("*.part")))
     for file in robot.files():
         assert recorded(file)
     assert faults(robot) == []
@@ -244,12 +245,50 @@ def test_a_folder_that_is_replaced_by_a_link_to_that_of_another_monitor_is_left_
         each.close()
 
 
-def test_a_rest_that_cannot_be_completed_does_not_keep_others_from_being_written(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "a.mcap.part")
-    (tmp_path / "b.mcap.part").mkdir()
-    (tmp_path / "c.mcap.part").symlink_to(tmp_path / "none")
+def test_a_file_of_the_folder_that_is_removed_does_not_cost_the_recording_that_is_being_written(tmp_path: Path) -> None:
+    """systemd-tmpfiles removes what is old; hidden files are a monitor's own or nobody's."""
+    (tmp_path / ".lock").write_text("")
     robot = RecordedRobot(tmp_path)
-    name = alert(robot)
-    assert [file.name for file in robot.files()] == [name]
+    robot.feed(1.0, 50.0)
+    robot.feed(1.0, 15.0)
+    wait_for(lambda: list(tmp_path.glob("*.part")))
+    for file in tmp_path.glob(".*"):
+        file.unlink()
+    robot.feed(15.0, 50.0)
+    assert [file.name for file in robot.files()] == [robot.transitions[0].black_box]
     assert faults(robot) == []
+    robot.close()
+
+
+def test_an_old_recording_that_cannot_be_deleted_is_a_fault_and_others_are_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    robot = RecordedRobot(tmp_path, keep_days=1.0)
+    kept = alert(robot)
+    (first,) = robot.files()
+    os.utime(first, (1.6e9, 1.6e9))  # years ago
+    unlink = os.unlink
+
+    def refuse(path: Any) -> None:
+        if path == str(first):
+            raise OSError(errno.EPERM, "Operation not permitted", path)
+        unlink(path)
+
+    monkeypatch.setattr(os, "unlink", refuse)
+    name = alert(robot)
+    assert [file.name for file in robot.files()] == [kept, name]
+    wait_for(lambda: faults(robot))
+    assert faults(robot) == [f"black box folder: an old recording cannot be deleted: {first}: Operation not permitted"]
+    robot.close()
+
+
+def test_the_names_that_are_kept_in_memory_are_bounded(tmp_path: Path) -> None:
+    robot = RecordedRobot(tmp_path)
+    box = robot.operations.black_box
+    assert box is not None
+    names = {box.new_name("r1", "battery") for _ in range(1000)}
+    assert len(names) == 1000
+    robot.wait(1.0)
+    assert box.new_name("r1", "battery") not in names
+    assert len(box._names) == 1000
     robot.close()

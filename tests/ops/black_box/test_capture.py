@@ -7,8 +7,9 @@ from typing import Any, Dict, List, Mapping, Sequence
 import pytest
 
 from robot_health_monitor.core import load_config
-from robot_health_monitor.core.errors import ConfigError
-from robot_health_monitor.core.local import LocalBus, LocalMiddleware
+from robot_health_monitor.core.port.local import LocalBus, LocalMiddleware
+from robot_health_monitor.core.values.errors import ConfigError
+from robot_health_monitor.ops.black_box import capture
 from robot_health_monitor.ops.black_box.capture import Capture
 from robot_health_monitor.ops.black_box.ring import Channel
 
@@ -115,6 +116,22 @@ def test_a_topic_that_cannot_be_recorded_is_one_line_in_the_log(monkeypatch: pyt
     assert robot.recorded(one={"topic": "/a"}, two={"topic": "/b", "for_s": 1.0}) == ["/a"]
     lines = [line.text for line in robot.bus.log_lines]
     assert lines == ["black box: /b is not recorded: expected another type"]
+
+
+def test_a_robot_that_lists_topics_of_impossible_types_costs_some_lines_and_bounded_memory() -> None:
+    """For a minute, 5,000 new names every 5 s; a topic that a signal watches is recorded all the same."""
+    robot = Robot({"/z": FLOAT}, ["*"])
+    for number in range(12):
+        robot.capture.found = {f"/t{number}/n{each}": "no\ntype" for each in range(5_000)}
+        assert robot.recorded(one={"topic": "/z"}) == ["/z"]
+        assert len(robot.capture._refused) == capture._MOST_MATCHING
+        robot.bus.run_until(robot.bus.now_s + 5.0)
+    texts = [line.text for line in robot.bus.log_lines]
+    assert len(texts) == 10
+    assert all(text.startswith("black box: /t0/n") and "\n" not in text for text in texts)
+    robot.capture.found = {}
+    robot.recorded()
+    assert not robot.capture._refused
 
 
 def test_under_simulated_time_messages_have_steady_time_and_the_clock_is_recorded() -> None:

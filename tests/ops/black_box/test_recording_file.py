@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import tracemalloc
 from pathlib import Path
 from typing import Any, List, Tuple
 
@@ -10,9 +11,12 @@ import pytest
 
 pytest.importorskip("mcap")
 
+import zstandard
+from mcap.data_stream import RecordBuilder
 from mcap.reader import make_reader
+from mcap.records import Chunk
 
-from robot_health_monitor.core.middleware import RawFormat
+from robot_health_monitor.core.port.middleware import RawFormat
 from robot_health_monitor.ops.black_box.recording_file import PART, RecordingFile, complete
 from robot_health_monitor.ops.black_box.ring import Channel, Message
 
@@ -82,7 +86,7 @@ def test_a_file_that_was_cut_anywhere_is_completed_or_removed(tmp_path: Path, pl
     path.unlink()
     part = tmp_path / f"a.mcap{PART}"
     part.write_bytes(data[: len(data) * place // 100])
-    is_kept = complete(str(path))
+    is_kept = complete(str(path), 1_000_000)
     assert sorted(os.listdir(tmp_path)) == (["a.mcap"] if is_kept else [])
     if is_kept:
         found = content(path)
@@ -96,5 +100,27 @@ def test_a_file_that_was_cut_anywhere_is_completed_or_removed(tmp_path: Path, pl
 @pytest.mark.parametrize("data", [b"", b"x", bytes(1000), b"\x89MCAP0\r\n", b"\x89MCAP0\r\n" + b"\x06" + b"\xff" * 40])
 def test_a_file_of_other_bytes_is_removed(tmp_path: Path, data: bytes) -> None:
     (tmp_path / f"a.mcap{PART}").write_bytes(data)
-    assert not complete(str(tmp_path / "a.mcap"))
+    assert not complete(str(tmp_path / "a.mcap"), 1_000_000)
     assert os.listdir(tmp_path) == []
+
+
+@pytest.mark.parametrize("said", [1 << 28, 1000], ids=["said", "hidden"])
+def test_a_chunk_that_unpacks_to_more_than_a_message_may_have_ends_the_file(tmp_path: Path, said: int) -> None:
+    """256 MiB of zeros in a few kilobytes; what came before is kept."""
+    path, part = tmp_path / "a.mcap", tmp_path / f"a.mcap{PART}"
+    file = RecordingFile(str(path), "ros1", 0, ATTACHMENTS)
+    file.write(messages(20, 30_000), 0.0)  # two chunks, and a rest that is lost
+    data = part.read_bytes()
+    file.discard()
+    bomb = RecordBuilder()
+    packed = zstandard.ZstdCompressor().compress(bytes(1 << 28))
+    Chunk("zstd", packed, 0, 0, 0, said).write(bomb)
+    part.write_bytes(data + bomb.end())
+    tracemalloc.start()
+    try:
+        assert complete(str(path), 1_000_000)
+        _, most = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert len(content(path)) == 18
+    assert most < 20_000_000

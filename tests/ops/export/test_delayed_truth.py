@@ -9,12 +9,12 @@ from typing import List
 import pytest
 from harness.alertmanager import needs_alertmanager
 from harness.prometheus_server import needs_prometheus
+from harness.pushing_fleet import PASSWORD, PushingFleet, Scraped, pushing_fleet, until
 from harness.remote_write import remote_write, time_series
 from harness.reserved import free_port
 from harness.tcp_proxy import TcpProxy
 from harness.victoria_metrics import needs_victoria_metrics
 
-from benchmarks.pushing_fleet import PASSWORD, PushingFleet, Scraped, pushing_fleet, until
 from robot_health_monitor.core import load_config
 
 pytestmark = [needs_prometheus, needs_alertmanager, pytest.mark.newest_python]
@@ -23,14 +23,15 @@ HOUR_S, STEP_S = 3600, 15
 
 
 def send(fleet: PushingFleet, robot: str, times: List[float], value: float) -> int:
-    """Sends the battery's value and the tick of a robot's monitor at these times; returns the receiver's answer."""
+    """Sends the battery's value, its announced level, and the tick of a robot's monitor; returns the answer."""
     signal = {"robot": robot, "signal": "battery_level"}
+    level = 2.0 if value < 10.0 else 0.0
     tick = {"__name__": "robot_health_last_tick_timestamp_seconds", "robot": robot}
     return remote_write(
         fleet.port,
         PASSWORD,
         time_series({"__name__": "robot_health_value", **signal}, [(each, value) for each in times]),
-        time_series({"__name__": "robot_health_data_valid", **signal}, [(each, 1.0) for each in times]),
+        time_series({"__name__": "robot_health_alert_level", **signal}, [(each, level) for each in times]),
         time_series(tick, [(each, each) for each in times]),
     )
 
@@ -86,7 +87,7 @@ def test_what_an_offline_robot_delivers_6_h_later_is_stored_once_and_pages_nobod
         assert not any("battery_level" in summary for summary in summaries(fleet, "firing"))
 
         assert send(fleet, "r1", [time.time()], 2.0) == 204  # what is so now is paged at once
-        until(lambda: any("battery_level ERROR: 2 % is below 10 %" in each for each in summaries(fleet, "firing")))
+        until(lambda: any(each == "r1: battery_level ERROR (value 2)" for each in summaries(fleet, "firing")))
 
 
 @needs_victoria_metrics

@@ -14,8 +14,13 @@ from harness.promtool import needs_promtool, promtool
 from harness.victoria_metrics import needs_victoria_metrics, vmalert_problem
 
 from robot_health_monitor.core import ConfigError, load_config
-from robot_health_monitor.ops.export.fleet import FleetSettings, export_fleet, require_address, require_receiver
-from robot_health_monitor.ops.export.fleet_rules import Judged
+from robot_health_monitor.ops.export.fleet import (
+    FleetSettings,
+    export_fleet,
+    require_address,
+    require_receiver,
+    write_files,
+)
 
 RECEIVER = "https://centre.example.com:9090/api/v1/write"
 AMTOOL, ANALYZE = shutil.which("amtool"), shutil.which("systemd-analyze")
@@ -24,7 +29,7 @@ THRESHOLDS = {"signals": {"battery_level": {"warn_below": 20.0, "keep_firing_for
 
 def files(**changed: Any) -> Dict[str, str]:
     settings = FleetSettings(RECEIVER, 86_400.0, 15.0, 900.0)._replace(**changed)
-    return export_fleet(settings, [Judged("robot_health", load_config(THRESHOLDS), ())], ["r1"]).files
+    return export_fleet(settings, load_config(THRESHOLDS), ["r1"])
 
 
 @pytest.fixture
@@ -55,7 +60,7 @@ def test_amtool_accepts_the_configuration_of_alertmanager(folder: Path) -> None:
 
 @needs_victoria_metrics
 def test_vmagent_and_vmalert_accept_their_files(folder: Path) -> None:
-    assert vmalert_problem(folder / "centre/rules.vm.yaml") == ""
+    assert vmalert_problem(folder / "centre/rules.yaml") == ""
     assert problem("vmagent", "-dryRun", f"-promscrape.config={folder / 'robot/vmagent.yml'}") == ""
 
 
@@ -104,8 +109,22 @@ def test_an_agent_scrapes_the_lean_profile_of_its_monitors_and_sends_only_that()
     ]
 
 
-def test_the_readme_has_ten_lines() -> None:
-    assert len(files()["README.md"].splitlines()) == 10
+@pytest.mark.parametrize("scheme", ["http", "https"])
+def test_the_readme_fits_a_screen(scheme: str) -> None:
+    lines = files(receiver=f"{scheme}://centre.example.com:9090/api/v1/write")["README.md"].splitlines()
+
+    assert max(map(len, lines)) <= 100
+
+
+def test_no_field_of_a_template_is_left(folder: Path) -> None:
+    texts = {path.name: path.read_text() for path in folder.rglob("*") if path.is_file()}
+
+    assert len(texts) == 13
+    assert [name for name, text in texts.items() if re.search("@[A-Z_]+@", text)] == []
+
+
+def test_the_dashboard_has_the_signals_of_the_thresholds(folder: Path) -> None:
+    assert "battery_level" in (folder / "centre/dashboard.json").read_text()
 
 
 @pytest.mark.parametrize("scheme", ["http", "https"])
@@ -169,10 +188,10 @@ def test_a_silence_that_would_never_be_an_alert_is_refused() -> None:
     with pytest.raises(ConfigError, match=r"an alert after at most 168h of silence, got 169h$"):
         files(silent_after_s=169 * 3600.0)
     settings = FleetSettings(RECEIVER, 86_400.0, 15.0, 12 * 3600.0)
-    judged = [Judged("robot_health", load_config(THRESHOLDS), ())]
-    assert "> 43200" in export_fleet(settings, judged).files["centre/rules.yaml"]
+    config = load_config(THRESHOLDS)
+    assert "> 43200" in export_fleet(settings, config)["centre/rules.yaml"]
     with pytest.raises(ConfigError, match=r"after at most 12h of silence, got 13h: without a fleet\.yaml, "):
-        export_fleet(settings._replace(silent_after_s=13 * 3600.0), judged)
+        export_fleet(settings._replace(silent_after_s=13 * 3600.0), config)
 
 
 def test_an_interval_at_which_a_series_ends_between_two_scrapes_is_refused() -> None:
@@ -186,3 +205,41 @@ def test_the_centre_keeps_samples_for_longer_than_an_agent_may_be_cut_off(outage
 
     assert f"--storage.tsdb.retention.time={kept}\n" in written["centre/robot-health-prometheus.service"]
     assert f"-retentionPeriod={kept} " in written["centre/robot-health-victoria-metrics.service"]
+
+
+MADE = "Made by robot-health export fleet."
+
+
+def test_files_replace_those_of_an_earlier_export(tmp_path: Path) -> None:
+    write_files(str(tmp_path / "out"), {"robot/a.yml": "old", "README.md": f"{MADE} Old."})
+    write_files(str(tmp_path / "out"), {"robot/a.yml": "new", "README.md": f"{MADE} New."})
+
+    written = {str(path.relative_to(tmp_path)): path.read_text() for path in tmp_path.rglob("*") if path.is_file()}
+    assert written == {"out/robot/a.yml": "new", "out/README.md": f"{MADE} New."}
+
+
+def test_the_readme_of_a_project_is_not_replaced(tmp_path: Path) -> None:
+    (tmp_path / "README.md").write_text("# My robots\n")
+
+    with pytest.raises(ConfigError, match=r"README\.md: is not from an earlier export; expected another folder"):
+        write_files(str(tmp_path), {"robot/a.yml": "new", "README.md": f"{MADE} New."})
+
+    assert [file.name for file in tmp_path.rglob("*")] == ["README.md"]
+    assert (tmp_path / "README.md").read_text() == "# My robots\n"
+
+
+def test_an_empty_folder_name_is_refused_and_nothing_is_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+
+    with pytest.raises(ConfigError, match="expected a folder, got ''"):
+        write_files("", {"robot/a.yml": "new", "README.md": MADE})
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_that_cannot_be_written_is_one_clear_line(tmp_path: Path) -> None:
+    (tmp_path / "out").write_text("a file")
+
+    with pytest.raises(ConfigError, match=r"out/README\.md: cannot be written: "):
+        write_files(str(tmp_path / "out"), {"README.md": ""})

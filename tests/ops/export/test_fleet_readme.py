@@ -19,14 +19,12 @@ from typing import Iterator, List
 
 import pytest
 from harness.prometheus_server import needs_prometheus
+from harness.pushing_fleet import Scraped, until
 from harness.reserved import free_port
 from harness.victoria_metrics import needs_victoria_metrics
 
-from benchmarks.pushing_fleet import Scraped, until
 from robot_health_monitor.core import load_config
-from robot_health_monitor.fleet_export import write_files
-from robot_health_monitor.ops.export.fleet import FleetSettings, export_fleet
-from robot_health_monitor.ops.export.fleet_rules import Judged
+from robot_health_monitor.ops.export.fleet import FleetSettings, export_fleet, write_files
 
 pytestmark = [needs_prometheus, needs_victoria_metrics, pytest.mark.newest_python]
 STANDINS = {
@@ -52,7 +50,7 @@ class Installed:
         self._trusted = ""
         config = load_config({"signals": {"battery_level": {"warn_below": 20.0}}})
         settings = FleetSettings(f"{self._receiver}/api/v1/write", 86_400.0, 1.0, 900.0, [address])
-        exported = export_fleet(settings, [Judged("robot_health", config, ())]).files
+        exported = export_fleet(settings, config)
         write_files(str(root / "out"), exported)
         for name, text in STANDINS.items():
             if name != "htpasswd" or shutil.which(name) is None:
@@ -64,8 +62,8 @@ class Installed:
         if scheme == "https":
             (root / "etc/robot-health-centre").mkdir()
             self._trusted = certify(root / "etc/robot-health-centre", root / "authority")
-        commands = [each for each in re.findall(r"`([^`]+)`", exported["README.md"]) if " " in each]
-        assert len(commands) == 12, commands
+        commands = re.findall(r"```bash\n(.*?)```", exported["README.md"], re.DOTALL)
+        assert len(commands) == 6, commands
         environment = {"PATH": f"{root / 'bin'}:{os.environ['PATH']}", "DONE": str(root / "done")}
         script = "set -e\n" + "\n".join(commands).replace("/etc/", f"{root}/etc/")
         subprocess.run(["bash", "-c", script], cwd=root / "out", env=environment, check=True, timeout=60)
@@ -149,7 +147,8 @@ def test_the_machines_are_asked_for_packages_and_units_that_exist(installed: Ins
 
     assert started == [
         ["robot-health-alertmanager", "robot-health-prometheus"],
-        ["robot-health-alertmanager", "robot-health-victoria-metrics", "robot-health-vmalert"],
+        ["robot-health-alertmanager", "robot-health-victoria-metrics"],
+        ["robot-health-vmalert"],
         ["robot-health-agent"],
     ]
     assert {unit for names in started for unit in names} <= units

@@ -31,6 +31,12 @@ robot_health_level{robot="r1",signal="scan_gap"} 0
 robot_health_level{robot="r2",signal="battery_level"} 2
 robot_health_level{robot="r2",signal="temperature"} 3
 robot_health_level{robot="r3",signal="battery_level"} 0
+robot_health_alert_level{robot="r1",signal="battery_level"} 1
+robot_health_alert_level{robot="r1",signal="temperature"} 0
+robot_health_alert_level{robot="r2",signal="battery_level"} 2
+robot_health_alert_level{robot="r2",signal="temperature"} 0
+robot_health_alert_level{robot="r2",signal="link"} 2
+robot_health_alert_level{robot="r3",signal="battery_level"} 0
 robot_health_value{robot="r1",signal="battery_level"} 15
 robot_health_value{robot="r1",signal="temperature"} 50
 robot_health_value{robot="r1",signal="motor"} 7
@@ -73,7 +79,7 @@ def prometheus(tmp_path: Path) -> Iterator[PrometheusServer]:
     server = PrometheusServer(
         tmp_path,
         f"127.0.0.1:{target.server_port}",
-        export_rules(load_config({"signals": SIGNALS}), interval_s=0.2).text,
+        export_rules(interval_s=0.2),
     )
     yield server
     server.close()
@@ -109,6 +115,7 @@ def test_every_query_returns_the_data_that_was_put_in(prometheus: PrometheusServ
         "Robots": ((), {(3.0,)}),
         "Robots not OK": ((), {(2.0,)}),
         "Worst level per robot": (["robot"], {("r1", 1.0), ("r2", 2.0), ("r3", 0.0)}),
+        "Worst announced level per robot": (["robot"], {("r1", 1.0), ("r2", 2.0), ("r3", 0.0)}),
         "Link": (["robot"], {("r1", 0.0), ("r2", 1.0)}),
         "battery_level": (["robot"], {("r1", 15.0), ("r2", 5.0)}),
         "battery_level: level": (["robot"], {("r1", 1.0), ("r2", 2.0), ("r3", 0.0)}),

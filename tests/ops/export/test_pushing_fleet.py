@@ -13,11 +13,11 @@ from typing import Dict, Iterator, List
 import pytest
 from harness.alertmanager import needs_alertmanager
 from harness.prometheus_server import needs_prometheus
+from harness.pushing_fleet import Pager, Scraped, get, pushing_fleet, until
 from harness.reserved import free_port
 from harness.tcp_proxy import TcpProxy
 from harness.victoria_metrics import needs_victoria_metrics
 
-from benchmarks.pushing_fleet import Pager, Scraped, get, pushing_fleet, until
 from robot_health_monitor.core import load_config
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -131,9 +131,9 @@ def test_every_sample_arrives_once_although_the_receiver_is_gone_and_a_robot_is_
         expected = served(monitors)
         until(lambda: fleet.counts(expected) == expected, lambda: (fleet.counts(expected), expected))
 
-        assert (
-            min(fleet.by_label("count by (robot) (count_over_time(robot_health_level[900s]))", "robot").values()) == 2
-        )
+        # Without the topics, which are series from their first alert on: a busy machine starts a robot late.
+        series = 'count by (robot) (count_over_time(robot_health_level{signal!~"/.*"}[900s]))'
+        assert min(fleet.by_label(series, "robot").values()) == 2
         assert sorted(firing(fleet.pager)) == [f"r{number}" for number in range(ROBOTS)]
         proxy.end()
 

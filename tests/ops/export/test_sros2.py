@@ -8,8 +8,8 @@ from typing import Any, Dict, List
 
 import pytest
 
-from robot_health_monitor.core.errors import ConfigError
-from robot_health_monitor.core.yaml_file import read_yaml
+from robot_health_monitor.core.config.yaml_file import read_yaml
+from robot_health_monitor.core.values.errors import ConfigError
 from robot_health_monitor.ops.configuration import OpsConfig, read_ops
 from robot_health_monitor.ops.export.sros2 import Robot, export_policy
 
@@ -33,10 +33,10 @@ ALONE = """<?xml version="1.0" encoding="UTF-8"?>
           </topics>
           <topics subscribe="ALLOW">
             <topic>/clock</topic>
+            <topic>_simulated_sensors</topic>
+            <topic>_unavailable_sensors</topic>
             <topic>~/_executor_probe</topic>
             <topic>bms/soc</topic>
-            <topic>simulated_sensors</topic>
-            <topic>unavailable_sensors</topic>
           </topics>
           <services reply="ALLOW">
             <service>~/describe_parameters</service>
@@ -83,7 +83,7 @@ def test_only_a_host_lists_sensors_that_it_does_not_have() -> None:
     def published(sensors: str) -> List[str]:
         return names(export_policy(TREE, Robot("r1", sensors)), "battery_sensor", "topic", "publish")
 
-    assert "unavailable_sensors" in published("host") and "unavailable_sensors" not in published("simulated")
+    assert "_unavailable_sensors" in published("host") and "_unavailable_sensors" not in published("simulated")
 
 
 def test_remapped_and_absolute_names_are_written_in_full() -> None:

@@ -3,34 +3,36 @@
 from __future__ import annotations
 
 import sqlite3
+from datetime import datetime, timedelta, timezone
 from typing import Any, Callable, Mapping
 
 import pytest
 
 pytest.importorskip("aiohttp", reason="aiohttp, which serves the page, is not installed")
 
-from robot_health_monitor.core.errors import ConfigError, ServiceError
-from robot_health_monitor.core.model import Level
-from robot_health_monitor.ops.active_silences import Silences
-from robot_health_monitor.ops.history.history import History
-from robot_health_monitor.ops.silences import read_silences
+from robot_health_monitor.core.config.schema import read_texts
+from robot_health_monitor.core.values.errors import ConfigError, MessageError, ServiceError
+from robot_health_monitor.core.values.model import Level
+from robot_health_monitor.ops.store.active_silences import Silences
+from robot_health_monitor.ops.store.history import History
+from robot_health_monitor.ops.store.silences import read_silences
 from robot_health_monitor.ops.web.history_requests import (
     Query,
     expire_silence,
     new_silence,
     past_alert,
     past_alerts,
-    query_of,
     silence_json,
 )
-from robot_health_monitor.ops.web.requests import ApiError
+
+EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
 
 
 def test_parameters_that_are_left_out_or_empty_do_not_limit() -> None:
     nothing = Query(None, None, None, None, None, 100, False)
-    assert query_of({}) == nothing
+    assert read_texts(Query, {}) == nothing
     assert (
-        query_of({"robot": "", "signal": "", "level": "", "since": "", "before": "", "limit": "", "open": ""})
+        read_texts(Query, {"robot": "", "signal": "", "level": "", "since": "", "before": "", "limit": "", "open": ""})
         == nothing
     )
 
@@ -45,9 +47,9 @@ def test_every_parameter_is_read() -> None:
         "limit": "5",
         "open": "1",
     }
-    assert query_of(given) == Query("r1", "b*", Level.WARN, 60.0, 7, 5, True)
-    assert query_of({"since": "1970-01-01T01:00:00+01:00"}).since_s == 0.0
-    assert query_of({"since": "1970-01-01T00:01:00.500"}).since_s == 60.5
+    assert read_texts(Query, given) == Query("r1", "b*", Level.WARN, EPOCH + timedelta(minutes=1), 7, 5, True)
+    assert read_texts(Query, {"since": "1970-01-01T01:00:00+01:00"}).since == EPOCH
+    assert read_texts(Query, {"since": "1970-01-01T00:01:00.500"}).since == EPOCH + timedelta(seconds=60.5)
 
 
 @pytest.mark.parametrize(
@@ -55,8 +57,8 @@ def test_every_parameter_is_read() -> None:
     [{"level": "warn"}, {"since": "x"}, {"since": "\ud800"}, {"limit": "-1"}, {"limit": "٣"}, {"before": "9" * 5000}],
 )
 def test_an_invalid_parameter_is_named(given: Mapping[str, str]) -> None:
-    with pytest.raises(ApiError, match=f"^{next(iter(given))}: expected"):
-        query_of(given)
+    with pytest.raises(MessageError, match=f"^{next(iter(given))}: expected"):
+        read_texts(Query, given)
 
 
 def test_a_file_that_cannot_be_read_is_not_the_fault_of_the_request() -> None:
@@ -64,7 +66,7 @@ def test_a_file_that_cannot_be_read_is_not_the_fault_of_the_request() -> None:
         def read(self, function: Callable[[sqlite3.Connection], Any], timeout_s: float = 1.0) -> Any:
             raise ConfigError("history.db: file is not a database")
 
-    for request, parameter in ((past_alerts, query_of({})), (past_alert, 1)):
+    for request, parameter in ((past_alerts, read_texts(Query, {})), (past_alert, 1)):
         with pytest.raises(ServiceError, match="file is not a database"):
             request(Damaged(), parameter)
 
@@ -74,7 +76,7 @@ def test_a_silence_is_shown_with_its_times() -> None:
     silences = Silences(history, None, lambda: 60.0)
     try:
         silence = new_silence(silences, {"robot": "*", "for_s": 60, "reason": None})
-        assert silence_json(silence) == {
+        assert silence_json(silence, 60.0) == {
             "id": "1",
             "matchers": "robot=*",
             "reason": "",
@@ -82,16 +84,18 @@ def test_a_silence_is_shown_with_its_times() -> None:
             "since": "1970-01-01T00:01:00.000Z",
             "until": "1970-01-01T00:02:00.000Z",
             "until_resolved": False,
+            "every": None,
+            "timezone": None,
+            "in_force": True,
         }
         for bad in ({"id": 1, "author": "two\nlines"}, {"id": 1, "reason": 5}):
-            with pytest.raises(ApiError, match="reason"):
+            with pytest.raises(MessageError, match=r"^(author|reason): expected"):
                 expire_silence(silences, bad)
         assert expire_silence(silences, {"id": 1, "author": "ben", "reason": "replaced"}).id == 1
         (stored,) = history.run(read_silences)
         assert (stored.ended_by, stored.ended_reason) == ("ben", "replaced")
         for bad in ({}, {"id": "one"}, {"id": -1}):
-            with pytest.raises(ApiError):
+            with pytest.raises(MessageError):
                 expire_silence(silences, bad)
     finally:
-        silences.close()
         history.close()

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import socket
 import sqlite3
 import threading
 from pathlib import Path
-from typing import Any, Callable, Dict, List, Tuple
+from typing import Any, Callable, Dict, List, Optional, Tuple
 from unittest import mock
 
 import pytest
@@ -18,13 +19,14 @@ import aiohttp
 from harness.web import Robots, Site, open_page, with_site
 from yarl import URL
 
-from robot_health_monitor.core.errors import ServiceError
-from robot_health_monitor.core.faults import Faults
-from robot_health_monitor.core.model import Level
-from robot_health_monitor.ops.active_silences import Silences
-from robot_health_monitor.ops.history.history import History
-from robot_health_monitor.ops.matchers import parse_matchers
+from robot_health_monitor.core.values.errors import ServiceError
+from robot_health_monitor.core.values.faults import Faults
+from robot_health_monitor.core.values.model import Level
+from robot_health_monitor.ops.store.active_silences import Silences
+from robot_health_monitor.ops.store.history import History
+from robot_health_monitor.ops.store.matchers import parse_matchers
 from robot_health_monitor.ops.web.requests import WITHOUT_TOKEN, BodyLimit
+from robot_health_monitor.ops.web.updates import State, _event
 from robot_health_monitor.rosbridge.server.access import SESSION_S
 
 BEARER = {"Authorization": "Bearer s3cret"}
@@ -58,6 +60,8 @@ EXPECTED = {
             "trend_per_min": None,
             "time_to_bound_s": None,
             "flapping": False,
+            "cause": None,
+            "affects": 0,
             "latch": True,
         }
     },
@@ -109,7 +113,7 @@ def test_requests_at_the_same_time_share_one_answer(monkeypatch: pytest.MonkeyPa
         read = site.web._read_state
         readings: List[str] = []
 
-        async def count(robot: str = "", window: bool = False) -> Dict[str, Any]:
+        async def count(robot: str = "", window: bool = False) -> Any:
             readings.append(robot)
             return await read(robot, window)
 
@@ -550,9 +554,9 @@ def test_an_update_of_a_large_fleet_reads_some_robots_in_turn_and_at_once_those_
         async def update(*plotted: str) -> List[float]:
             nonlocal state
             state = await site.web._read_update(state, plotted)
-            return [robot["signals"]["battery_level"]["value"] for robot in state["robots"].values()]
+            return [json.loads(robot.data)["signals"]["battery_level"]["value"] for robot in state.robots.values()]
 
-        state = None
+        state: Optional[State] = None
         observe_all(50.0)
         assert await update() == [50.0] * 6
         observe_all(60.0)
@@ -591,7 +595,7 @@ def test_a_hundred_pages_cost_one_encoding() -> None:
         assert updates._task is not None
         updates._task.cancel()  # the test makes the update
         site.robots.observe(9.0)
-        with mock.patch.object(updates, "_event", wraps=updates._event) as encode:
+        with mock.patch("robot_health_monitor.ops.web.updates._event", wraps=_event) as encode:
             await updates._update()
         assert encode.call_count == 1
         for page in opened:
@@ -713,6 +717,7 @@ def test_past_alerts_come_with_their_evidence(tmp_path: Path) -> None:
             "text": "battery_level WARN: 19 % is below 20 % (was OK for 1 s)",
             "hint": "",
             "black_box": "",
+            "alert_id": number,
             "repeat": False,
             "notes": [],
         }
@@ -776,6 +781,26 @@ def test_an_alert_comes_with_what_else_was_wrong_silenced_and_in_force(tmp_path:
         assert [(each["signal"], each["to_level"]) for each in past["others"]] == [("load", "WARN")]
         assert [each["author"] for each in past["silences"]] == ["ana"]
         assert past["thresholds"] == {"warn_below": 20.0}
+
+    with_site(use, robots)
+
+
+def test_the_page_of_an_acknowledged_alert_has_its_acknowledgement(tmp_path: Path) -> None:
+    signals = {"battery_level": {"warn_below": 20.0}}
+    robots = Robots(signals=signals, history_file=str(tmp_path / "history.db"))
+    assert robots.silences is not None
+    robots.observe(10.0)
+    robots.at(101.0)
+    robots.silences.add(parse_matchers("signal=battery*"), until_resolved=True, reason="known", author="ana")
+    robots.at(102.0)
+    robots.observe(50.0)
+    robots.at(103.0)
+    robots.observe(10.0)  # the next alert
+
+    async def use(site: Site) -> None:
+        alerts = (await site.get("/api/history?level=WARN"))[1]["alerts"]
+        pages = [(await site.get(f"/api/history/{each['id']}"))[1] for each in alerts]
+        assert [[each["reason"] for each in page["silences"]] for page in pages] == [[], ["known"]]
 
     with_site(use, robots)
 
@@ -944,6 +969,9 @@ def test_a_silence_is_added_shown_and_expired() -> None:
                     "since": "2026-11-22T05:06:41.000Z",
                     "until": "2026-11-22T06:06:41.000Z",
                     "until_resolved": False,
+                    "every": None,
+                    "timezone": None,
+                    "in_force": True,
                 }
             },
         )
@@ -971,7 +999,6 @@ def test_a_silence_is_added_shown_and_expired() -> None:
     try:
         with_site(use, robots, silences=silences)
     finally:
-        silences.close()
         history.close()
 
 

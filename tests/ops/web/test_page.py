@@ -49,6 +49,6 @@ def test_every_imported_file_exists() -> None:
 
 def test_every_shape_is_defined() -> None:
     defined = set(re.findall(r"id=\"shape-(\w+)\"", FILES["index.html"]))
-    kinds = set(re.findall(r"\[\"(\w+)\", \"[A-Za-z ]+\"\]", FILES["levels.js"]))
+    kinds = set(re.findall(r"(\w+): \"[A-Za-z ]+\"", FILES["levels.js"]))
     assert kinds == {"error", "nolink", "stale", "warn", "unknown", "waiting", "ok"}
     assert kinds <= defined

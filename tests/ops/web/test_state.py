@@ -11,9 +11,9 @@ pytest.importorskip("aiohttp", reason="aiohttp, which serves the page, is not in
 
 from harness.web import Robots
 
-from robot_health_monitor.core.elements import Elements
-from robot_health_monitor.core.faults import Faults
-from robot_health_monitor.ops.matchers import parse_matchers
+from robot_health_monitor.core.values.elements import Elements
+from robot_health_monitor.core.values.faults import Faults
+from robot_health_monitor.ops.store.matchers import parse_matchers
 from robot_health_monitor.ops.web.state import MOST_SAMPLES, OwnState, RobotReader
 
 

@@ -3,15 +3,30 @@
 from __future__ import annotations
 
 import copy
+import json
 from typing import Any, Dict
 
-from robot_health_monitor.ops.web.updates import changes
+from robot_health_monitor.ops.web import updates
+from robot_health_monitor.ops.web.updates import RobotState, State
 
 
 def state() -> Dict[str, Any]:
     signal = {"level": "OK", "value": 50.0, "bounds": [{"level": "WARN"}], "silenced": None}
     robot = {"level": "OK", "since": None, "signals": {"battery": signal, "motor": dict(signal)}}
     return {"now": "t0", "worst": "OK", "silences": [], "robots": {"atlas": robot, "spot": copy.deepcopy(robot)}}
+
+
+def encoded(found: Dict[str, Any]) -> State:
+    robots = {name: RobotState.of(robot) for name, robot in found["robots"].items()}
+    return State({key: value for key, value in found.items() if key != "robots"}, robots)
+
+
+def changes(before: Dict[str, Any], after: Dict[str, Any]) -> Any:
+    return updates.changes(encoded(before), encoded(after))
+
+
+def test_a_state_is_encoded_with_its_robots() -> None:
+    assert json.loads(encoded(state()).encoded()) == state()
 
 
 def test_nothing_changed() -> None:

@@ -9,7 +9,7 @@ from harness.rosbridge_client import ForeignServer, Watched, scenario, until
 from harness.rosbridge_peer import FLOAT32, Robot, with_robot
 
 from robot_health_monitor.core.nodes import AlertSystem
-from robot_health_monitor.core.outlets import Event
+from robot_health_monitor.core.nodes.outlets import Event
 from robot_health_monitor.rosbridge.client import RosbridgeClient
 from robot_health_monitor.rosbridge.server.access import Access
 

@@ -9,7 +9,7 @@ import pytest
 from harness.rosbridge_client import ForeignServer, Watched, scenario, until
 from harness.rosbridge_peer import Robot, with_robot
 
-from robot_health_monitor.core.errors import LinkError, ServiceError
+from robot_health_monitor.core.values.errors import LinkError, ServiceError
 from robot_health_monitor.rosbridge.client.services import PublisherLookup
 from robot_health_monitor.rosbridge.server.access import Access
 
@@ -62,7 +62,7 @@ async def test_a_service_that_does_not_answer_is_a_service_error() -> None:
         pass
 
     watched.client.connection.calls.receive = swallow  # type: ignore[method-assign]
-    with pytest.raises(ServiceError, match=r"/slow did not answer within 0\.2 s"):
+    with pytest.raises(ServiceError, match=r"/slow did not respond within 0\.2 s"):
         await watched.client.connection.calls.call("/slow", {}, 0.2)
     await until(lambda: any(fields["op"] == silent["op"] for fields in foreign.received))
     await watched.close()

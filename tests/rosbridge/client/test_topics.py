@@ -7,8 +7,9 @@ from typing import Any, Dict, List, Mapping
 
 import pytest
 
-from robot_health_monitor.core.errors import ServiceError
-from robot_health_monitor.rosbridge.client.topics import KnownTopic, find_definition, list_topics
+from robot_health_monitor.core.values.errors import ServiceError
+from robot_health_monitor.rosbridge.client.topics import find_definition, list_topics
+from robot_health_monitor.runtime.bridge.node import KnownTopic
 
 
 def listed(answers: Mapping[str, Any]) -> List[KnownTopic]:
@@ -25,12 +26,12 @@ RAW = "/rosapi/topics_and_raw_types"
 
 def test_topics_have_their_type_and_its_definition() -> None:
     answer = {"topics": ["/a"], "types": ["std_msgs/msg/Float32"], "typedefs_full_text": ["float32 data"]}
-    assert listed({RAW: answer}) == [("/a", "std_msgs/Float32", "float32 data")]
+    assert listed({RAW: answer}) == [KnownTopic("/a", "std_msgs/Float32", "float32 data")]
 
 
 def test_an_old_rosapi_knows_no_definitions() -> None:
     answer = {"topics": ["/a", "/b"], "types": ["std_msgs/Float32", ""]}
-    assert listed({"/rosapi/topics": answer}) == [("/a", "std_msgs/Float32", ""), ("/b", "", "")]
+    assert listed({"/rosapi/topics": answer}) == [KnownTopic("/a", "std_msgs/Float32", ""), KnownTopic("/b", "", "")]
 
 
 def test_a_server_without_rosapi_is_an_error() -> None:

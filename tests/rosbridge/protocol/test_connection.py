@@ -76,7 +76,7 @@ JSON = st.recursive(
     lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=10), inner, max_size=4),
     max_leaves=12,
 )
-FIELD_NAMES = sorted({name for operation in operations.OPERATIONS.values() for name in operation._fields})
+FIELD_NAMES = sorted({name for operation in operations.OPERATIONS.values() for name in operation.__dataclass_fields__})
 OPS = [*operations.OPERATIONS, "fragment", "png"]
 
 

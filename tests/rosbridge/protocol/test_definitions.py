@@ -6,14 +6,9 @@ from typing import Any, Dict
 
 import pytest
 
-from robot_health_monitor.core.definitions import SEQUENCE, Field
-from robot_health_monitor.core.errors import MessageError
-from robot_health_monitor.rosbridge.protocol.definitions import (
-    null_reader,
-    parse,
-    serializer,
-    service_definition,
-)
+from robot_health_monitor.core.messages.definitions import SEQUENCE, Field
+from robot_health_monitor.core.values.errors import MessageError
+from robot_health_monitor.rosbridge.protocol.definitions import null_reader, parse, serializer, service_definition
 
 STATUS: Dict[str, Any] = {
     "level": 2,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from dataclasses import replace
 from typing import Any, Dict, List, Optional
 
 import pytest
@@ -191,7 +192,7 @@ def test_the_token_is_presented_in_the_header_or_the_address(headers: Any, path:
 def auth(**changes: Any) -> Auth:
     """A proof as in rosauth's documentation: sha512 of secret, client, dest, rand, t, level, end."""
     mac = hashlib.sha512(b"s3cret" + b"laptop" + b"robot" + b"xyz" + b"1000" + b"admin" + b"2000").hexdigest()
-    return Auth(mac, "laptop", "robot", "xyz", 1000.0, "admin", 2000.0)._replace(**changes)
+    return replace(Auth(mac, "laptop", "robot", "xyz", 1000.0, "admin", 2000.0), **changes)
 
 
 @pytest.mark.parametrize(

@@ -5,8 +5,8 @@ from typing import Any, List
 
 import pytest
 
-from robot_health_monitor.core.errors import ServiceError
-from robot_health_monitor.core.middleware import Graph, NodeInfo
+from robot_health_monitor.core.port.middleware import Graph, NodeInfo
+from robot_health_monitor.core.values.errors import ServiceError
 from robot_health_monitor.rosbridge.server.rosapi import PREFIX, Rosapi
 
 GRAPH = Graph(

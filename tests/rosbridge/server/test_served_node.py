@@ -7,8 +7,8 @@ from typing import Any, List
 
 import pytest
 
-from robot_health_monitor.core.errors import ServiceError
-from robot_health_monitor.core.local import LocalBus
+from robot_health_monitor.core.port.local import LocalBus
+from robot_health_monitor.core.values.errors import ServiceError
 from robot_health_monitor.rosbridge.server.served_node import _MOST_CALLS, ServedNode
 
 

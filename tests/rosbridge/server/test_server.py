@@ -16,9 +16,9 @@ import pytest
 from aiohttp import web
 from harness.rosbridge_peer import FLOAT32, Robot, with_robot
 
-from robot_health_monitor.core.errors import ConfigError
-from robot_health_monitor.core.local import LocalBus
-from robot_health_monitor.core.middleware import Severity
+from robot_health_monitor.core.port.local import LocalBus
+from robot_health_monitor.core.port.middleware import Severity
+from robot_health_monitor.core.values.errors import ConfigError
 from robot_health_monitor.rosbridge.server import Server, ServerThread
 from robot_health_monitor.rosbridge.server.access import Access
 

@@ -9,8 +9,8 @@ from typing import Any, Dict, List
 import pytest
 from harness.rosbridge_peer import Robot, with_robot
 
-from robot_health_monitor.core.errors import LinkError, ServiceError
-from robot_health_monitor.core.local import LocalBus
+from robot_health_monitor.core.port.local import LocalBus
+from robot_health_monitor.core.values.errors import LinkError, ServiceError
 from robot_health_monitor.rosbridge.protocol.operations import CallService, ServiceResponse
 from robot_health_monitor.rosbridge.server.access import Access, monitor_access
 from robot_health_monitor.rosbridge.server.server import Server

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+from dataclasses import replace
 from typing import Any, Awaitable, Callable, List, Optional
 
 from robot_health_monitor.rosbridge.protocol.limits import Limits
@@ -111,7 +112,7 @@ def test_a_message_that_cannot_be_sent_is_counted_and_reported() -> None:
 def test_options_are_read_in_seconds_and_within_the_limits() -> None:
     request = Subscribe("/a", throttle_rate=250.0, queue_length=7, fragment_size=100, compression="png")
     assert options_of(request, Limits()) == Options(0.25, 7, 100, "png")
-    assert options_of(request._replace(queue_length=10**9), Limits(queue_messages=50)).queue_length == 50
+    assert options_of(replace(request, queue_length=10**9), Limits(queue_messages=50)).queue_length == 50
 
 
 def test_several_requests_for_a_topic_are_merged_as_the_reference_server_does() -> None:

@@ -8,7 +8,7 @@ from typing import Any, List
 
 from harness.rosbridge_peer import FLOAT32, Robot, with_robot
 
-from robot_health_monitor.core.errors import ConfigError, ServiceError
+from robot_health_monitor.core.values.errors import ConfigError, ServiceError
 from robot_health_monitor.rosbridge.protocol.limits import Limits
 from robot_health_monitor.rosbridge.server.access import Access, monitor_access
 from robot_health_monitor.rosbridge.server.topics import MOST_PUBLISHED
@@ -127,7 +127,7 @@ async def test_subscribing_to_a_topic_does_not_open_it_for_publishing(robot: Rob
         for op, fields in (("advertise", {"type": FLOAT32}), ("publish", {"msg": {"data": 0.0}})):
             await peer.send(op, topic="/battery_level", id="p", **fields)
             status = await peer.receive()
-            assert (status["msg"], status["id"]) == ("advertise: clients may not publish on /battery_level", "p")
+            assert (status["msg"], status["id"]) == (f"{op}: clients may not publish on /battery_level", "p")
 
 
 @with_robot(OPEN)

@@ -1,0 +1,1 @@
+"""The commands of `robot-health`, a module each."""

@@ -1,0 +1,265 @@
+"""`robot-health check`: reports every mistake in configuration files, without starting anything."""
+
+from __future__ import annotations
+
+import argparse
+import difflib
+import os
+import re
+import sys
+from typing import Any, Callable, Dict, Iterator, List, Mapping, Protocol, Sequence, Tuple
+
+from ...core.config.monitor_config import (
+    MonitorConfig,
+    Section,
+    find_section,
+    is_whole_file,
+    list_sections,
+    read_monitor,
+    refuse_missing_parameters,
+    refuse_second_section,
+)
+from ...core.config.remarks import remarks_of
+from ...core.config.yaml_file import YamlFile, read_yaml
+from ...core.messages.standard_messages import MESSAGES, PACKAGES, messages
+from ...core.nodes import Aggregator, AlertSystem, BatterySensor
+from ...core.port.local import LocalBus
+from ...core.port.middleware import Middleware
+from ...core.values.errors import ConfigError, Problems
+from ...core.values.formatting import count_text, printable
+from ...core.values.names import split_type_name
+from ...ops.configuration import SECTIONS, OpsConfig, read_ops
+from ...runtime.interrupts import Interrupts
+from ..arguments import Parser
+from ..exit_codes import ExitCode
+from ..fleet_configuration import is_fleet_file, read_entries
+
+_NODES: Mapping[str, Callable[[Middleware], Any]] = {
+    "alert_system": AlertSystem,
+    "aggregator": Aggregator,
+    "battery_sensor": BatterySensor,
+}
+"""The nodes that a thresholds.yaml is for. A node that starts on a bus without others checks its parameters."""
+
+_ALIKE = 0.8
+"""Similarity (difflib) from which a name counts as misspelt; battery_sensor and temperature_sensor differ."""
+
+_NAMES_SHOWN = 5
+
+_TOPIC = re.compile(r"(~/?|/)?[A-Za-z_]\w*(/\w+)*\Z", re.ASCII)
+
+
+def add_arguments(parser: Parser) -> None:
+    """Adds the arguments of the command."""
+    parser.description = "Checks configuration files as the nodes do, and reports mistakes with file, line and key."
+    parser.add_argument("--verbose", action="store_true", help="list all allowed keys beside each unknown one")
+    parser.add_argument("files", metavar="FILE", nargs="+", help="a thresholds.yaml, ops.yaml or fleet.yaml")
+
+
+def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
+    """Checks the files; returns the exit code."""
+    return ExitCode.SUCCESS if check(arguments.files, verbose=arguments.verbose) else ExitCode.USAGE
+
+
+def check(files: Sequence[str], *, verbose: bool = False) -> bool:
+    """Writes valid files and remarks on stdout, mistakes on stderr, one per line; returns whether all are valid.
+
+    Remarks are written about valid files only. With `verbose`, mistakes have their details.
+    """
+    valid = True
+    for file in files:
+        summary, remarks, errors = _check_file(file)
+        if not errors:
+            for line in (f"{file}: OK: {summary}", *map(str, remarks)):
+                sys.stdout.write(f"{printable(line)}\n")
+            continue
+        valid = False
+        lines = (f"{error}; {error.details}" if verbose and error.details else str(error) for error in errors)
+        for line in dict.fromkeys(lines):
+            sys.stderr.write(f"{printable(line)}\n")
+        if len(errors) >= Problems.LIMIT:
+            sys.stderr.write(f"{printable(file)}: further mistakes are not shown\n")
+    return valid
+
+
+def _check_file(file: str) -> Tuple[str, List[ConfigError], List[ConfigError]]:
+    """Returns a summary of a file, remarks, and its mistakes, by line."""
+    summary = ""
+    remarks: List[ConfigError] = []
+    errors: List[ConfigError] = []
+    duplicates, problems = Problems(), Problems()
+    try:
+        read = read_yaml(file, duplicates)
+        try:
+            summary = _check_contents(read, problems, remarks)
+            problems.raise_if_any()
+        except ConfigError as error:
+            raise read.locate(error) from None
+    except ConfigError as error:
+        errors.extend(error.all)
+    return summary, remarks, sorted([*duplicates.errors, *errors], key=lambda error: error.line or 0)
+
+
+def _check_contents(file: YamlFile, problems: Problems, remarks: List[ConfigError]) -> str:
+    """Adds the mistakes of a file to `problems`, and remarks; returns a summary. Raises if there are too many."""
+    if _looks_like_ops(file.tree):
+        config = OpsConfig()
+        with problems:
+            config = read_ops(file)
+        return config.summary or "no section"
+    if is_fleet_file(file.tree):
+        return _check_fleet(file, problems, remarks)
+    return _check_thresholds(file, problems, remarks)
+
+
+def _check_thresholds(file: YamlFile, problems: Problems, remarks: List[ConfigError]) -> str:
+    by_node: Dict[str, List[Section]] = {name: [] for name in _NODES}
+    for section in list_sections(file.tree, problems):
+        close = difflib.get_close_matches(section.node[:60], _NODES, n=1, cutoff=_ALIKE)
+        name = close[0] if close else ""
+        if name and section.node != name:
+            problems.add(ConfigError(f"unknown node; did you mean {name}?", section.path[:-1]))
+        by_node.setdefault(name, []).append(section)
+    for name in _NODES:
+        with problems:
+            refuse_missing_parameters(file.tree, name)
+        with problems:
+            refuse_second_section(by_node[name], name)
+    if not by_node["alert_system"]:
+        with problems:
+            by_node["alert_system"].append(find_section(file.tree, "alert_system"))
+    config = MonitorConfig({})
+    unknown_types: Dict[str, None] = {}
+    for name, start in _NODES.items():
+        for section in by_node[name]:
+            with problems:
+                if name == "alert_system":
+                    unknown_types.update(_check_sources(section, problems))
+                    config = read_monitor(section)
+                    remarks += _remarks(file, section, config)
+                else:
+                    try:
+                        start(LocalBus().node(name, parameters=section.tree)).close()
+                    except ConfigError as error:
+                        raise error.below(section.path) from None
+    unused = sorted({section.node for section in by_node.get("", []) if section not in by_node["alert_system"]})
+    bounds = sum(len(signal.bounds) for signal in config.signals.values())
+    signals = f"{count_text(len(config.signals), 'signal')} ({', '.join(config.signals)})"
+    parts = [f"{signals}, {count_text(bounds, 'bound')}"]
+    if unknown_types:
+        parts.append(f"fields not checked, their types are not known here: {', '.join(unknown_types)}")
+    if unused:
+        parts.append(f"not used here: {', '.join(unused)}")
+    return "; ".join(parts)
+
+
+def _remarks(file: YamlFile, section: Section, config: MonitorConfig) -> Iterator[ConfigError]:
+    """Yields what is questionable about the signals, with its place in the file."""
+    for name, signal in config.signals.items():
+        for key, remark in remarks_of(signal):
+            yield file.locate(ConfigError(f"remark: {remark}", (*section.path, "signals", name, key)))
+
+
+def _check_sources(section: Section, problems: Problems) -> Dict[str, None]:
+    """Collects mistakes in the topics, types and fields of all signals; returns the types that are unknown here."""
+    signals = section.tree.get("signals")
+    if not isinstance(signals, Mapping):
+        return {}
+    definitions = known_definitions()
+    unknown: Dict[str, None] = {}
+    for name, signal in signals.items():
+        if not isinstance(signal, Mapping):
+            continue
+        path = (*section.path, "signals", str(name))
+        topic, type_name, field = signal.get("topic", str(name)), signal.get("type", ""), signal.get("field", "data")
+        if isinstance(topic, str) and topic not in ("", name) and not _TOPIC.match(topic):
+            problems.add(ConfigError(f"expected the name of a topic, got {topic[:60]!a}", (*path, "topic")))
+        split = split_type_name(type_name) if isinstance(type_name, str) else None
+        if split is None or not isinstance(field, str):
+            continue
+        spelling = "/".join(split)
+        try:
+            if not check_field(definitions, str(topic), spelling, field):
+                unknown[spelling] = None
+        except ConfigError as error:
+            problems.add(error.below(path))
+    return unknown
+
+
+class Definitions(Protocol):
+    """Definitions of messages: `NativeMessages`, or the module `messages` of an adapter."""
+
+    def message_class(self, type_name: str) -> Any:
+        """Returns the class of a type; raises ConfigError if it is unknown."""
+
+    def field_getter(self, topic: str, type_name: str, field: str) -> Any:
+        """Returns a function that reads a field; raises ConfigError if the type has no such field."""
+
+
+def known_definitions() -> List[Definitions]:
+    """Returns the definitions that are available, the best first: those of ROS, then the standard packages."""
+    version = os.environ.get("ROS_VERSION", "")
+    try:
+        if version == "1":
+            from ...ros1 import messages as ros1_messages
+
+            return [ros1_messages, messages]
+        if version == "2":
+            from ...ros2 import messages as ros2_messages
+
+            return [ros2_messages, messages]
+    except ImportError:
+        pass  # only the environment of ROS is there
+    return [messages]
+
+
+def check_field(definitions: Sequence[Definitions], topic: str, type_name: str, field: str) -> bool:
+    """Checks a field (empty: only the type) in the first of `definitions` that has the type; False: none has.
+
+    Raises ConfigError: the type does not exist (its path is `type`), or has no such field (its path is `field`).
+    """
+    for each in definitions:
+        try:
+            each.message_class(type_name)
+        except ConfigError:
+            continue
+        try:
+            each.field_getter(topic, type_name, field)
+        except ConfigError as error:
+            raise ConfigError(error.problem, ("field",)) from None
+        return True
+    split = split_type_name(type_name)
+    if split is None or split[0] not in PACKAGES:
+        return False
+    spelling = "/".join(split)
+    close = difflib.get_close_matches(spelling, MESSAGES, n=1)
+    hint = f"; did you mean {close[0]}?" if close else ""
+    raise ConfigError(f"expected a message type, got {spelling}, which does not exist{hint}", ("type",))
+
+
+def _looks_like_ops(tree: Mapping[str, Any]) -> bool:
+    """Recognises a section of an ops.yaml at the top, also a misspelt one."""
+    return not is_whole_file(tree) and any(
+        difflib.get_close_matches(str(key)[:60], SECTIONS, cutoff=_ALIKE) for key in tree
+    )
+
+
+def _check_fleet(file: YamlFile, problems: Problems, remarks: List[ConfigError]) -> str:
+    entries = read_entries(file, problems, needs_url=False)
+    parts = [count_text(len(entries), "robot")]
+    pushing = [entry.name for entry in entries if not entry.url]
+    if pushing:
+        shown = ", ".join(pushing[:_NAMES_SHOWN]) + (", ..." if len(pushing) > _NAMES_SHOWN else "")
+        parts.append(f"{len(pushing):,} without url, for export fleet only (connect needs one): {shown}")
+    thresholds = dict.fromkeys(entry.thresholds for entry in entries if entry.thresholds)
+    for name in thresholds:
+        _, found, errors = _check_file(name)
+        remarks += found
+        for error in errors:
+            problems.add(error)
+    if thresholds:
+        parts.append(f"thresholds: {', '.join(thresholds)}")
+    unread = dict.fromkeys(path for entry in entries for path in (entry.token_file, entry.ca) if path)
+    if unread:
+        parts.append(f"not read here: {', '.join(unread)}")
+    return "; ".join(parts)

@@ -1,0 +1,126 @@
+"""`robot-health connect`: watches robots over their bridges, without ROS on this machine."""
+
+from __future__ import annotations
+
+import argparse
+import gc
+import time
+from typing import TYPE_CHECKING, Optional, Sequence
+
+from ...core.port.middleware import Severity
+from ...ops.configuration import ServerOptions
+from ...runtime.interrupts import Interrupts
+from ...runtime.libraries import ROSBRIDGE, libraries
+from ..arguments import Parser, add_monitoring_options, add_namespace, add_token_file, find_installed, port
+from ..fleet_configuration import FleetReader, Options, read_addresses
+from ..monitor_process import MonitorProcess, choose_output
+from ..serving import ServerSettings, merged_settings
+
+if TYPE_CHECKING:
+    from ..fleet import Robot
+
+
+_GC_THRESHOLD = 20_000, 20, 10
+"""With a thousand robots, a garbage collection of all objects takes up to a second. Python's defaults cause many."""
+
+
+def add_arguments(parser: Parser) -> None:
+    """Adds the arguments of the command."""
+    parser.description = (
+        "Monitors robots through their rosbridge servers or foxglove_bridges. A link that is down is one alert, and is "
+        "re-established automatically. Meanwhile the robot's signals raise no alerts. Nothing is published on the "
+        "robots. SIGHUP reads the configuration, ops.yaml and the tokens again and changes only what differs."
+    )
+    parser.add_argument(
+        "urls",
+        metavar="URL",
+        nargs="*",
+        help="host:port or ws://host:port (rosbridge), wss://host:port, foxglove://host:port, "
+        "foxglove+tls://host:port; NAME=ADDRESS names the robot",
+    )
+    parser.add_argument(
+        "--fleet",
+        metavar="FILE",
+        default="",
+        help="a fleet.yaml with further robots; --thresholds, --namespace, --robot-token-file and --ca apply where "
+        "it names none",
+    )
+    add_namespace(parser, "namespace of the robots' topics")
+    add_token_file(parser, "--robot-token-file", "to present to the robots' servers")
+    parser.add_argument(
+        "--ca", metavar="FILE", default="", help="certificate authorities to trust, for wss:// and foxglove+tls://"
+    )
+    parser.add_argument(
+        "--port",
+        type=port,
+        help="serve alerts and /diagnostics of all robots to rosbridge clients on this port; 0 picks a free one "
+        "(default: no server)",
+    )
+    parser.add_argument("--host", metavar="ADDRESS", default="", help="address of that server (default: 127.0.0.1)")
+    add_monitoring_options(parser)
+    parser.check = _check
+
+
+def _check(arguments: argparse.Namespace) -> str:
+    return "" if arguments.urls or arguments.fleet else "expected the URL of a robot, or --fleet FILE"
+
+
+def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
+    """Watches robots until an interrupt, or for `--duration`; then the exit code says if there were alerts.
+
+    Raises ConfigError if an address or a file cannot be used, or if a robot refuses this client at the end of the
+    duration.
+    """
+    interrupts.take_hangups()
+    gc.set_threshold(*_GC_THRESHOLD)
+    with libraries(*ROSBRIDGE):
+        from ..fleet import Fleet
+
+    addresses = read_addresses(arguments.urls)
+    output = choose_output(arguments.json, name_robots=len(addresses) > 1 or bool(arguments.fleet))
+    options = Options(
+        thresholds=str(arguments.thresholds or find_installed("config/thresholds.yaml") or ""),
+        namespace=arguments.namespace,
+        token_file=arguments.robot_token_file,
+        ca=arguments.ca,
+    )
+    with MonitorProcess(
+        output,
+        interrupts,
+        ops_file=arguments.ops,
+        name="connect",
+        least=Severity[arguments.log_level],
+        serves=arguments.port is not None,
+    ) as process:
+        operations = process.operations
+        fleet = Fleet(
+            FleetReader(addresses, arguments.fleet, options, process.warn),
+            clock=time.monotonic,
+            on_log=process.events.on_log,
+            outlet=process.events.outlet,
+            start=operations.start,
+            self_report=operations.self_report(),
+        )
+
+        def end_removed(added: Sequence[Robot], ended: Sequence[Robot]) -> None:
+            for robot in {each.name for each in ended} - {each.name for each in added}:
+                operations.end_robot(robot)
+            operations.note_robots()
+
+        fleet.on_change.append(end_removed)
+        operations.show_faults(fleet.faults, fleet.log)
+
+        def read_settings(section: Optional[ServerOptions]) -> Optional[ServerSettings]:
+            if arguments.port is None and section is None:
+                return None
+            section = section or ServerOptions()
+            # The robots' token is never the one that this server requires: that comes from the ops.yaml alone.
+            token = process.tokens.find_own(section.token_file) if section.token_file else ""
+            return merged_settings(ServerOptions(arguments.port, arguments.host), section, token=token)
+
+        code = process.run(
+            fleet, read_settings, requires_server=arguments.port is not None, duration_s=arguments.duration
+        )
+    if arguments.duration is not None and not interrupts.came:
+        fleet.check_own_faults()
+    return code

@@ -1,0 +1,183 @@
+"""`robot-health export`: thresholds for Prometheus and Grafana, the files of a fleet, a policy for SROS2."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from typing import Tuple
+
+from ...core.config.monitor_config import load_config
+from ...core.config.yaml_file import read_yaml
+from ...core.values.errors import ConfigError
+from ...core.values.formatting import printable
+from ...ops.export.fleet import FleetSettings, export_fleet, require_address, require_receiver, write_files
+from ...ops.export.grafana import export_dashboard
+from ...ops.export.prometheus import export_rules
+from ...runtime.interrupts import Interrupts
+from ..arguments import Parser, add_namespace, duration, robot_name, seconds
+from ..exit_codes import ExitCode
+from ..fleet_configuration import read_entries
+
+
+def add_arguments(parser: Parser) -> None:
+    """Adds the arguments of the command."""
+    parser.description = (
+        "Writes rules and dashboards over the metrics of a monitor, and configuration of other systems."
+    )
+    targets = parser.add_subparsers(dest="target", metavar="TARGET", required=True, parser_class=Parser)
+    prometheus = targets.add_parser(
+        "prometheus",
+        help="alerting rules",
+        description="Writes a rule file for Prometheus 2.42 or vmalert 1.79, or newer: an alert for each level that a "
+        "monitor announces, and one for a monitor that does not run. It is the same for all thresholds.",
+    )
+    prometheus.add_argument(
+        "--robot",
+        metavar="NAME",
+        type=robot_name,
+        action="append",
+        default=[],
+        help="robot that the rules apply to (repeatable; default: all)",
+    )
+    prometheus.add_argument(
+        "--interval",
+        metavar="SECONDS",
+        type=seconds,
+        default=15.0,
+        help="interval of scrapes and evaluations, at most 120 (default: 15)",
+    )
+    grafana = targets.add_parser(
+        "grafana", help="a dashboard", description="Writes a dashboard in JSON, to import into Grafana 9 or newer."
+    )
+    fleet = targets.add_parser(
+        "fleet",
+        help="the files of a fleet whose robots push",
+        description="Writes the configuration of an agent for the robots, and of the centre that they push to: "
+        "Prometheus or VictoriaMetrics, with Alertmanager. README.md in the folder says what to do with them.",
+    )
+    sros2 = targets.add_parser(
+        "sros2",
+        help="a policy for SROS2",
+        description="Writes the access control policy of the nodes with this configuration, for "
+        "`ros2 security generate_artifacts`. The nodes share one enclave.",
+    )
+    prometheus.add_argument("file", metavar="FILE", nargs="?", default="", help="a thresholds.yaml to check as well")
+    grafana.add_argument("file", metavar="FILE", help="a thresholds.yaml")
+    fleet.add_argument("file", metavar="FILE", help="a thresholds.yaml, for the dashboard")
+    sros2.add_argument("file", metavar="FILE", help="a thresholds.yaml")
+    _add_fleet_arguments(fleet)
+    _add_policy_arguments(sros2)
+
+
+def _add_fleet_arguments(fleet: Parser) -> None:
+    fleet.add_argument(
+        "fleet",
+        metavar="FLEET",
+        nargs="?",
+        default="",
+        help="a fleet.yaml: its robots must report (default: those that reported in the last 24 h)",
+    )
+    fleet.add_argument("--receiver", metavar="URL", required=True, help="full URL of the centre's remote write")
+    fleet.add_argument("--to", metavar="FOLDER", required=True, help="folder to write the files to")
+    fleet.add_argument(
+        "--outage",
+        metavar="TIME",
+        type=duration,
+        default=86_400.0,
+        help="longest outage in which no data are lost (default: 24h)",
+    )
+    fleet.add_argument(
+        "--interval", metavar="SECONDS", type=seconds, default=15.0, help="scrape interval, at most 120 (default: 15)"
+    )
+    fleet.add_argument(
+        "--silent-after",
+        metavar="TIME",
+        type=duration,
+        default=900.0,
+        help="time without a report after which a robot is an alert (default: 15m)",
+    )
+    fleet.add_argument(
+        "--monitor",
+        metavar="HOST:PORT",
+        action="append",
+        default=[],
+        help="monitor that an agent scrapes (repeatable; default: 127.0.0.1:9090)",
+    )
+
+
+def _add_policy_arguments(sros2: Parser) -> None:
+    add_namespace(sros2, "namespace of the nodes, the launch argument robot_name (default: none)")
+    sros2.add_argument(
+        "--sensors",
+        choices=("simulated", "host", "none"),
+        default="simulated",
+        help="the launch argument sensors (default: simulated)",
+    )
+    sros2.add_argument(
+        "--remap",
+        metavar="FROM:=TO",
+        type=_remapping,
+        action="append",
+        default=[],
+        help="name that the launch file remaps (repeatable)",
+    )
+    sros2.add_argument("--ops", metavar="FILE", default="", help="an ops.yaml: its black box and its server")
+    sros2.add_argument(
+        "--enclave", metavar="PATH", default="", help="the enclave (default: health_monitor in the namespace)"
+    )
+
+
+def _remapping(text: str) -> Tuple[str, str]:
+    """Returns the two names of a remapping."""
+    name, separator, to = text.partition(":=")
+    if not (name and separator and to):
+        raise argparse.ArgumentTypeError(f"expected FROM:=TO, such as battery_level:=/bms/level, got {text!r}")
+    return name, to
+
+
+def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
+    """Writes rules, a dashboard or a policy on stdout, the files of a fleet to a folder; returns the exit code."""
+    exports = {"prometheus": _rules, "grafana": _dashboard, "fleet": _fleet, "sros2": _policy}
+    sys.stdout.write(exports[arguments.target](arguments))
+    return ExitCode.SUCCESS
+
+
+def _rules(arguments: argparse.Namespace) -> str:
+    if arguments.file:
+        load_config(arguments.file)
+    return export_rules(robots=arguments.robot, interval_s=arguments.interval)
+
+
+def _dashboard(arguments: argparse.Namespace) -> str:
+    return export_dashboard(load_config(arguments.file))
+
+
+def _fleet(arguments: argparse.Namespace) -> str:
+    """Writes the files; returns their names, one per line."""
+    settings = FleetSettings(
+        require_receiver(arguments.receiver),
+        arguments.outage,
+        arguments.interval,
+        arguments.silent_after,
+        [require_address(address) for address in arguments.monitor] or FleetSettings._field_defaults["monitors"],
+    )
+    expected = None
+    if arguments.fleet:
+        expected = [entry.name for entry in read_entries(read_yaml(arguments.fleet), needs_url=False)]
+    files = export_fleet(settings, load_config(arguments.file), expected)
+    write_files(arguments.to, files)
+    return "".join(f"{printable(os.path.join(arguments.to, name))}\n" for name in files)
+
+
+def _policy(arguments: argparse.Namespace) -> str:
+    from ...ops.configuration import OpsConfig, read_ops
+    from ...ops.export.sros2 import Robot, export_policy
+
+    ops = read_ops(read_yaml(arguments.ops)) if arguments.ops else OpsConfig()
+    robot = Robot(arguments.namespace, arguments.sensors, dict(arguments.remap), ops)
+    read = read_yaml(arguments.file)
+    try:
+        return export_policy(read.tree, robot, arguments.enclave)
+    except ConfigError as error:
+        raise read.locate(error) from None

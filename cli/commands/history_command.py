@@ -1,0 +1,295 @@
+"""`robot-health history`: past alerts and silences, from a history file."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+import os
+import re
+import sqlite3
+import sys
+import time
+from datetime import datetime
+from typing import Any, Dict, Iterator, List, Optional, Sequence, TextIO, Tuple, TypeVar, Union
+
+from ...core.values.errors import ConfigError, ServiceError
+from ...core.values.formatting import count_text, duration_text, number_text, printable
+from ...core.values.model import Level
+from ...ops.store import queries
+from ...ops.store import samples as stored_samples
+from ...ops.store.notes import notes_of
+from ...ops.store.queries import MonitorEvent
+from ...ops.store.rows import is_time
+from ...ops.store.samples import SAMPLES_FIELDS, StoredSamples, samples_fields
+from ...ops.store.silences import SilenceEvent, silence_events
+from ...ops.store.summary import SignalSummary, summarize
+from ...runtime.interrupts import Interrupts
+from ...runtime.libraries import libraries
+from ...runtime.times import DATE_TIME, local_time
+from ..arguments import Parser, alert_id
+from ..exit_codes import ExitCode
+from ..history.alert_details import show_alert
+from ..history.history_entries import (  # fmt: skip
+    CSV_HEAD,
+    NotedAlert,
+    csv_cell,
+    entry_json,
+    entry_lines,
+    entry_rows,
+    is_coloured,
+    outage_cells,
+    time_text,
+)
+from ..history.history_file import DEFAULT_FILE, history_file, reading_history
+from ..output.lines import plain_table, readable, share_text
+
+_LEVELS = (Level.OK, Level.WARN, Level.ERROR, Level.STALE)
+Event = Union[MonitorEvent, SilenceEvent]
+AnyEvent = TypeVar("AnyEvent", bound=Event)
+
+_SUMMARY_HEAD = (
+    "robot", "signal", *(level.name for level in _LEVELS), "unknown", "available", "alerts", "longest outage",
+    "recovery",
+)  # fmt: skip
+_UNITS_S = {"s": 1.0, "m": 60.0, "min": 60.0, "h": 3600.0, "d": 86_400.0, "w": 604_800.0}
+
+
+def add_arguments(parser: Parser) -> None:
+    """Adds the arguments of the command."""
+    parser.description = (
+        "Shows the alerts in a history file, with starts and stops of the monitor, resets and changes of "
+        "the configuration. The monitor may be running."
+    )
+    parser.add_argument(
+        "file", metavar="FILE", nargs="?", help=f"the history file (default: named by --ops, else {DEFAULT_FILE})"
+    )
+    parser.add_argument("--ops", metavar="FILE", help="an ops.yaml that names the history")
+    parser.add_argument(
+        "--since",
+        dest="since_s",
+        metavar="TIME",
+        type=_moment,
+        help="only what is newer: 90s, 1h30m, 24h, 7d, or a local time such as 2026-11-22T08:00",
+    )
+    parser.add_argument("--robot", metavar="R", help="only this robot; * and ? as in file names")
+    parser.add_argument("--signal", metavar="S", help="only this signal; * and ? as in file names")
+    parser.add_argument(
+        "--level", metavar="L", type=_level, help="only transitions to this level: OK, WARN, ERROR or STALE"
+    )
+    content = parser.add_mutually_exclusive_group()
+    content.add_argument(
+        "--summary",
+        action="store_true",
+        help="per signal: share of time per level, of OK in known time, alerts, longest outage, mean time to recover",
+    )
+    content.add_argument(
+        "--samples",
+        action="store_true",
+        help="per 10 s (after two days: 5 min): smallest, largest, mean and last value, samples, worst level",
+    )
+    content.add_argument("--report", metavar="FILE", help="write a page with plots, one HTML file")
+    content.add_argument("--alert", metavar="ID", type=alert_id, help="one transition, with a plot of its samples")
+    parser.add_argument(
+        "--force", action="store_true", help="let --report replace any file, except those that are read"
+    )
+    form = parser.add_mutually_exclusive_group()
+    form.add_argument("--json", action="store_true", help="one JSON object per line")
+    form.add_argument("--csv", action="store_true", help="comma-separated values")
+    parser.check = _check_form
+
+
+def _check_form(arguments: argparse.Namespace) -> str:
+    is_listed = arguments.json or arguments.csv
+    return "--report: not allowed with --json or --csv" if arguments.report is not None and is_listed else ""
+
+
+def _moment(text: str) -> float:
+    """Returns a time in s since 1970: so long ago, or a date and time by ISO 8601."""
+    parts = re.findall(r"(\d{1,9}(?:\.\d{1,9})?)(min|[smhdw])", text, re.ASCII)
+    if parts and "".join(number + unit for number, unit in parts) == text:
+        return time.time() - sum(float(number) * _UNITS_S[unit] for number, unit in parts)
+    try:
+        return datetime.fromisoformat(text).timestamp()
+    except (ValueError, OverflowError, OSError):
+        raise argparse.ArgumentTypeError(
+            f"expected a duration such as 24h or a time such as 2026-11-22T08:00, got {text!r}"
+        ) from None
+
+
+def _level(text: str) -> str:
+    if text.upper() not in Level.__members__:
+        raise argparse.ArgumentTypeError(f"expected OK, WARN, ERROR or STALE, got {text!r}")
+    return text.upper()
+
+
+def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
+    """Prints what a history file contains; returns the exit code."""
+    show_history(arguments)
+    return ExitCode.SUCCESS
+
+
+def show_history(arguments: argparse.Namespace, stream: Optional[TextIO] = None) -> None:
+    """Prints what a history file contains to a stream; None: stdout.
+
+    Raises:
+        ConfigError: the file does not exist, cannot be read, or is no history.
+        ServiceError: stdout is closed.
+    """
+    stream = stream or sys.stdout
+    show = _show_summary if arguments.summary else _show_samples if arguments.samples else _show_transitions
+    if arguments.alert is not None:
+        show = show_alert
+    file = history_file(arguments.file, arguments.ops)
+    with reading_history(file) as connection:
+        if arguments.report is not None:
+            _write_report(connection, arguments, file)
+            return
+        if getattr(stream, "name", "") == os.devnull:  # `__main__` opened it in place of one that is closed
+            raise ServiceError("stdout is closed: nothing can be shown")
+        try:
+            show(connection, arguments, stream)
+        finally:
+            stream.flush()
+
+
+def _show_transitions(connection: sqlite3.Connection, arguments: argparse.Namespace, stream: TextIO) -> None:
+    level = None if arguments.level is None else Level[arguments.level]
+    transitions = queries.transitions(
+        connection, since_s=arguments.since_s, robot=arguments.robot, signal=arguments.signal, level=level
+    )
+    silences: List[SilenceEvent] = []
+    if level is None:
+        since_s = arguments.since_s or 0.0
+        silences = silence_events(connection, time.time(), since_s, arguments.robot, arguments.signal)
+    noted = (NotedAlert(each, notes_of(connection, each.id)) for each in transitions)
+    if arguments.json:
+        for item in _merged(noted, silences):
+            stream.write(f"{entry_json(item)}\n")
+    elif arguments.csv:
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow(CSV_HEAD)
+        for item in _merged(noted, silences):
+            writer.writerows(entry_rows(item))
+    else:
+        events: List[Event] = [*silences]
+        if arguments.signal is None and level is None:
+            events += queries.monitor_events(connection, arguments.since_s or 0.0, arguments.robot)
+            events.sort(key=lambda event: event.wall_s)
+        with_colour = is_coloured(stream)
+        line = None
+        for entry in _merged(noted, events):
+            for line in entry_lines(entry, with_colour):
+                stream.write(readable(f"{line}\n", stream))
+        if line is None:
+            sys.stderr.write("no alerts\n")
+
+
+def _merged(alerts: Iterator[NotedAlert], events: Sequence[AnyEvent]) -> Iterator[Union[NotedAlert, AnyEvent]]:
+    """Yields alerts in their order, and each event before those that are younger."""
+    place = 0
+    for alert in alerts:
+        while place < len(events) and events[place].wall_s <= alert.wall_s:
+            yield events[place]
+            place += 1
+        yield alert
+    yield from events[place:]
+
+
+def _summaries(connection: sqlite3.Connection, arguments: argparse.Namespace) -> Tuple[List[SignalSummary], float]:
+    """Returns the summaries, and when they end, in s since 1970. Without any, one line on stderr says why."""
+    end_s = connection.execute("SELECT max(coalesce(stopped_s, alive_s)) FROM runs").fetchone()[0]
+    if not is_time(end_s):
+        end_s = time.time()
+    found = summarize(connection, end_s, since_s=arguments.since_s, robot=arguments.robot, signal=arguments.signal)
+    if not found and arguments.robot is None and arguments.signal is None:
+        sys.stderr.write(f"the monitor did not run in this time; it last ran at {time_text(end_s)}\n")
+    elif not found:
+        sys.stderr.write("no signal matches\n")
+    return found, end_s
+
+
+def _write_report(connection: sqlite3.Connection, arguments: argparse.Namespace, file: str) -> None:
+    with libraries("numpy"):
+        from ..history.history_report import history_page
+        from ..report_file import ReportFile
+    inputs = [file + suffix for suffix in ("", "-wal", "-shm", ".lock")]
+    report = ReportFile(arguments.report, [*inputs, *([arguments.ops] if arguments.ops else [])], arguments.force)
+    summaries, end_s = _summaries(connection, arguments)
+    if not summaries:
+        raise ConfigError("--report: there is nothing to show")
+    report.write(history_page(connection, arguments, summaries, end_s))
+
+
+def _show_summary(connection: sqlite3.Connection, arguments: argparse.Namespace, stream: TextIO) -> None:
+    summaries, end_s = _summaries(connection, arguments)
+    if arguments.json:
+        for summary in summaries:
+            stream.write(f"{json.dumps(_summary_fields(summary))}\n")
+        return
+    if arguments.csv:
+        writer = csv.writer(stream, lineterminator="\n")
+        for number, summary in enumerate(summaries):
+            fields = _summary_fields(summary)
+            fields.update(fields.pop("shares"))
+            if number == 0:
+                writer.writerow(fields)
+            writer.writerow(map(csv_cell, fields.values()))
+        return
+    if not summaries:
+        return
+    rows = [_summary_cells(summary) for summary in summaries]
+    begin_s = end_s - max(summary.duration_s for summary in summaries)
+    stream.write(f"{time_text(begin_s)} to {time_text(end_s)}\n")
+    for line in plain_table([_SUMMARY_HEAD, *rows], 2):
+        stream.write(f"{line}\n")
+
+
+def _summary_fields(summary: SignalSummary) -> Dict[str, Any]:
+    return {
+        "robot": summary.robot,
+        "signal": summary.signal,
+        "duration_s": summary.duration_s,
+        "shares": {level.name: summary.shares.get(level, 0.0) for level in _LEVELS},
+        "unknown": summary.unknown,
+        "alerts": summary.alerts,
+        "longest_outage_s": summary.longest_outage_s,
+        "availability": summary.availability,
+        "mean_time_to_recover_s": summary.mean_time_to_recover_s,
+    }
+
+
+def _summary_cells(summary: SignalSummary) -> List[str]:
+    shares = [share_text(summary.shares.get(level, 0.0)) for level in _LEVELS]
+    available, outage, recovery = outage_cells(summary)
+    unknown = share_text(summary.unknown)
+    return [summary.robot, summary.signal, *shares, unknown, available, str(summary.alerts), outage, recovery]
+
+
+def _show_samples(connection: sqlite3.Connection, arguments: argparse.Namespace, stream: TextIO) -> None:
+    found = stored_samples.read(connection, robot=arguments.robot, signal=arguments.signal, since_s=arguments.since_s)
+    chosen = (each for each in found if arguments.level in (None, each.level.name))
+    if arguments.json:
+        stream.writelines(f"{json.dumps(samples_fields(each))}\n" for each in chosen)
+        return
+    if arguments.csv:
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow(SAMPLES_FIELDS)
+        writer.writerows([csv_cell(value) for value in samples_fields(each).values()] for each in chosen)
+        return
+    name = None
+    for each in chosen:
+        if name != (each.robot, each.signal):
+            name = each.robot, each.signal
+            stream.write(readable(f"{printable(f'{each.robot}: {each.signal}')}\n", stream))
+        stream.write(f"  {_samples_line(each)}\n")
+    if name is None:
+        sys.stderr.write("no samples\n")
+
+
+def _samples_line(samples: StoredSamples) -> str:
+    numbers = [("min", samples.least), ("max", samples.most), ("mean", samples.mean), ("last", samples.last)]
+    values = " ".join(f"{label} {number_text(value)}" for label, value in numbers if value is not None)
+    counts = count_text(samples.good, "sample") + (f", {samples.bad} bad" if samples.bad else "")
+    begin = local_time(samples.start_s, DATE_TIME)
+    return f"{begin} {samples.level.name:5} {duration_text(samples.seconds)}: {values or 'no value'} ({counts})"

@@ -1,0 +1,56 @@
+"""`robot-health note`: a note on a past alert, beside a running monitor or without one."""
+
+from __future__ import annotations
+
+import argparse
+import sqlite3
+import sys
+import time
+from typing import Optional, TextIO
+
+from ...core.values.formatting import printable, with_hint
+from ...ops.store import queries
+from ...ops.store.notes import MOST_NOTES, MOST_TEXT, add_note
+from ...runtime.interrupts import Interrupts
+from ..arguments import Parser, alert_id
+from ..exit_codes import ExitCode
+from ..history.history_file import add_author, add_history_options, author_of, change_history, history_file
+from ..output.lines import readable
+
+
+def add_arguments(parser: Parser) -> None:
+    """Adds the arguments of the command."""
+    parser.description = (
+        "Writes a note on a past alert into the history file, where the page and `history` show it. The monitor may "
+        f"be running. At most {MOST_NOTES} notes per alert."
+    )
+    parser.add_argument("id", metavar="ID", type=alert_id, help="the alert, as `history` shows it: 41 or #41")
+    parser.add_argument("text", metavar="TEXT", help=f"one line of at most {MOST_TEXT} characters")
+    add_author(parser)
+    add_history_options(parser)
+
+
+def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
+    """Writes the note; returns the exit code."""
+    note(arguments)
+    return ExitCode.SUCCESS
+
+
+def note(arguments: argparse.Namespace, stream: Optional[TextIO] = None, now_s: Optional[float] = None) -> None:
+    """Writes the note, and prints the alert to a stream (None: stdout); `now_s`: None: the system's time.
+
+    Raises:
+        ConfigError: the file cannot be used, there is no such alert, or the note is empty or too long.
+    """
+    stream = stream or sys.stdout
+    wall_s = time.time() if now_s is None else now_s
+    author = author_of(arguments)
+
+    def add(connection: sqlite3.Connection) -> str:
+        add_note(connection, arguments.id, arguments.text, author, wall_s)
+        alert = queries.transition(connection, arguments.id)
+        return "" if alert is None else f" {alert.robot}: {with_hint(alert.text, alert.hint)}"
+
+    noted = change_history(history_file(arguments.history, arguments.ops), add)
+    stream.write(readable(f"{printable(f'note on #{arguments.id}{noted}')}\n", stream))
+    stream.flush()

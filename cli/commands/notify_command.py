@@ -1,0 +1,193 @@
+"""`robot-health notify`: sends a test notification to every target of an ops.yaml, without the queue."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+import threading
+import time
+from typing import Callable, Dict, Iterator, NamedTuple, Optional, Sequence
+
+from ...core.config.yaml_file import read_yaml
+from ...core.nodes.node import host_name
+from ...core.values.errors import ConfigError
+from ...core.values.formatting import duration_text, printable
+from ...core.values.model import Level
+from ...ops.configuration import TargetSettings, read_ops
+from ...ops.notify.alertmanager import ALERT, REPEAT_EVERY_S
+from ...ops.notify.notifier import make_sender
+from ...ops.notify.sender import DeliveryError, Notification, Sender
+from ...ops.notify.webhook import HttpTarget
+from ...runtime.interrupts import Interrupts
+from ..arguments import Parser, duration, number_or_nan
+from ..exit_codes import ExitCode
+
+_ALERTMANAGER_HOLD_S = 60.0
+"""How long a test alert stays at Alertmanager by default, in s: it notifies after its `group_wait`, default 30 s."""
+
+_POLL_PERIOD_S = 0.2
+
+_FURTHER_S = 30.0  # how long a target may take beyond its timeouts, for instance to resolve a host name
+
+
+def add_arguments(parser: Parser) -> None:
+    """Adds the arguments of the command."""
+    parser.description = (
+        "Sends a test alert to every target of an ops.yaml, then resolves it, and reports each response."
+    )
+    parser.add_argument("file", metavar="FILE", help="an ops.yaml")
+    parser.add_argument(
+        "--hold",
+        metavar="TIME",
+        type=_hold,
+        help="how long the test alert stays, such as 90s or 0 (default: 60s at alertmanager, which notifies after its "
+        "group_wait, and 0 at all other targets)",
+    )
+
+
+def _hold(text: str) -> float:
+    number = number_or_nan(text)  # 0, and seconds without their unit
+    hold_s = duration(text) if math.isnan(number) else number
+    if not 0.0 <= hold_s <= 86_400.0:
+        raise argparse.ArgumentTypeError(f"expected a duration of at most a day, such as 90s, got {text!r}")
+    return hold_s
+
+
+def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
+    """Sends a test alert to every target at once, resolves it, and writes a line per target in the order of the file.
+
+    Returns whether all accepted it, as the exit code; raises ConfigError if the file cannot be used, or has no targets.
+    """
+    targets = read_ops(read_yaml(arguments.file)).notify
+    if not targets:
+        raise ConfigError("expected targets in the section notify, got none", file=arguments.file)
+    code = ExitCode.SUCCESS
+    for trial in _try_all(targets, arguments.hold, interrupts):
+        if not trial.succeeded:
+            code = ExitCode.FAILED
+        _write(f"{trial.name}: {'OK' if trial.succeeded else 'FAILED'}: {trial.text}")
+        if trial.warning:
+            sys.stderr.write(f"{printable(trial.warning)}\n")
+    return code
+
+
+def _write(line: str) -> None:
+    sys.stdout.write(f"{printable(line)}\n")
+    sys.stdout.flush()
+
+
+class Trial(NamedTuple):
+    """How a target responded to a test."""
+
+    name: str
+    succeeded: bool
+    text: str  # one line: where the target is, and its response or the failure; no secrets
+    warning: str = ""  # one line about the target that is no failure; empty: none
+
+
+def _try_all(targets: Sequence[TargetSettings], hold_s: Optional[float], interrupts: Interrupts) -> Iterator[Trial]:
+    """Yields the trial of each target. The alert stays for `hold_s` (None: as the target needs) or until SIGINT."""
+    interrupts.defer()  # whenever it comes, the test alerts are resolved before the end
+    robot = host_name() or "robot"
+    stop = threading.Event()
+    trials: Dict[str, Trial] = {}
+
+    def held_s(target: TargetSettings) -> float:
+        by_default_s = _ALERTMANAGER_HOLD_S if target.type == "alertmanager" else 0.0
+        return by_default_s if hold_s is None else hold_s
+
+    def run(target: TargetSettings) -> None:
+        name = target.name
+        try:
+            trials[name] = try_target(target, robot, held_s(target), stop, lambda text: _write(f"{name}: {text}"))
+        except Exception as error:  # its text may contain a secret
+            trials[name] = Trial(name, False, f"internal error: {type(error).__name__}")
+
+    threads = [threading.Thread(target=run, args=(target,), daemon=True) for target in targets]
+    for thread in threads:
+        thread.start()
+    for target, thread in zip(targets, threads):
+        limit_s = 3.0 * target.timeout_s + _FURTHER_S
+        end_s = time.monotonic() + held_s(target) + limit_s
+        while thread.is_alive() and not interrupts.came and time.monotonic() < end_s:
+            thread.join(_POLL_PERIOD_S)
+        if interrupts.came:
+            stop.set()
+            thread.join(limit_s)
+        yield trials.get(target.name) or Trial(target.name, False, "no response")
+
+
+def try_target(
+    settings: TargetSettings,
+    robot: str,
+    hold_s: float = 0.0,
+    stop: Optional[threading.Event] = None,
+    on_firing: Callable[[str], object] = lambda text: None,
+    wall_time_s: Callable[[], float] = time.time,
+) -> Trial:
+    """Sends a test alert of the target's `min_level` for the signal `test`, then resolves it; calls a heartbeat once.
+
+    The alert stays for `hold_s`, or until `stop`; then `on_firing` receives a line that says what to look for.
+    """
+    target = HttpTarget(settings) if settings.type == "heartbeat" else make_sender(settings, wall_time_s)
+    try:
+        if isinstance(target, Sender):
+            begin_s = wall_time_s()
+            firing = Notification(_transition(robot, Level.OK, settings.min_level), False, begin_s, is_test=True)
+            response = _send(target, firing)
+            sent, hint = 2, f': look for "{firing.text}" and its end'
+            if hold_s > 0.0:
+                on_firing(f"firing: {target.place}: {response}; {_what_to_look_for(settings, firing, hold_s)}")
+                sent, hint = sent + _hold_alert(hold_s, stop or threading.Event(), firing, target), ""
+            ended = _transition(robot, settings.min_level, Level.OK)
+            at_s = max(wall_time_s(), begin_s)
+            target.send(Notification(ended, True, at_s, before=firing.sent, is_test=True))
+            response += f"; {sent} messages sent{hint}"
+        else:
+            response = target.deliver(None)
+    except DeliveryError as error:
+        return Trial(settings.name, False, f"{target.place}: {error}", target.warning)
+    return Trial(settings.name, True, f"{target.place}: {response}", target.warning)
+
+
+def _what_to_look_for(settings: TargetSettings, firing: Notification, hold_s: float) -> str:
+    text = f'look for "{firing.text}"; it is resolved in {duration_text(hold_s)}'
+    if settings.type == "alertmanager":
+        text += (
+            ". Alertmanager notifies after its group_wait (default 30 s), or its group_interval (default 5 min) if the "
+            "group has an alert already (then --hold 6m); its page shows "
+            f"alertname={ALERT}, robot={firing.robot}, signal=test"
+        )
+    return text
+
+
+def _hold_alert(hold_s: float, stop: threading.Event, firing: Notification, target: Sender) -> int:
+    """Waits; repeats the alert to a target that needs it, and returns how often. Raises DeliveryError."""
+    end_s = time.monotonic() + hold_s
+    repeated = 0
+    while not stop.wait(max(0.0, min(REPEAT_EVERY_S, end_s - time.monotonic()))) and time.monotonic() < end_s:
+        if target.repeat_every_s is not None:
+            target.send(firing)
+            repeated += 1
+    return repeated
+
+
+def _send(target: Sender, firing: Notification) -> str:
+    """Sends, and again if the target's first response corrected something on this side, such as the clock."""
+    try:
+        return target.send(firing)
+    except DeliveryError as error:
+        if not error.is_corrected:
+            raise
+        return target.send(firing)
+
+
+def _transition(robot: str, from_level: Level, to_level: Level) -> Dict[str, object]:
+    """Returns a transition with the fields of `--json`."""
+    text = f"test {to_level.name}: test notification of robot-health notify, nothing is wrong"
+    return {
+        "signal": "test", "from_level": from_level.name, "to_level": to_level.name, "value": None, "statistic": "last",
+        "bound": None, "now_s": 0.0, "since_s": 0.0, "robot": robot, "fingerprint": "0" * 16, "text": text,
+        "statistics": {}, "repeat": False, "hint": "", "black_box": "", "alert_id": 0,
+    }  # fmt: skip

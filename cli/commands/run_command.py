@@ -1,0 +1,96 @@
+"""`robot-health run`: the monitor in this process, without ROS."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Optional
+
+from ...core.config.yaml_file import read_yaml
+from ...core.port.middleware import Severity
+from ...ops.configuration import ServerOptions
+from ...runtime.interrupts import Interrupts
+from ..arguments import Parser, add_monitoring_options, add_token_file, find_installed, port, robot_name
+from ..embedded import EmbeddedMonitor, sections_of_nodes
+from ..monitor_process import MonitorProcess, choose_output
+from ..operations import configured_ops
+from ..serving import ServerSettings, node_settings
+
+
+def add_arguments(parser: Parser) -> None:
+    """Adds the arguments of the command."""
+    parser.description = (
+        "Runs battery_sensor, aggregator and alert_system in one process, without ROS, and serves them to "
+        "rosbridge clients. Shows a live table on a terminal and plain lines in a pipe."
+    )
+    parser.add_argument(
+        "--robot", metavar="NAME", type=robot_name, default="", help="name of the robot (default: the host name)"
+    )
+    parser.add_argument(
+        "--source",
+        choices=("simulated", "host", "none"),
+        default="",
+        help="source of the metrics: simulated, this machine, or none, if clients publish them "
+        "(default: as configured)",
+    )
+    parser.add_argument(
+        "--port", type=port, help="port of the rosbridge server; 0 picks a free one (default: as configured, or 9090)"
+    )
+    parser.add_argument(
+        "--host",
+        metavar="ADDRESS",
+        default="",
+        help="address of the rosbridge server (default: as configured, or 127.0.0.1); any other one requires a token",
+    )
+    add_token_file(parser, "--token-file", "that clients must present")
+    parser.add_argument(
+        "--origin", action="append", default=[], metavar="URL", help="web page that may connect (repeatable)"
+    )
+    for verb, noun in (("publish", "publish on topics"), ("call", "call services"), ("offer", "offer services")):
+        parser.add_argument(
+            f"--allow-{verb}",
+            action="append",
+            default=[],
+            metavar="PATTERN",
+            help=f"clients may {noun} that match; * and ? as in file names (repeatable; default: none)",
+        )
+    add_monitoring_options(parser)
+
+
+def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
+    """Runs the monitor until an interrupt, or for `--duration`; then the exit code says if there were alerts."""
+    interrupts.take_hangups()
+    file = arguments.thresholds or find_installed("config/thresholds.yaml")
+    output = choose_output(arguments.json)
+    thresholds = read_yaml(file) if file else None
+    parameters = {} if thresholds is None else sections_of_nodes(thresholds)["alert_system"].tree
+    options = ServerOptions(
+        arguments.port,
+        arguments.host,
+        arguments.token_file,
+        allow_publish=tuple(arguments.allow_publish),
+        allow_call=tuple(arguments.allow_call),
+        allow_offer=tuple(arguments.allow_offer),
+    )
+    with MonitorProcess(
+        output,
+        interrupts,
+        ops_file=arguments.ops or configured_ops(parameters),
+        name="rosbridge",
+        least=Severity[arguments.log_level],
+    ) as process:
+        monitor = EmbeddedMonitor(
+            thresholds,
+            robot=arguments.robot,
+            source=arguments.source,
+            on_log=process.events.on_log,
+            outlet=process.events.outlet("alert_system"),
+            start_alert_system=process.operations.start_only,
+        )
+
+        def read_settings(section: Optional[ServerOptions]) -> ServerSettings:
+            config = monitor.alert_system.monitor.config
+            return node_settings(config, section, options, arguments.origin, tokens=process.tokens)
+
+        return process.run(
+            monitor, read_settings, requires_server=arguments.port is not None, duration_s=arguments.duration
+        )

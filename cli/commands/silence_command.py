@@ -1,0 +1,217 @@
+"""`robot-health silence`: the silences in a history file, beside a running monitor or without one."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sqlite3
+import sys
+import time
+from typing import Any, Dict, List, Optional, Sequence, TextIO
+
+from ...core.values.formatting import printable
+from ...ops.store.matchers import matchers_text, parse_matchers
+from ...ops.store.recurrence import parse_recurrence
+from ...ops.store.silences import (
+    Alert,
+    Silence,
+    add_silence,
+    expire_silence,
+    open_alerts,
+    read_silences,
+    silenced_transitions,
+    time_text,
+)
+from ...runtime.interrupts import Interrupts
+from ..arguments import Parser, duration, identifier
+from ..exit_codes import ExitCode
+from ..history.history_file import (  # fmt: skip
+    add_author,
+    add_history_options,
+    author_of,
+    change_history,
+    history_file,
+    iso_time,
+    reading_history,
+)
+from ..output.lines import plain_table
+
+_SHOWN_S = 86_400.0
+"""How long ago a silence may have ended to be listed without --all."""
+_MOST_NAMED = 5
+_HEAD = ("id", "state", "open", "alerts", "matchers", "reason", "author")
+
+
+def add_arguments(parser: Parser) -> None:
+    """Adds the arguments of the command."""
+    parser.description = (
+        "Silences suppress notifications only: silenced alerts stay visible, marked as silenced. They are "
+        "stored in the history file, where a running monitor finds them within about a second."
+    )
+    actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True, parser_class=Parser)
+    add = actions.add_parser(
+        "add",
+        help="add a silence",
+        description="Adds a silence. With --for and --until-resolved it ends with whichever comes first.",
+    )
+    add.add_argument(
+        "matchers",
+        metavar="MATCHERS",
+        help="which alerts, such as robot=r3,signal=battery* (labels robot and signal, = and !=, * and ? as in file "
+        "names)",
+    )
+    add.add_argument("--for", dest="for_s", metavar="TIME", type=duration, help="how long: 30m, 1h30m, 7d")
+    add.add_argument(
+        "--until-resolved",
+        action="store_true",
+        help="acknowledge: only the alerts that are open now, each until it resolves",
+    )
+    add.add_argument(
+        "--every",
+        metavar="RULE",
+        help='a time that comes again, such as "mon-fri 22:00-06:00" or "20:00-06:00"; an end before the begin is the '
+        "next day",
+    )
+    add.add_argument("--timezone", metavar="ZONE", help="of --every, such as Europe/Berlin (default: this machine's)")
+    add.check = _check_end
+    lists = actions.add_parser(
+        "list",
+        help="list silences, and how many alerts each silences",
+        description="Lists active silences, and silences that ended within a day. `open`: alerts that it silences now. "
+        "`alerts`: those that it has silenced so far.",
+    )
+    lists.add_argument("--all", action="store_true", help="also those that ended earlier")
+    lists.add_argument("--json", action="store_true", help="one JSON object per silence")
+    expire = actions.add_parser("expire", help="end silences now", description="Ends silences now.")
+    expire.add_argument("ids", metavar="ID", type=_silence_id, nargs="+", help="as shown by `list`")
+    for change, why in ((add, "why, shown with the alerts"), (expire, "why, shown in the history")):
+        change.add_argument("--reason", metavar="TEXT", default="", help=why)
+        add_author(change)
+    for action in (add, lists, expire):
+        add_history_options(action)
+
+
+def _check_end(arguments: argparse.Namespace) -> str:
+    if arguments.timezone is not None and arguments.every is None:
+        return "--timezone: expected --every as well"
+    is_ended = arguments.for_s is not None or arguments.until_resolved or arguments.every is not None
+    return "" if is_ended else "expected --for TIME, --until-resolved or --every RULE, got neither"
+
+
+def _silence_id(text: str) -> int:
+    return identifier(text, "the id of a silence")
+
+
+def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
+    """Adds, lists or expires silences; returns the exit code."""
+    silence(arguments)
+    return ExitCode.SUCCESS
+
+
+def silence(arguments: argparse.Namespace, stream: Optional[TextIO] = None, now_s: Optional[float] = None) -> None:
+    """Adds, lists or expires silences, and prints to a stream (None: stdout); `now_s`: None: the system's time.
+
+    Raises:
+        ConfigError: the file cannot be used, or what is asked for is not possible.
+    """
+    stream = stream or sys.stdout
+    now_s = time.time() if now_s is None else now_s
+    file = history_file(arguments.history, arguments.ops)
+    if arguments.action == "list":
+        with reading_history(file) as connection:
+            lines = _list(connection, arguments, now_s)
+    else:
+        change = _add if arguments.action == "add" else _expire
+        lines = change_history(file, lambda connection: change(connection, arguments, now_s))
+    for line in lines:
+        stream.write(f"{printable(line)}\n")
+    stream.flush()
+
+
+def _add(connection: sqlite3.Connection, arguments: argparse.Namespace, now_s: float) -> List[str]:
+    added = add_silence(
+        connection,
+        parse_matchers(arguments.matchers),
+        now_s,
+        for_s=arguments.for_s,
+        until_resolved=arguments.until_resolved,
+        every=None if arguments.every is None else parse_recurrence(arguments.every, arguments.timezone or ""),
+        reason=arguments.reason,
+        author=author_of(arguments),
+    )
+    is_in_force = added.in_force(now_s)
+    covered = [alert for alert in open_alerts(connection) if is_in_force and added.covers(*alert)]
+    lines = [f"silence {added.id}: {matchers_text(added.matchers)}, {_state(added, now_s)}; {_open_text(covered)}"]
+    known = connection.execute("SELECT robot, signal FROM signal_states")
+    if not covered and not any(added.matches(*row) for row in known):
+        lines.append(f"so far, no signal in this history matches {matchers_text(added.matchers)}")
+    return lines
+
+
+def _list(connection: sqlite3.Connection, arguments: argparse.Namespace, now_s: float) -> List[str]:
+    stored = [each.seen_at(now_s) for each in read_silences(connection)]
+    found = sorted(stored, key=lambda each: (not each.is_active(now_s), -each.id))
+    if not arguments.all:
+        found = [each for each in found if each.is_active(now_s) or now_s - each.end_s(now_s) < _SHOWN_S]
+    opened = open_alerts(connection)
+    rows = []
+    for each in found:
+        is_in_force = each.in_force(now_s)
+        is_open = sum(is_in_force and each.covers(*alert) for alert in opened)
+        rows.append((each, is_open, silenced_transitions(connection, each, now_s)))
+    if arguments.json:
+        return [json.dumps(_as_json(each, now_s, is_open, alerts)) for each, is_open, alerts in rows]
+    if not rows:
+        return ["no silences" if arguments.all else "no active silences"]
+    shown = [
+        (
+            str(each.id), _state(each, now_s), str(is_open), str(alerts), matchers_text(each.matchers), each.reason,
+            each.author,
+        )
+        for each, is_open, alerts in rows
+    ]  # fmt: skip
+    return plain_table([_HEAD, *shown], len(_HEAD))
+
+
+def _expire(connection: sqlite3.Connection, arguments: argparse.Namespace, now_s: float) -> List[str]:
+    lines = []
+    for number in arguments.ids:
+        expired = expire_silence(connection, number, now_s, reason=arguments.reason, author=author_of(arguments))
+        lines.append(f"silence {number} ended: {matchers_text(expired.matchers)}")
+    return lines
+
+
+def _state(each: Silence, now_s: float) -> str:
+    if not each.is_active(now_s):
+        return f"ended {time_text(each.end_s(now_s))}" + (f" by {each.ended_by}" if each.ended_by else "")
+    return each.end_text(time_text) + ("" if each.in_force(now_s) else "; not in force now")
+
+
+def _open_text(alerts: Sequence[Alert]) -> str:
+    if not alerts:
+        return "no open alert matches now"
+    names = [f"{robot} {signal}" for robot, signal in alerts[:_MOST_NAMED]]
+    more = [f"{len(alerts) - _MOST_NAMED} more"] if len(alerts) > _MOST_NAMED else []
+    return f"{len(alerts)} open alert{'s' if len(alerts) > 1 else ''}: {', '.join(names + more)}"
+
+
+def _as_json(each: Silence, now_s: float, is_open: int, alerts: int) -> Dict[str, Any]:
+    active = each.is_active(now_s)
+    return {
+        "id": each.id,
+        "state": "active" if active else "ended",
+        "matchers": matchers_text(each.matchers),
+        "reason": each.reason,
+        "author": each.author,
+        "since": iso_time(each.created_s),
+        "until": None if each.until_s is None else iso_time(each.until_s),
+        "until_resolved": each.until_resolved,
+        "every": None if each.every is None else each.every.text,
+        "timezone": None if each.every is None else each.every.zone,
+        "in_force": each.in_force(now_s),
+        "ended": None if active else iso_time(each.end_s(now_s)),
+        "ended_by": each.ended_by,
+        "ended_reason": each.ended_reason,
+        "open_alerts": is_open,
+        "alerts": alerts,
+    }

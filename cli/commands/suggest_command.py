@@ -1,0 +1,34 @@
+"""`robot-health suggest`: thresholds from recordings of healthy robots."""
+
+from __future__ import annotations
+
+import argparse
+
+from ...core.values.errors import ServiceError
+from ...runtime.interrupts import Interrupts
+from ...runtime.libraries import RECORDINGS, libraries
+from ..arguments import INTERRUPTED, Parser, add_recordings
+from ..exit_codes import ExitCode
+
+
+def add_arguments(parser: Parser) -> None:
+    """Adds the arguments of the command."""
+    parser.description = (
+        "Writes a thresholds.yaml to stdout, with the evidence for each value: for the arrivals of every "
+        "periodic topic, the age of stamps, batteries, /diagnostics and every other number, or for the signals of "
+        "--thresholds."
+    )
+    add_recordings(parser)
+    parser.add_argument("--thresholds", metavar="FILE", help="suggest for the signals of this configuration")
+
+
+def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
+    """Writes the thresholds; returns the exit code."""
+    try:
+        with libraries(*RECORDINGS):
+            from ..threshold_study import suggest_thresholds
+
+        suggest_thresholds(arguments)
+    except KeyboardInterrupt:  # half a result must not look like success
+        raise ServiceError(INTERRUPTED) from None
+    return ExitCode.SUCCESS

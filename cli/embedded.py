@@ -1,0 +1,204 @@
+"""The monitor in one process, without ROS: the three nodes on a `LocalBus`, driven by an asyncio loop."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from functools import partial
+from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple
+
+from ..core.config.monitor_config import Section, find_section, list_sections, refuse_second_section
+from ..core.config.parameters import Parameter
+from ..core.config.yaml_file import YamlFile, read_yaml
+from ..core.nodes import Aggregator, AlertSystem, BatterySensor
+from ..core.nodes.aggregator import AGGREGATOR_PARAMETERS, has_inputs
+from ..core.nodes.outlets import Outlet
+from ..core.port.local import LocalBus, LocalMiddleware, LogLine
+from ..core.port.middleware import NOTHING_CHANGED, Severity
+from ..core.sensors.computer import Computer
+from ..core.sensors.configuration import METRICS
+from ..core.values.errors import ConfigError
+from ..core.values.faults import Fault, Faults
+from ..runtime.event_loops import run_in_daemon_thread
+from ..runtime.threads import DetachedCalls
+
+NODES = ("alert_system", "aggregator", "battery_sensor")
+"""The nodes that run here, by their names in a configuration file."""
+_KEPT_PERIODS = 3
+"""A system_health is shown for this many periods after it was published."""
+_PUBLISH_RATE: Parameter = next(parameter for parameter in AGGREGATOR_PARAMETERS if parameter.name == "publish_rate")
+
+
+class EmbeddedMonitor:
+    """battery_sensor, aggregator and alert_system on one bus."""
+
+    alert_system_pattern = "/alert_system"
+    """The full name of alert_system."""
+
+    def __init__(
+        self,
+        file: Optional[YamlFile] = None,
+        *,
+        robot: str = "",
+        source: str = "",
+        clock: Callable[[], float] = time.monotonic,
+        wall_time_s: Callable[[], float] = time.time,
+        on_log: Optional[Callable[[LogLine], None]] = None,
+        outlet: Optional[Outlet] = None,
+        start_alert_system: Callable[..., AlertSystem] = AlertSystem,
+    ) -> None:
+        """Starts the nodes; their timers run in `run`, or in `bus.run_due`. ConfigError names file and line.
+
+        `robot`, its name, and `source`, that of all metrics (simulated, host or none), replace those in the file.
+        `clock` gives monotonic s, `wall_time_s` s since 1970, for the stamps of messages. Without `on_log`, log lines
+        are kept in `bus.log_lines`; without `outlet`, transitions and notices are logged.
+        """
+        self.bus = LocalBus(on_log=on_log, wall_time_s=wall_time_s, clock=clock)
+        self._nodes: List[Any] = []
+        self._middlewares: Dict[str, LocalMiddleware] = {}
+        self._file = file
+        self._sections = {} if file is None else sections_of_nodes(file)
+        self._robot = robot
+        self._source = source
+        outlets = {} if outlet is None else {"output": outlet}
+        self.alert_system: AlertSystem = self._start(
+            "alert_system", lambda node: start_alert_system(node, outlets, log_alerts=outlet is None)
+        )
+        self.alert_systems: Sequence[AlertSystem] = (self.alert_system,)
+        if has_inputs({**self._section("aggregator").tree, "sensors": source}):
+            self._start("aggregator", Aggregator)
+        if source != "none":
+            computer = Computer(background=DetachedCalls("sources"))
+            # last: its first values have subscribers
+            self._start("battery_sensor", lambda node: BatterySensor(node, computer))
+        self._health: Optional[Tuple[float, float]] = None
+        listener = self.bus.node("output")
+        listener.subscribe("system_health", "std_msgs/Float32", self._note_health, field="data")
+        self._nodes.append(listener)
+
+    @property
+    def robots(self) -> Sequence[EmbeddedMonitor]:
+        """The one robot."""
+        return (self,)
+
+    def on_new_alert_system(self, callback: Callable[[AlertSystem], None]) -> None:
+        """Does nothing: there is one for the whole run."""
+
+    @property
+    def now_s(self) -> float:
+        """The time of the bus, in seconds."""
+        return self.bus.now_s
+
+    @property
+    def faults(self) -> Faults:
+        """The faults that alert_system reports."""
+        return self._middlewares["alert_system"].faults
+
+    def process_faults(self) -> Mapping[str, Fault]:
+        """Returns nothing: all faults are those of alert_system."""
+        return {}
+
+    def parameters(self) -> Mapping[str, Mapping[str, Any]]:
+        """Returns the parameters that were given, nested, by the full name of their node."""
+        return {node.name: node.given_parameters() for node in self.bus.nodes}
+
+    @property
+    def system_health(self) -> Optional[float]:
+        """The latest system_health; None: it is no longer published."""
+        if self._health is None:
+            return None
+        value, published_s = self._health
+        aggregator = self._middlewares.get("aggregator")
+        given = {} if aggregator is None else aggregator.given_parameters()
+        rate_hz = given.get(_PUBLISH_RATE.name, _PUBLISH_RATE.default)
+        return value if self.bus.now_s - published_s <= _KEPT_PERIODS / float(rate_hz) else None
+
+    async def run(self) -> None:
+        """Runs the timers of the nodes in real time until it is cancelled."""
+        await run_timers(self.bus)
+
+    async def reload(self) -> str:
+        """Reads the configuration file again; see `Reload`. A node that rejects it logs that, and keeps its values."""
+        if self._file is None:
+            return NOTHING_CHANGED
+        return self._use_file(await run_in_daemon_thread(partial(read_yaml, self._file.file)))
+
+    def log(self, severity: Severity, text: str) -> None:
+        """Logs a line of alert_system."""
+        self._middlewares["alert_system"].log(severity, text)
+
+    def close(self) -> None:
+        """Ends the nodes."""
+        for node in self._nodes:
+            node.close()
+
+    def _use_file(self, file: YamlFile) -> str:
+        sections = sections_of_nodes(file)
+        self._file, self._sections = file, sections
+        texts = {}
+        for name, middleware in self._middlewares.items():
+            try:
+                texts[name] = middleware.set_parameters(self._parameters(name))
+            except ConfigError as error:
+                texts[name] = ""
+                located = file.locate(error.below(self._section(name).path))
+                middleware.log(Severity.ERROR, f"not reloaded, the old configuration stays in force: {located}")
+        changes = {name: text for name, text in texts.items() if text not in ("", NOTHING_CHANGED)}
+        if not changes:
+            return "" if "" in texts.values() else NOTHING_CHANGED
+        return "; ".join(text if name == "alert_system" else f"{name}: {text}" for name, text in changes.items())
+
+    def _note_health(self, value: float, now_s: float) -> None:
+        self._health = value, now_s
+
+    def _section(self, node: str) -> Section:
+        return self._sections.get(node, Section((), {}))
+
+    def _start(self, name: str, make: Callable[[LocalMiddleware], Any]) -> Any:
+        middleware = self.bus.node(name, parameters=self._parameters(name))
+        try:
+            node = make(middleware)
+        except ConfigError as error:
+            middleware.close()
+            self.close()
+            path = self._section(name).path
+            if self._file is None or not path:
+                raise
+            raise self._file.locate(error.below(path)) from None
+        self._nodes.append(node)
+        self._middlewares[name] = middleware
+        return node
+
+    def _parameters(self, name: str) -> Mapping[str, Any]:
+        parameters: Dict[str, Any] = dict(self._section(name).tree)
+        if self._robot:
+            parameters["robot_name"] = self._robot
+        elif "alert_system" in self._sections:  # one robot: the file need not name it three times
+            parameters = {"robot_name": self._sections["alert_system"].tree.get("robot_name", ""), **parameters}
+        if name == "battery_sensor" and self._source:
+            for metric in METRICS:
+                section = parameters.get(metric, {})
+                if isinstance(section, Mapping):  # anything else is for the node to reject
+                    parameters[metric] = {**section, "source": self._source}
+        return parameters
+
+
+async def run_timers(bus: LocalBus) -> None:
+    """Runs the timers of a bus in real time, by the clock that it was given, until it is cancelled."""
+    while True:
+        bus.run_due(bus.now_s)
+        due_s = bus.next_due_s()
+        await asyncio.sleep(1.0 if due_s is None else max(0.0, due_s - bus.now_s))
+
+
+def sections_of_nodes(file: YamlFile) -> Dict[str, Section]:
+    """Returns the sections of a file by their nodes; ConfigError: alert_system has none, or one of `NODES` several."""
+    try:
+        found = list_sections(file.tree)
+        for node in NODES:
+            refuse_second_section(found, node)
+        alert_system = find_section(file.tree, "alert_system")
+    except ConfigError as error:
+        raise file.locate(error) from None
+    by_node = {section.node: section for section in found if section != alert_system}
+    return {**by_node, "alert_system": alert_system}

@@ -1,0 +1,237 @@
+"""Runs the executables of ROS 1 and ROS 2: wires nodes, adapter and rosbridge server, and chooses the exit code.
+
+Exit codes: SUCCESS when ended by a signal or by ROS, USAGE also without ROS, FAILED: a supervisor may start it again.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import traceback
+from contextlib import ExitStack, closing
+from functools import partial
+from typing import TYPE_CHECKING, Any, Callable, List, Mapping, Optional, Protocol, Sequence
+
+from ..runtime.interrupts import Interrupts
+from .exit_codes import ExitCode
+from .service_manager import ServiceManager
+from .standard_streams import StandardStreams
+
+# Slow imports are in functions: they run once Interrupts handles signals.
+if TYPE_CHECKING:
+    from ..core.nodes import AlertSystem
+
+_SHORTEST_PERIOD_S = 0.1
+"""Of signs of life to systemd, in s."""
+
+EXECUTABLES: Mapping[str, Sequence[str]] = {
+    "battery_sensor": ("battery_sensor",),
+    "aggregator": ("aggregator",),
+    "alert_system": ("alert_system",),
+    "health_monitor": ("alert_system", "aggregator", "battery_sensor"),
+}
+"""The nodes of each executable, in the order in which they start: alert_system must not miss the first values."""
+
+_LIBRARIES = {"ROS 1": ("rospy", "yaml"), "ROS 2": ("rclpy", "yaml")}
+
+Middleware = Any
+"""A `core.middleware.Middleware`; that module is imported later."""
+
+
+class Process(Protocol):
+    """This process as one or several ROS nodes; `ros1/process.py` and `ros2/process.py`."""
+
+    middlewares: List[Middleware]
+    """The middlewares of its nodes."""
+
+    def start(self) -> None:
+        """Connects to ROS; ConfigError: it cannot use the arguments or a file, ServiceError: it stopped answering."""
+
+    def create_node(self, name: str) -> Middleware:
+        """Creates the middleware of one node."""
+
+    def create_served_node(self, alert_system: Middleware) -> Middleware:
+        """Creates the node that a rosbridge server serves, in the namespace of alert_system."""
+
+    def recover_node(self, name: str, failed: Middleware) -> Optional[Middleware]:
+        """Creates a node again, with the parameters with which it ran last; None: no others are known."""
+
+    def locate(self, error: Any, middleware: Middleware) -> Any:
+        """Returns a ConfigError of a node, and its others, with file and line where the key comes from a file."""
+
+    def spin(self) -> str:
+        """Runs until the process is to end; returns why it failed, empty if it did not."""
+
+    def close(self) -> None:
+        """Closes every node and disconnects from ROS. May be called before `start`, and twice."""
+
+
+OpenProcess = Callable[[str, Interrupts], Process]
+"""Imports the adapter and returns the process of an executable, not started."""
+
+
+def run(executable: str, open_process: OpenProcess, *, ros: str, patience_s: Optional[float] = None) -> int:
+    """Runs one of `EXECUTABLES`; returns the exit code. `ros` names the middleware, `patience_s` is of `Interrupts`."""
+    with StandardStreams() as streams, Interrupts(patience_s) as interrupts:
+        try:
+            if {"-h", "--help"} & set(sys.argv[1:]):
+                from .executable_help import help_text
+
+                sys.stdout.write(help_text(executable, ros))
+                return ExitCode.SUCCESS
+            return _Running(executable, open_process(executable, interrupts), interrupts).run(streams)
+        except KeyboardInterrupt:
+            return ExitCode.SUCCESS
+        except ModuleNotFoundError as error:
+            from ..runtime.libraries import missing_libraries
+
+            missing = ", ".join(missing_libraries(error, *_LIBRARIES.get(ros, ())))
+            _print_error(executable, f"needs {ros}: no Python module {missing}; without ROS, use robot-health run")
+            return ExitCode.USAGE
+        except Exception as error:
+            place = traceback.extract_tb(error.__traceback__)[-1]
+            where = f"{os.path.basename(place.filename)}:{place.lineno}"
+            _print_error(executable, f"internal error: {type(error).__name__}: {error} ({where})")
+            return ExitCode.FAILED
+
+
+class _Running:
+    """A process with its nodes, and what is closed before and after them."""
+
+    def __init__(self, executable: str, process: Process, interrupts: Interrupts) -> None:
+        self._executable = executable
+        self._process = process
+        self._interrupts = interrupts
+        self._service_manager = ServiceManager()
+        self._before_nodes, self._after_nodes = ExitStack(), ExitStack()
+
+    def run(self, streams: StandardStreams) -> int:
+        """Runs the nodes; returns the exit code."""
+        from ..core.values.errors import ConfigError, ServiceError
+
+        process = self._process
+        with self._after_nodes, closing(process), self._before_nodes:
+            try:
+                process.start()
+                streams.on_change(self._report_stream)
+                alert_system = self._start_nodes()
+                if not process.middlewares:
+                    process.close()
+                    self._interrupts.wait_until(lambda: False)  # a launch file would report a process that ended
+                self._keep_alive(alert_system)
+                self._service_manager.ready()
+                failure = process.spin()
+                if failure:
+                    _print_error(self._executable, failure)
+                return ExitCode.FAILED if failure else ExitCode.SUCCESS
+            except ConfigError as error:
+                for one in error.all:
+                    _print_error(self._executable, str(one))
+                return ExitCode.USAGE
+            except ServiceError as error:
+                _print_error(self._executable, str(error))
+                return ExitCode.FAILED
+            finally:
+                self._service_manager.stopping()
+
+    def _start_nodes(self) -> Optional[AlertSystem]:
+        """Starts the nodes and, with alert_system, its operations and its rosbridge server; returns alert_system."""
+        alert_system: Optional[AlertSystem] = None
+        for name in EXECUTABLES[self._executable]:
+            self._interrupts.check()
+            others = self._process.middlewares
+            if name == "battery_sensor" and others and others[0].given_parameters().get("sensors") == "none":
+                continue
+            alert_system = self._start_node(name) or alert_system
+        return alert_system
+
+    def _start_node(self, name: str) -> Optional[AlertSystem]:
+        """Starts a node; if it refuses its parameters, with those with which it ran last. Returns alert_system."""
+        from ..core.port.middleware import Severity
+        from ..core.values.errors import ConfigError
+        from ..core.values.faults import PARAMETERS_FAULT
+
+        middleware = self._process.create_node(name)
+        try:
+            return self._start(name, middleware)
+        except ConfigError as error:
+            recovered = self._process.recover_node(name, middleware)
+            if recovered is None:
+                raise
+            alert_system = self._start(name, recovered)
+            text = f"started with the last good ones: {error}"
+            recovered.faults.report(PARAMETERS_FAULT, text)
+            if name != "alert_system":  # which logs its faults
+                recovered.log(Severity.ERROR, f"{PARAMETERS_FAULT}: {text}")
+            return alert_system
+
+    def _start(self, name: str, middleware: Middleware) -> Optional[AlertSystem]:
+        from ..core.nodes import Aggregator, BatterySensor
+        from ..core.nodes.aggregator import has_inputs
+        from ..core.port.middleware import Severity
+        from ..core.sensors.computer import Computer
+        from ..core.values.errors import ConfigError
+        from ..runtime.threads import DetachedCalls
+
+        try:
+            if name == "alert_system":
+                return self._start_alert_system(middleware)
+            if name == "battery_sensor":
+                BatterySensor(middleware, Computer(background=DetachedCalls("sources")))
+            elif has_inputs(middleware.given_parameters()):
+                Aggregator(middleware)
+            else:
+                text = "aggregator is not started: sensors is none, and no inputs are configured"
+                middleware.log(Severity.INFO, text)
+                middleware.close()
+                self._process.middlewares.remove(middleware)
+        except ConfigError as error:
+            raise (error if error.file else self._process.locate(error, middleware)) from None
+        return None
+
+    def _start_alert_system(self, middleware: Middleware) -> AlertSystem:
+        parameters = middleware.given_parameters()
+        self._after_nodes.close()  # the operations of a first attempt
+        if not (parameters.get("ops") or parameters.get("rosbridge_port")):
+            from ..core.nodes import AlertSystem
+
+            alert_system = AlertSystem(middleware)
+            self._before_nodes.callback(alert_system.save_state)
+            return alert_system
+        # Imported only where they are used: they take a megabyte of a small robot's memory.
+        from .operations import configured_ops, open_operations
+
+        operations = open_operations(configured_ops(parameters))
+        self._after_nodes.callback(operations.close)
+        alert_system = operations.start_only(middleware)
+        self._before_nodes.callback(alert_system.save_state)
+        if operations.config.server or alert_system.monitor.config.rosbridge_port:
+            from .serving import serve_in_thread
+
+            create_node = partial(self._process.create_served_node, middleware)
+            server = serve_in_thread(create_node, middleware, alert_system, operations)
+            if server is not None:
+                self._before_nodes.callback(server.close)
+        return alert_system
+
+    def _keep_alive(self, alert_system: Optional[AlertSystem]) -> None:
+        """Sends signs of life to systemd, if it asks for them, while the callbacks of a node run."""
+        period_s = self._service_manager.watchdog_period_s
+        if period_s is not None:
+
+            def send(now_s: float) -> None:
+                self._service_manager.alive(0.0 if alert_system is None else alert_system.tick_age_s)
+
+            period_s = max(_SHORTEST_PERIOD_S, period_s / 2.0)
+            self._process.middlewares[0].create_timer(period_s, send, steady=True)
+
+    def _report_stream(self, stream: str, problem: str) -> None:
+        for middleware in tuple(self._process.middlewares):
+            if problem:
+                middleware.faults.report(stream, problem)
+            else:
+                middleware.faults.clear(stream)
+
+
+def _print_error(executable: str, text: str) -> None:
+    sys.stderr.write(f"{executable}: {' '.join(text.split())}\n")

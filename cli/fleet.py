@@ -1,0 +1,377 @@
+"""Robots that are watched over bridges: one connection and one alert_system per robot, in one event loop.
+
+fleet.yaml can be read again at any time (`reload`): only what differs is changed. What the robots' alert_systems
+publish stays in this process, on `Fleet.bus`, from where a server can serve it; nothing is published on the robots.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import re
+import time
+from dataclasses import replace
+from typing import Callable, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
+
+from ..core.nodes import AlertSystem
+from ..core.nodes.node import host_name
+from ..core.nodes.outlets import Outlet, array_message
+from ..core.nodes.self_monitor import CHECK_PERIOD_S, EMPTY_REPORT, SelfMonitor, SelfReport
+from ..core.port.local import LocalBus, LocalMiddleware, LogLine
+from ..core.port.log_limit import LimitedLog
+from ..core.port.middleware import NOTHING_CHANGED, Severity
+from ..core.values.elements import ARRAY_TYPE
+from ..core.values.errors import ConfigError
+from ..core.values.formatting import list_text, printable
+from ..runtime.bridge.address import is_foxglove
+from ..runtime.bridge.cause import Cause
+from ..runtime.bridge.node import BridgeNode
+from ..runtime.event_loops import run_in_daemon_thread
+from .bridges import bridge_client
+from .embedded import run_timers
+from .fleet_configuration import FleetReader, RobotSettings
+
+NODE = "connect"
+"""Name of the node that reports on this process: its status on /diagnostics is `connect: monitor`."""
+
+_DIAGNOSTICS = "/diagnostics"
+_START_PERIOD_S = 0.005
+"""Between the first attempts of two robots: a fleet that connects at once would answer its own handshakes late."""
+_RESTART_S = 5.0
+_MOST_NAMES = 5
+"""Most robots that are named one by one in the log: at the start, and in a line about a reload."""
+
+StartAlertSystem = Callable[..., AlertSystem]
+"""Creates an alert_system, as the class itself does, with what the process adds, such as a history."""
+
+
+class Fleet:
+    """All robots of one process."""
+
+    system_health: Optional[float] = None
+    """Not defined for several robots."""
+    alert_system_pattern = "/*/alert_system"
+    """The full names of the alert_systems on `bus`; `*` as in file names."""
+
+    def __init__(
+        self,
+        reader: FleetReader,
+        *,
+        clock: Callable[[], float],
+        on_log: Callable[[LogLine], None],
+        outlet: Callable[[str], Outlet],
+        start: StartAlertSystem = AlertSystem,
+        self_report: SelfReport = EMPTY_REPORT,
+    ) -> None:
+        """Creates the robots; `run` connects to them. ConfigError: the configuration cannot be used.
+
+        `clock` gives monotonic s. `on_log` gets every log line; its node is the robot's name, or `connect`. So is the
+        name for which `outlet` returns what receives transitions and notices. `self_report` is shown of the process.
+        """
+        self._reader = reader
+        self._clock = clock
+        self._outlet = outlet
+        self._start_alert_system = start
+        self.bus = LocalBus(on_log=on_log, wall_time_s=time.time, clock=clock)
+        """Where the robots' alerts, statuses and `reset` services are: /alerts, /diagnostics, /ROBOT/alert_system."""
+        self._node = self.bus.node(NODE)
+        self.log = self._node.log
+        """Logs a line about the process."""
+        self.faults = self._node.faults
+        """What does not work in this process, besides the robots' own."""
+        self.process_faults = self.faults.current
+        """Returns the same, by part."""
+        self._node.advertise(_DIAGNOSTICS, ARRAY_TYPE)
+        self.robots: List[Robot] = []
+        """The robots that are watched now, in the order of the configuration."""
+        self.on_change: List[Callable[[Sequence[Robot], Sequence[Robot]], object]] = []
+        """Called in the loop with the robots that were added and those that were removed."""
+        self._tasks: Dict[Robot, asyncio.Future[None]] = {}
+        self._is_running = False
+        self_report = replace(
+            self_report,
+            signals=self._count_signals,
+            robots=lambda: len(self.robots),
+            unreachable=lambda: sum(not robot.connected for robot in self.robots),
+        )
+        self._self_monitor = SelfMonitor(self._node, host_name(), CHECK_PERIOD_S, outlet(NODE), self_report)
+        self._node.create_timer(CHECK_PERIOD_S, self._check)
+        found = reader.read()
+        try:
+            for settings in found:
+                self.robots.append(self._create(settings, log_details=len(found) == 1))
+        except ConfigError:
+            self.close()
+            raise
+        if len(found) > _MOST_NAMES:
+            self.log(Severity.INFO, f"watching {len(self.robots)} robots, {self._count_signals()} signals")
+        elif len(found) > 1:
+            for robot in self.robots:
+                robot.log_summary()
+
+    def on_new_alert_system(self, callback: Callable[[AlertSystem], None]) -> None:
+        """Calls back in the loop with the alert_system of each robot that is added."""
+
+        def call(added: Sequence[Robot], removed: Sequence[Robot]) -> None:
+            for robot in added:
+                callback(robot.alert_system)
+
+        self.on_change.append(call)
+
+    @property
+    def alert_systems(self) -> Sequence[AlertSystem]:
+        """Those of the robots that are watched now."""
+        return [robot.alert_system for robot in self.robots]
+
+    def check_own_faults(self) -> None:
+        """Raises ConfigError if a robot cannot be reached until the configuration on this side is corrected."""
+        for robot in self.robots:
+            if robot.cause is not None and robot.cause.own_fault:
+                raise ConfigError(f"{robot.name}: {robot.cause.text}")
+
+    def parameters(self) -> Mapping[str, Mapping[str, object]]:
+        """Returns the parameters that were given to the robots' alert_systems, by the full name of their node."""
+        return dict(robot.parameters() for robot in self.robots)
+
+    async def run(self) -> None:
+        """Keeps the connections up until it is cancelled."""
+        self._is_running = True
+        self._start(self.robots)
+        timers = asyncio.ensure_future(run_timers(self.bus))
+        try:
+            await timers
+        finally:
+            tasks = {timers, *self._tasks.values()}
+            for task in tasks:
+                task.cancel()
+            await asyncio.wait(tasks)
+
+    async def reload(self) -> str:
+        """Reads the configuration again and applies what differs; see `Reload`. ConfigError: nothing has changed."""
+        return self.apply(await run_in_daemon_thread(self._reader.read))
+
+    def apply(self, settings: Sequence[RobotSettings]) -> str:
+        """Makes the robots those of `settings`; returns what changed. Called in the loop."""
+        known = {robot.name: robot for robot in self.robots}
+        wanted = {new.name: new for new in settings}
+        changes: Dict[str, List[str]] = {}
+        ended = [robot for name, robot in known.items() if name not in wanted]
+        removed = [robot.name for robot in ended]
+        replaced = []
+        for name, new in wanted.items():
+            if name not in known or known[name].settings == new:
+                continue
+            try:
+                changes.setdefault(known[name].change(new), []).append(name)
+            except ConfigError:
+                ended.append(known[name])
+                replaced.append(name)
+        for robot in ended:
+            robot.end()
+            if robot in self._tasks:
+                self._tasks.pop(robot).cancel()
+            del known[robot.name]
+        added = {name: self._create(new) for name, new in wanted.items() if name not in known}
+        if len(added) <= _MOST_NAMES:
+            for robot in added.values():
+                robot.log_summary()
+        self.robots = [known[name] if name in known else added[name] for name in wanted]
+        if self._is_running:
+            self._start(added.values())
+        if added or ended:
+            for callback in self.on_change:
+                self.faults.guard("change of the fleet", callback, list(added.values()), ended)
+        new_names = [name for name in added if name not in replaced]
+        named = (("added", new_names), ("removed", removed), ("started anew", replaced))
+        texts = [f"{change} {_names_text(names)}" for change, names in named if names]
+        texts += [f"{_names_text(names)}: {change}" for change, names in changes.items()]
+        return "; ".join(texts) or NOTHING_CHANGED
+
+    def close(self) -> None:
+        """Ends every robot's alert_system and connection; open alerts stay open."""
+        for robot in self.robots:
+            robot.close()
+        self._node.close()
+
+    def _count_signals(self) -> int:
+        return sum(len(alert_system.monitor.config.signals) for alert_system in self.alert_systems)
+
+    def _create(self, settings: RobotSettings, *, log_details: bool = False) -> Robot:
+        namespace = re.sub(r"\W", "_", settings.name, flags=re.ASCII)
+        namespace = namespace if namespace[:1].isalpha() else f"robot_{namespace}"
+        taken = {node.name for node in self.bus.nodes}
+        while f"/{namespace}/alert_system" in taken:
+            namespace += "_"
+        outputs = self.bus.node("alert_system", namespace=namespace, remap={"alerts": "/alerts"})
+        try:
+            return Robot(
+                settings,
+                outputs=outputs,
+                clock=self._clock,
+                on_log=self.bus.log,
+                outlet=self._outlet(settings.name),
+                log_details=log_details,
+                start=self._start_alert_system,
+            )
+        except ConfigError:
+            outputs.close()
+            raise
+
+    def _start(self, robots: Iterable[Robot]) -> None:
+        for number, robot in enumerate(robots):
+            self._tasks[robot] = asyncio.ensure_future(robot.run(number * _START_PERIOD_S))
+
+    def _check(self, now_s: float) -> None:
+        self._self_monitor.find_pause(now_s)
+        self._self_monitor.note_tick(now_s)
+        self._self_monitor.check(sum(alert_system.samples for alert_system in self.alert_systems))
+        if self._node.has_listeners(_DIAGNOSTICS):
+            self._node.publish(_DIAGNOSTICS, array_message([self._self_monitor.status()], NODE))
+
+
+def _names_text(names: Sequence[str]) -> str:
+    return ", ".join(names) if len(names) <= _MOST_NAMES else f"{len(names)} robots"
+
+
+class Robot:
+    """The connection to one robot, which publishes and offers nothing there, and the alert_system that judges it."""
+
+    def __init__(
+        self,
+        settings: RobotSettings,
+        *,
+        outputs: LocalMiddleware,
+        clock: Callable[[], float],
+        on_log: Callable[[LogLine], None],
+        outlet: Outlet,
+        log_details: bool,
+        start: StartAlertSystem,
+    ) -> None:
+        """Starts the alert_system; `run` connects. Raises ConfigError if the configuration cannot be used.
+
+        The node `outputs`, which is closed at the end, publishes what the alert_system announces, and offers its
+        services. With `log_details`, all that alert_system logs at its start is logged; else only warnings.
+        """
+
+        def log(line: LogLine) -> None:
+            if log_details or started or line.severity > Severity.INFO:
+                on_log(line._replace(node=settings.name))
+
+        started = False
+        self.name = settings.name
+        self.settings = settings
+        self.cause: Optional[Cause] = None
+        """Why the connection is down; None while it is up and before the first attempt."""
+        self.connected = False
+        """Whether the connection is up."""
+        self._closed = False
+        self._outputs = outputs
+        self._client = bridge_client(
+            settings.url,
+            token=settings.token,
+            ssl_context=settings.ssl_context,
+            clock=clock,
+            on_log=log,
+            on_link=self._note_link,
+        )
+        self._log = LimitedLog(self._client.log, clock)
+        self._node: BridgeNode = self._client.node(
+            "alert_system",
+            namespace=settings.namespace,
+            parameters=_parameters(settings),
+            use_sim_time=settings.use_sim_time,
+            outputs=outputs,
+        )
+        self.alert_system = start(
+            self._node,
+            {"output": outlet},
+            log_alerts=False,
+            announce_pauses=False,
+            self_report=SelfReport(dropped=lambda: self._node.dropped),
+        )
+        started = True
+
+    @property
+    def now_s(self) -> float:
+        """The time of the robot's monitor, in s: simulated time under `use_sim_time`."""
+        return self._node.now_s()
+
+    @property
+    def _address(self) -> str:
+        """The address of its server, without credentials."""
+        return self._client.connection.address
+
+    def log_summary(self) -> None:
+        """Logs in one line what is watched, and where."""
+        signals = list_text(tuple(self.alert_system.monitor.config.signals))
+        self._client.log(Severity.INFO, f"watching {signals} at {self._address}")
+
+    def parameters(self) -> Tuple[str, Mapping[str, object]]:
+        """Returns the name of the node on `Fleet.bus`, and the parameters that were given, nested."""
+        return self._outputs.name, self._node.given_parameters()
+
+    async def run(self, delay_s: float) -> None:
+        """Keeps the connection up until it is cancelled. A failure is logged, and the connection restarted."""
+        await asyncio.sleep(delay_s)
+        while not self._closed:
+            try:
+                await self._client.run()
+            except Exception as error:  # one robot's failure must not end the others
+                text = printable(f"{type(error).__name__}: {error}")
+                self._client.log(Severity.ERROR, f"internal error, reconnecting in {_RESTART_S:g} s: {text}")
+                self._node.call(self._note_link, False, Cause(f"internal error: {type(error).__name__}"))
+                await asyncio.sleep(_RESTART_S)
+
+    def change(self, settings: RobotSettings) -> str:
+        """Applies new settings; returns what changed. Signals that are configured as before keep their state.
+
+        Connects again only if the address, the token or the certificate authorities differ. Raises ConfigError if this
+        needs a new `Robot`; nothing was changed then.
+        """
+        old = self.settings
+        if (old.namespace, old.use_sim_time) != (settings.namespace, settings.use_sim_time):
+            raise ConfigError("the topics and the clock of a robot cannot be changed while it is watched")
+        if is_foxglove(old.url) != is_foxglove(settings.url):
+            raise ConfigError("the kind of a robot's bridge cannot be changed while it is watched")
+        texts = []
+        if old.parameters != settings.parameters:
+            texts.append(self._node.set_parameters(_parameters(settings)))
+        self.settings = settings
+        if (old.url, old.token, old.ca) != (settings.url, settings.token, settings.ca):
+            self._client.connection.move(settings.url, token=settings.token, ssl_context=settings.ssl_context)
+            texts.append(f"connecting again, to {self._address}")
+        return "; ".join(texts) or NOTHING_CHANGED
+
+    def end(self) -> None:
+        """Ends every open alert with a transition to OK, `no longer watched`, and closes."""
+        self._node.call(self.alert_system.stop_watching)
+        self.close()
+
+    def close(self) -> None:
+        """Ends the alert_system and the connection; open alerts stay open."""
+        self._closed = True
+        self.alert_system.close()
+        self._client.close()
+        self._outputs.close()
+
+    def _note_link(self, up: bool, cause: Cause) -> None:
+        if self._closed:
+            return
+        was_connected, self.connected = self.connected, up
+        if up:
+            self.cause = None
+            self._log.write("connected", Severity.INFO, f"connected to {self._address}")
+            # Under use_sim_time the robot's clock is unknown until its first message. Until then the link counts as
+            # down: otherwise its first message would look like a jump of that many seconds without samples.
+            self._node.call_with_time(self._observe_link)
+        elif not (was_connected and self._node.exclusively(self.alert_system.excuse_link)):
+            if self.cause is not None:  # the alert of the link shows the first cause
+                self._log.write(cause.text, Severity.WARN, f"still not connected: {cause.text}")
+            self.cause = cause
+            self._node.call(self._observe_link)
+
+    def _observe_link(self) -> None:
+        self.alert_system.observe_link(self.cause is None, "" if self.cause is None else self.cause.text)
+
+
+def _parameters(settings: RobotSettings) -> Mapping[str, object]:
+    return {**settings.parameters, "robot_name": settings.name}

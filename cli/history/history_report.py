@@ -1,0 +1,249 @@
+"""`robot-health history --report`: the stored past as one page, in the form of the report of a replay."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sqlite3
+import time
+from dataclasses import replace
+from typing import Dict, Iterator, List, Mapping, NamedTuple, Sequence, Tuple
+
+import numpy as np
+
+from ...core.config.kept_settings import read_kept
+from ...core.config.signal_config import SignalConfig, read_signal, template_name
+from ...core.values.errors import ConfigError
+from ...core.values.formatting import count_text, duration_text, list_text
+from ...core.values.model import Level
+from ...core.values.version import package_version
+from ...ops.report.plotted_signal import PlottedSignal
+from ...ops.report.report import MOST_ALERTS, Report, ReportedAlert, buckets_of, render
+from ...ops.store import queries, samples
+from ...ops.store.notes import notes_of
+from ...ops.store.silences import silence_events
+from ...ops.store.summary import SignalSummary
+from ...runtime.times import local_time
+from ..output.lines import share_text
+from ..replay_output import range_cells
+from .history_entries import event_text, note_text, outage_cells
+
+MOST_PLOTS = 200
+"""Most signals that have a plot; all are in the table."""
+MOST_EVENTS = 1000
+"""Most events of the monitor and of silences."""
+
+_LEVELS = (Level.OK, Level.WARN, Level.ERROR, Level.STALE)
+_WORST_FIRST = sorted((level for level in Level if level is not Level.OK), key=lambda level: -level.severity)
+_NUMBERS = (
+    "samples", "bad", *(level.name for level in _LEVELS), "unknown", "available", "alerts", "min", "mean", "max",
+    "longest outage", "recovery",
+)  # fmt: skip
+_PAGE = 20_000  # samples that are read at a time
+_MOST_NAMES = 6
+
+
+def history_page(
+    connection: sqlite3.Connection, arguments: argparse.Namespace, summaries: Sequence[SignalSummary], end_s: float
+) -> str:
+    """Returns the page for the signals that are summarized, until a time in s since 1970."""
+    summaries = sorted(summaries, key=_badness, reverse=True)
+    start_s = end_s - max(summary.duration_s for summary in summaries)
+    robots = list(dict.fromkeys(sorted(summary.robot for summary in summaries)))
+    several = len(robots) > 1
+    problems: List[str] = []
+    configs = _Configurations(connection, end_s, problems)
+    plotted = summaries[:MOST_PLOTS]
+    if len(plotted) < len(summaries):
+        problems.append(
+            f"only the {MOST_PLOTS} worst of {len(summaries):,} signals have a plot; --robot and --signal choose others"
+        )
+    plots, rows = [], []
+    for place, summary in enumerate(summaries):
+        config = configs.of(summary.robot, summary.signal)
+        group = summary.robot if several else ""
+        plot = PlottedSignal(config, group, start_s, end_s - start_s, buckets_of(len(plotted)))
+        totals = _read_samples(connection, summary, start_s, end_s, plot)
+        rows.append(_row(summary, config, totals, several))
+        if place < MOST_PLOTS:
+            for wall_s, level in summary.levels:
+                plot.add_level(wall_s, "" if level is None else level.name)
+            plots.append(plot)
+    alerts, changes, count = _alerts(connection, arguments, start_s, several)
+    return render(
+        Report(
+            title=f"History of {list_text(robots, _MOST_NAMES)}",
+            facts=[
+                f"{local_time(start_s)} to {local_time(end_s)} ({duration_text(end_s - start_s)}), times in "
+                f"UTC{local_time(start_s, '%z')[:3]}:{local_time(start_s, '%z')[3:]}",
+                f"robot-health {package_version()}",
+            ],
+            summary=_sentence(summaries, end_s - start_s),
+            verdict=count_text(count, "alert") if count else "no alerts",
+            problems=problems,
+            start_s=start_s,
+            end_s=end_s,
+            utc_offset_s=float(time.localtime(start_s).tm_gmtoff),
+            header=["signal", *(["robot"] if several else []), *_NUMBERS],
+            rows=rows,
+            signals=plots,
+            alerts=alerts,
+            all_alerts=changes,
+            group="robot",
+            events=_events(connection, arguments, start_s, end_s, problems),
+        )
+    )
+
+
+class _Totals(NamedTuple):
+    """The samples of a signal together."""
+
+    good: int = 0
+    bad: int = 0
+    least: float = math.inf
+    most: float = -math.inf
+    sum: float = 0.0
+    """Of the means, weighted with their samples."""
+    weight: int = 0
+
+
+def _read_samples(
+    connection: sqlite3.Connection, summary: SignalSummary, start_s: float, end_s: float, plot: PlottedSignal
+) -> _Totals:
+    """Adds the stored samples of a signal to its plot, and returns their totals."""
+    totals = _Totals()
+    names = (summary.robot, summary.signal)  # with a `*` in them they match others, too
+    found = samples.read(connection, robot=names[0], signal=names[1], since_s=start_s, until_s=end_s)
+    for page in _pages(each for each in found if (each.robot, each.signal) == names):
+        known = [each for each in page if each.least is not None and each.most is not None]
+        plot.add_bands(
+            np.array([each.start_s for each in known], dtype=float),
+            np.array([each.seconds for each in known], dtype=float),
+            np.array([each.least for each in known], dtype=float),
+            np.array([each.most for each in known], dtype=float),
+        )
+        plot.add_bad(np.array([each.start_s + each.seconds / 2.0 for each in page if each.bad], dtype=float))
+        means = [(each.mean, each.good) for each in page if each.mean is not None]
+        totals = _Totals(
+            totals.good + sum(each.good for each in page),
+            totals.bad + sum(each.bad for each in page),
+            min([totals.least, *(each.least for each in known if each.least is not None)]),
+            max([totals.most, *(each.most for each in known if each.most is not None)]),
+            totals.sum + sum(mean * good for mean, good in means),
+            totals.weight + sum(good for _, good in means),
+        )
+    return totals
+
+
+def _pages(found: Iterator[samples.StoredSamples]) -> Iterator[List[samples.StoredSamples]]:
+    page: List[samples.StoredSamples] = []
+    for each in found:
+        page.append(each)
+        if len(page) == _PAGE:
+            yield page
+            page = []
+    if page:
+        yield page
+
+
+class _Configurations:
+    """The configurations in force at a time."""
+
+    def __init__(self, connection: sqlite3.Connection, at_s: float, problems: List[str]) -> None:
+        self._connection = connection
+        self._at_s = at_s
+        self._problems = problems
+        self._signals: Dict[str, Mapping[str, SignalConfig]] = {}
+
+    def of(self, robot: str, signal: str) -> SignalConfig:
+        """Returns the configuration of a signal, without bounds where it is not known any more."""
+        if robot not in self._signals:
+            kept = queries.configuration(self._connection, robot, self._at_s) or {}
+            try:
+                self._signals[robot] = read_kept(kept)
+            except ConfigError as error:
+                self._signals[robot] = {}
+                self._problems.append(f"the bounds of {robot} cannot be read: {error}")
+        signals = self._signals[robot]
+        config = signals.get(signal) or signals.get(template_name(signal)) or read_signal("unknown", {})
+        return replace(config, name=signal)
+
+
+def _alerts(
+    connection: sqlite3.Connection, arguments: argparse.Namespace, start_s: float, several: bool
+) -> Tuple[List[ReportedAlert], int, int]:
+    """Returns the transitions for the table, how many there were, and how many alerts: one may change its level."""
+    shown: List[ReportedAlert] = []
+    changes, alerts = 0, set()
+    level = None if arguments.level is None else Level[arguments.level]
+    names = {"robot": arguments.robot, "signal": arguments.signal}
+    found = queries.transitions(connection, since_s=start_s, level=level, **names)
+    for transition in found:
+        if transition.repeat:
+            continue
+        changes += 1
+        if transition.to_level is not Level.OK:
+            alerts.add(transition.alert_id)
+        if len(shown) < MOST_ALERTS:
+            notes = [note_text(note) for note in notes_of(connection, transition.id)]
+            group = transition.robot if several else ""
+            shown.append(ReportedAlert(transition.wall_s, group, transition, notes))
+    return shown, changes, len(alerts)
+
+
+def _events(
+    connection: sqlite3.Connection, arguments: argparse.Namespace, start_s: float, end_s: float, problems: List[str]
+) -> List[Tuple[float, str]]:
+    """Returns starts, stops and gaps of the monitor, resets, configurations and silences."""
+    found: List[Tuple[float, str]] = [
+        (event.wall_s, event_text(event)) for event in queries.monitor_events(connection, start_s, arguments.robot)
+    ]
+    found += [
+        (gap.from_s, f"no monitor ran for {duration_text(gap.to_s - gap.from_s)}")
+        for gap in queries.gaps(connection, start_s)
+    ]
+    found += [
+        (event.wall_s, event_text(event))
+        for event in silence_events(connection, end_s, start_s, arguments.robot, arguments.signal)
+    ]
+    found.sort(key=lambda event: event[0])
+    if len(found) > MOST_EVENTS:
+        problems.append(
+            f"only the first {MOST_EVENTS:,} of {len(found):,} events of the monitor and silences are shown"
+        )
+    return found[:MOST_EVENTS]
+
+
+def _row(summary: SignalSummary, config: SignalConfig, totals: _Totals, several: bool) -> List[str]:
+    shares = [share_text(summary.shares.get(level, 0.0)) for level in _LEVELS]
+    values = range_cells(config, None, None, None)
+    if totals.weight:
+        values = range_cells(config, totals.least, totals.sum / totals.weight, totals.most)
+    return [
+        summary.signal, *([summary.robot] if several else []), str(totals.good + totals.bad), str(totals.bad),
+        *shares, share_text(summary.unknown), *outage_cells(summary)[:1], str(summary.alerts), *values,
+        *outage_cells(summary)[1:],
+    ]  # fmt: skip
+
+
+def _badness(summary: SignalSummary) -> Tuple[float, ...]:
+    """Returns the shares of the levels, the worst first; more unknown time is worse."""
+    return (*(summary.shares.get(level, 0.0) for level in _WORST_FIRST), float(summary.alerts), summary.unknown)
+
+
+def _sentence(summaries: Sequence[SignalSummary], duration_s: float) -> str:
+    """Returns what was watched, for how long, and which signal was worst: the first of the summaries."""
+    robots = len({summary.robot for summary in summaries})
+    were = "was" if len(summaries) == 1 else "were"
+    of_robots = f" of {count_text(robots, 'robot')}" if robots > 1 else ""
+    watched = f"{count_text(len(summaries), 'signal')}{of_robots} {were} watched over {duration_text(duration_s)}."
+    worst = summaries[0]
+    shares = [
+        f"{level.name} for {share_text(worst.shares[level])}" for level in _WORST_FIRST if worst.shares.get(level)
+    ]
+    if shares:
+        name = f"{worst.robot}: {worst.signal}" if robots > 1 else worst.signal
+        return f"{watched} The worst is {name}: {', '.join(shares)} of the time."
+    if any(summary.unknown for summary in summaries):
+        return f"{watched} {'It was' if len(summaries) == 1 else 'All were'} OK as far as it is known."
+    return f"{watched} {'It was' if len(summaries) == 1 else 'All were'} OK."

@@ -1,0 +1,193 @@
+"""Listens to a live robot for `robot-health init`: over ROS 1, ROS 2 or a bridge."""
+
+from __future__ import annotations
+
+import asyncio
+import importlib.util
+import os
+import time
+from contextlib import closing, contextmanager
+from functools import partial
+from typing import Any, Callable, Container, Iterator, List, NamedTuple, Optional, Sequence, Tuple
+
+from ..core.messages.definitions import Definitions, parse_definition
+from ..core.messages.standard_messages import definition
+from ..core.port.middleware import ServedMiddleware
+from ..core.proposal.candidates import Topic
+from ..core.proposal.proposal import Proposal
+from ..core.values.errors import ConfigError, LinkError, ServiceError
+from ..core.values.names import canonical_type
+from ..runtime.interrupts import Interrupts
+
+_LIST_PERIOD_S = 2.0
+"""Topics are listed again: discovery takes its time, and nodes may start late."""
+_CONNECT_S = 10.0
+_NAME = "robot_health_init"
+
+OnProgress = Callable[[float], object]
+"""Called now and then with the time that was listened, in s."""
+
+
+def choose_ros(wanted: str) -> str:
+    """Returns `ros1` or `ros2`: the one that was requested (empty: none), or the one that is sourced here.
+
+    Raises ConfigError: there is none, or both are there and none was requested.
+    """
+    here = [name for name, module in (("ros1", "rospy"), ("ros2", "rclpy")) if importlib.util.find_spec(module)]
+    if wanted:
+        if wanted not in here:
+            raise ConfigError(f"--{wanted}: ROS {wanted[-1]} is not sourced here; {_BY_URL}")
+        return wanted
+    sourced = f"ros{os.environ.get('ROS_VERSION', '')}"
+    if sourced in here:
+        return sourced
+    if not here:
+        raise ConfigError(f"neither ROS 1 nor ROS 2 is sourced here; {_BY_URL}")
+    if len(here) > 1:
+        raise ConfigError("both ROS 1 and ROS 2 are here: choose one with --ros1 or --ros2")
+    return here[0]
+
+
+_BY_URL = (
+    "without ROS, give the URL of the robot's bridge: robot-health init ws://robot:9090 (or foxglove://robot:8765)"
+)
+
+
+class Robot(NamedTuple):
+    """A live robot, on whichever middleware."""
+
+    node: Any
+    """The node that listens."""
+    topics: Callable[[Container[str]], List[Topic]]
+    """Returns the topics that are not known yet; raises LinkError or ServiceError if the robot does not answer."""
+    run: Callable[[Callable[[], object]], object]
+    """Calls a function while no callback of the node runs."""
+
+
+def listen(
+    robot: Robot, proposal: Proposal, seconds: float, interrupts: Interrupts, on_progress: OnProgress
+) -> Tuple[float, bool]:
+    """Listens to a robot; returns for how long, in s, and whether it was not interrupted.
+
+    LinkError: there is no connection. ServiceError: topics are not listed, or there is no ROS time.
+    """
+    start_s: Optional[float] = None
+    try:
+        while True:
+            topics = robot.topics(proposal.topics)
+            start_s = start_s or time.monotonic()
+            robot.run(partial(_take, proposal, robot.node, topics))
+            listened_s = time.monotonic() - start_s
+            if listened_s >= seconds:
+                if robot.node.now_s() == 0.0:
+                    raise ServiceError("use_sim_time is set, and there is no message on /clock: no ROS time")
+                return seconds, True
+            on_progress(listened_s)
+            next_s = start_s + min(seconds, listened_s + _LIST_PERIOD_S)
+            interrupts.wait_until(partial(_is_past, next_s))
+    except KeyboardInterrupt:
+        return time.monotonic() - (start_s or time.monotonic()), False
+
+
+@contextmanager
+def ros_robot(ros: str, interrupts: Interrupts) -> Iterator[Robot]:
+    """Yields the robot whose ROS is sourced here (`ros1`, `ros2`); raises LinkError if no ROS master answers."""
+    process: Any
+    name = f"{_NAME}_{os.getpid()}"
+    if ros == "ros1":
+        from ..ros1.master import Master
+        from ..ros1.process import Ros1Process
+
+        master = Master(f"/{_NAME}")
+        if not master.is_online():  # a node would wait for it
+            raise LinkError(f"no ROS master at {master.uri} (ROS_MASTER_URI)")
+        process = Ros1Process(name, interrupts)
+    else:
+        from ..ros2.process import Ros2Process
+
+        process = Ros2Process(interrupts)
+    byte = "int8" if ros == "ros1" else "uint8"
+    with closing(process):
+        process.start()
+        node = process.create_listener(name)
+
+        def topics(known: Container[str]) -> List[Topic]:
+            new = {
+                topic: canonical_type(found)
+                for topic, found in node.graph().topics.items()
+                if topic not in known and not topic.startswith(f"/{name}/")  # its own
+            }
+            texts = {found: _definition(node, found) for found in set(new.values())}
+            return [Topic(topic, found, _parsed(found, texts[found], byte)) for topic, found in new.items()]
+
+        yield Robot(node, topics, node.exclusively)
+
+
+@contextmanager
+def bridged_robot(url: str, interrupts: Interrupts, **options: Any) -> Iterator[Robot]:
+    """Yields the robot behind a bridge; `options` are further ones of `bridge_client`, which runs in a thread."""
+    from ..runtime.bridge.cause import Cause
+    from ..runtime.event_loops import LoopThread
+    from .bridges import bridge_client
+
+    interrupts.defer()
+    links: List[Tuple[bool, Cause]] = []
+    loop = LoopThread(_NAME)
+
+    async def connect() -> Tuple[Any, Any, Any]:
+        def note_link(up: bool, cause: Cause) -> None:
+            links.append((up, cause))
+
+        client = bridge_client(url, on_link=note_link, on_log=lambda line: None, **options)
+        return client, client.node(_NAME), asyncio.ensure_future(client.run())
+
+    async def call(function: Callable[[], object]) -> object:
+        return function()
+
+    client, node, running = loop.call(connect())
+
+    def topics(known: Container[str]) -> List[Topic]:
+        if not links:
+            late_s = time.monotonic() + _CONNECT_S
+            interrupts.wait_until(lambda: bool(links) or _is_past(late_s))
+        if not links or not links[-1][0]:
+            cause = links[-1][1].text if links else f"no answer within {_CONNECT_S:g} s"
+            raise LinkError(f"no connection to {client.connection.address}: {cause}")
+        found = [each for each in loop.call(client.known_topics()) if each.topic not in known]
+        return [
+            Topic(each.topic, each.type_name, _parsed(each.type_name, each.definition, "uint8", each.form))
+            for each in found
+        ]
+
+    try:
+        yield Robot(node, topics, lambda function: loop.call(call(function)))
+    finally:
+        loop.call(call(client.close))
+        running.cancel()
+        loop.close()
+
+
+def _is_past(time_s: float) -> bool:
+    return time.monotonic() >= time_s
+
+
+def _take(proposal: Proposal, node: Any, topics: Sequence[Topic]) -> None:
+    if topics:
+        proposal.take(topics)
+        proposal.listen(node, {each.topic for each in topics})
+
+
+def _definition(node: ServedMiddleware, type_name: str) -> str:
+    """Returns the definition of an installed type, empty for others."""
+    try:
+        return node.raw_format(type_name).schema
+    except ConfigError:
+        return ""
+
+
+def _parsed(type_name: str, text: str, byte: str, form: str = "msg") -> Optional[Definitions]:
+    """Returns the types in a definition; None: it is not known, or cannot be used."""
+    try:
+        return parse_definition(type_name, text or definition(type_name), form, byte)
+    except (ConfigError, ValueError):
+        return None

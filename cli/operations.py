@@ -1,0 +1,284 @@
+"""What an ops.yaml adds to a process: a history, silences, notifications and a black box for its alert_systems.
+
+Whoever starts an alert_system starts it with `Operations.start`, with or without an ops.yaml.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from contextlib import ExitStack
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING, Callable, Dict, List, Mapping, NamedTuple, Optional
+
+from ..core.config.yaml_file import read_yaml
+from ..core.nodes import AlertSystem
+from ..core.nodes.alert_system import TICK_PERIOD_S
+from ..core.nodes.node import host_name
+from ..core.nodes.outlets import Outlet
+from ..core.nodes.self_monitor import EMPTY_REPORT, SelfReport
+from ..core.port.middleware import Middleware, Severity
+from ..core.values.errors import ConfigError, ServiceError
+from ..core.values.faults import Faults
+from ..core.values.model import Transition
+from ..ops.configuration import OpsConfig, read_ops
+
+if TYPE_CHECKING:
+    from ..ops.black_box.black_box import BlackBox
+    from ..ops.black_box.robot_black_box import RobotBlackBox
+    from ..ops.notify import Notifier
+    from ..ops.store.active_silences import Silences
+    from ..ops.store.history import History, RobotHistory
+    from ..rosbridge.server import Server
+
+_CLOSE_S = 1.9
+"""Longest time to close everything: a disk or a target may hang."""
+_LATE_S = 5.0
+"""Age of the last tick from which a robot is not monitored, in s: then there is no heartbeat."""
+
+
+class _Robot(NamedTuple):
+    """What runs for one robot."""
+
+    alert_system: AlertSystem
+    history: Optional[RobotHistory]
+    black_box: Optional[RobotBlackBox]
+
+
+class Operations:
+    """History, silences and notifications of one process. What fails is a fault; the monitoring goes on."""
+
+    def __init__(
+        self,
+        config: OpsConfig,
+        wall_time_s: Callable[[], float] = time.time,
+        clock: Callable[[], float] = time.monotonic,
+        always_history: bool = False,
+    ) -> None:
+        """Opens what is configured; `close` ends it. `wall_time_s` gives s since 1970, `clock` monotonic s.
+
+        `always_history` keeps one in memory if no file is configured, for the web page.
+        """
+        self._clock = clock
+        self.config = config
+        self.faults = Faults()
+        """Faults of its parts. Add the faults of the node that shows them."""
+        self.history: Optional[History] = None
+        """None if neither a history nor notifications are configured, nor a history is always kept."""
+        self.silences: Optional[Silences] = None
+        """None if there is no history."""
+        self.notifier: Optional[Notifier] = None
+        """None if there is no history."""
+        self.black_box: Optional[BlackBox] = None
+        """None if none is configured."""
+        self.server: Optional[Server] = None
+        """The server of the process, whose clients its status shows; None before it has started."""
+        self._robots: Dict[str, _Robot] = {}
+        self._fed_s = float("-inf")
+        if config.history is not None or config.notify or config.black_box is not None or always_history:
+            from ..ops.notify import Notifier
+            from ..ops.store.active_silences import Silences
+            from ..ops.store.history import History
+
+            # Without a file, the history is in memory.
+            self.history = History(config.history, wall_time_s, self.faults)
+            self.silences = Silences(self.history, self.faults, wall_time_s)
+            public_url = "" if config.server is None else config.server.public_url
+            self.notifier = Notifier(
+                self.history, config.notify, self.silences, self.faults, wall_time_s, self.is_simulated, public_url
+            )
+
+        if config.black_box is not None:
+            from ..ops.black_box.black_box import BlackBox
+
+            self.black_box = BlackBox(config.black_box, self.faults, wall_time_s)
+
+    def use(self, config: OpsConfig) -> List[str]:
+        """Applies the targets of another configuration and returns what changed; the rest needs a restart.
+
+        May take some seconds. Raises ConfigError if the targets cannot be replaced now.
+        """
+        texts = []
+        if config.notify != self.config.notify and self.notifier is not None:
+            try:
+                texts.append(f"notify: {self.notifier.use_targets(config.notify)}")
+            except ServiceError as error:
+                raise ConfigError(f"notify: {error}") from None
+        elif config.notify != self.config.notify:
+            texts.append("notify: takes effect after a restart")
+        for section in ("history", "black_box"):
+            if getattr(config, section) != getattr(self.config, section):
+                texts.append(f"{section}: takes effect after a restart")
+        self.config = config
+        return texts
+
+    def start(
+        self,
+        middleware: Middleware,
+        outlets: Optional[Mapping[str, Outlet]] = None,
+        *,
+        log_alerts: bool = True,
+        announce_pauses: bool = True,
+        self_report: SelfReport = EMPTY_REPORT,
+    ) -> AlertSystem:
+        """Starts the alert_system of a robot, with its part of the history; arguments and errors: `AlertSystem`."""
+        name = robot_name(middleware)
+        self.end_robot(name)  # a robot that is started anew
+        with ExitStack() as undo:  # if the robot's configuration cannot be used
+            history = None if self.history is None else self.history.of_robot(name)
+            if history is not None:
+                undo.callback(history.close)
+            black_box = self._start_black_box(middleware, name)
+            if black_box is not None:
+                undo.callback(black_box.close)
+            alert_system = AlertSystem(
+                middleware,
+                outlets or {},
+                log_alerts=log_alerts,
+                history=history,
+                announce_pauses=announce_pauses,
+                silence_of=partial(self.silence_text, name),
+                black_box_of=_no_black_box if black_box is None else black_box.of_alert,
+                self_report=replace(
+                    self_report,
+                    pending_notifications=self._count_pending,
+                    black_box_s=lambda: None if black_box is None else black_box.reach_s,
+                ),
+            )
+            undo.pop_all()
+        if black_box is not None:
+            middleware.exclusively(partial(black_box.attach, alert_system))
+        self._robots[name] = _Robot(alert_system, history, black_box)
+        if self.notifier is not None:
+            middleware.create_timer(TICK_PERIOD_S, self._note_tick, steady=True)
+        return alert_system
+
+    def start_only(
+        self, middleware: Middleware, outlets: Optional[Mapping[str, Outlet]] = None, *, log_alerts: bool = True
+    ) -> AlertSystem:
+        """Starts the only alert_system of the process, as `start`; it shows the faults, and logs what is in use."""
+        alert_system = self.start(middleware, outlets, log_alerts=log_alerts, self_report=self.self_report())
+        self.show_faults(middleware.faults, middleware.log)
+        return alert_system
+
+    def show_faults(self, faults: Faults, log: Callable[[Severity, str], object]) -> None:
+        """Shows the faults of all parts in `faults` from now on, and logs what is in use. All robots have started."""
+        self.faults.add(faults)
+        if self.config.summary:
+            log(Severity.INFO, f"operations: {self.config.summary}")
+        if self.history is not None and self.history.file is None:
+            log(Severity.INFO, "the history is in memory: it ends with this process (an ops.yaml keeps it in a file)")
+        self.note_robots()
+
+    def note_robots(self) -> None:
+        """Call when all robots have been started: notifications of open alerts of any other robot are ended."""
+        if self.notifier is not None:
+            self.notifier.end_unwatched(list(self._robots))
+
+    def end_robot(self, name: str) -> None:
+        """Ends the part of a robot that is no longer watched; does nothing for one that is not known."""
+        robot = self._robots.pop(name, None)
+        if robot is not None and robot.black_box is not None:
+            robot.black_box.close()
+        if robot is not None and robot.history is not None:
+            robot.history.close()
+
+    def self_report(self) -> SelfReport:
+        """Returns what the status of a process shows of its operations and its server."""
+        return SelfReport(
+            clients=lambda: 0 if self.server is None else self.server.clients,
+            pending_notifications=self._count_pending,
+            silenced=self.count_silenced,
+            clients_dropped=lambda: None if self.server is None else self.server.dropped,
+            black_box_dropped=lambda: None if self.black_box is None else self.black_box.ring.dropped,
+        )
+
+    def silence_text(self, robot: str, signal: str) -> Optional[str]:
+        """Returns reason and end of an alert's silence, None if it is not silenced. May be called in any thread."""
+        silence = None if self.silences is None else self.silences.silence_of(robot, signal)
+        return None if silence is None else silence.text
+
+    def is_simulated(self, robot: str, signal: str) -> bool:
+        """Returns whether the values of a robot's signal are simulated. May be called in any thread."""
+        known = self._robots.get(robot)
+        return known is not None and known.alert_system.is_simulated(signal)
+
+    def count_silenced(self) -> int:
+        """Returns how many signals are not OK and silenced, over all robots."""
+        return sum(robot.alert_system.count_silenced() for robot in self._robots.values())
+
+    def __enter__(self) -> Operations:
+        """Returns itself."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Closes everything, as `close`."""
+        self.close()
+
+    def close(self) -> None:
+        """Closes everything within two seconds. The alert_systems must have been closed."""
+        if self.history is None:
+            return
+        closing = threading.Thread(target=self._close, name="close operations", daemon=True)
+        closing.start()
+        closing.join(_CLOSE_S)
+
+    def _count_pending(self) -> int:
+        return 0 if self.notifier is None else self.notifier.waiting
+
+    def _note_tick(self, now_s: float) -> None:
+        """Feeds the heartbeat while every robot is monitored; each robot calls this once a second."""
+        steady_s = self._clock()
+        if self.notifier is not None and steady_s - self._fed_s >= TICK_PERIOD_S / 2.0:
+            self._fed_s = steady_s
+            if all(robot.alert_system.tick_age_s < _LATE_S for robot in tuple(self._robots.values())):
+                self.notifier.note_tick()
+
+    def _start_black_box(self, middleware: Middleware, robot: str) -> Optional[RobotBlackBox]:
+        if self.black_box is None or self.history is None:
+            return None
+        from ..ops.black_box.robot_black_box import RobotBlackBox
+        from ..ops.store.queries import black_boxes_of_open_alerts
+
+        try:
+            files = self.history.run(lambda connection: black_boxes_of_open_alerts(connection, robot))
+        except ServiceError:  # the history reports it
+            files = {}
+        return RobotBlackBox(self.black_box, middleware, robot, files)
+
+    def _close(self) -> None:
+        black_boxes = [robot.black_box for robot in tuple(self._robots.values())]
+        for part in (*black_boxes, self.notifier, self.history, self.black_box):
+            if part is not None:
+                part.close()
+
+
+def open_operations(
+    file: str, wall_time_s: Callable[[], float] = time.time, *, always_history: bool = False
+) -> Operations:
+    """Opens what an ops.yaml configures, as `Operations`; nothing if `file` is empty.
+
+    Raises ConfigError, and opens nothing, if the file cannot be used.
+    """
+    return Operations(read_config(file), wall_time_s, always_history=always_history)
+
+
+def read_config(file: str) -> OpsConfig:
+    """Reads an ops.yaml; an empty path is an empty one. Raises ConfigError if it cannot be used."""
+    return read_ops(read_yaml(file)) if file else OpsConfig()
+
+
+def _no_black_box(transition: Transition) -> str:
+    return ""
+
+
+def configured_ops(parameters: Mapping[str, object]) -> str:
+    """Returns the path of the ops.yaml in the parameters of alert_system; empty if there is none."""
+    file = parameters.get("ops", "")
+    return file.strip() if isinstance(file, str) else ""  # alert_system reports a value of another type
+
+
+def robot_name(middleware: Middleware) -> str:
+    """Returns the name of the robot that a node's parameters give it, as `AlertSystem` does."""
+    return str(middleware.given_parameters().get("robot_name") or host_name())

@@ -1,0 +1,303 @@
+"""Starts a rosbridge server beside an alert_system. Every executable that serves clients starts it here."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import ssl
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Callable, Dict, Mapping, Optional, Protocol, Sequence, Tuple
+
+from ..core.nodes.node import host_name
+from ..core.nodes.outlets import Event, event_severity, event_text
+from ..core.port.local import LocalBus, LogLine
+from ..core.port.middleware import Middleware, ServedMiddleware, Severity
+from ..core.values.errors import ConfigError
+from ..core.values.faults import Fault, Faults
+from ..ops.configuration import ServerOptions
+from ..runtime.libraries import ROSBRIDGE, missing_libraries, missing_text
+from ..runtime.tokens import TokenFiles
+
+if TYPE_CHECKING:
+    from ..core.config.monitor_config import MonitorConfig
+    from ..core.nodes import AlertSystem
+    from ..ops.web import WebInterface
+    from ..rosbridge.server import Server, ServerThread
+    from .operations import Operations
+
+DEFAULT_PORT = 9090
+DEFAULT_ADDRESS = "127.0.0.1"
+_FAULT = "server"
+_OFF = "web page and rosbridge are off"
+_CLOSE_S = 2.5
+"""Longest time to close the port and the connections; the server itself takes at most 2 s."""
+
+
+@dataclass(frozen=True)
+class ServerSettings(ServerOptions):
+    """Where a server listens, and what its clients may do besides reading.
+
+    Patterns may contain `*` and `?` as in file names. Clients may always call rosapi, and `reset` and `reload` of
+    alert_system.
+    """
+
+    port: int = DEFAULT_PORT
+    """0 picks a free one."""
+    address: str = DEFAULT_ADDRESS
+    """Any address except loopback requires a token."""
+    token: str = ""
+    """Token that clients must present; empty: none."""
+    origins: Sequence[str] = ()
+    """Origins of web pages that may connect, besides those of this machine."""
+
+
+def merged_settings(*sources: ServerOptions, token: str, origins: Sequence[str] = ()) -> ServerSettings:
+    """Returns each value from the first of `sources` that sets it, otherwise the default."""
+    values: Dict[str, Any] = {}
+    for source in reversed(sources):
+        values.update((name, value) for name, value in vars(source).items() if value not in (None, "", ()))
+    values.pop("token_file", None)
+    return ServerSettings(**values, token=token, origins=origins)
+
+
+def node_settings(
+    config: MonitorConfig,
+    options: Optional[ServerOptions],
+    arguments: Optional[ServerOptions] = None,
+    origins: Sequence[str] = (),
+    *,
+    tokens: TokenFiles,
+) -> ServerSettings:
+    """Returns the settings of the server of one alert_system.
+
+    The command line comes first, then the parameters `rosbridge_...`, then `options`, the section `server` of ops.yaml.
+    Raises ConfigError if the token file cannot be used.
+    """
+    address = config.rosbridge_address if config.rosbridge_address != DEFAULT_ADDRESS else ""
+    parameters = ServerOptions(config.rosbridge_port or None, address, config.rosbridge_token_file)
+    sources = (arguments or ServerOptions(), parameters, options or ServerOptions())
+    token_file = next((source.token_file for source in sources if source.token_file), "")
+    return merged_settings(*sources, token=tokens.find_own(token_file), origins=origins)
+
+
+def _make_server(
+    node: ServedMiddleware,
+    settings: ServerSettings,
+    alert_system: str,
+    robots: Callable[[], Sequence[AlertSystem]],
+    operations: Operations,
+    *,
+    parameters: Callable[[], Mapping[str, Mapping[str, Any]]],
+    process_faults: Callable[[], Mapping[str, Fault]] = dict,
+    threads: bool,
+) -> Tuple[Server, WebInterface]:
+    """Returns a server that is not started, and its page; `parameters` and `process_faults` are those of `Served`.
+
+    `node` is not closed here. `alert_system` is the full name of the alert node; `*` as in file names. With `threads`,
+    the node is called back, and robots are judged, in other threads than the server's loop. ConfigError: the address is
+    not protected, or the certificate cannot be used. ModuleNotFoundError: a library is not installed.
+    """
+    from ..ops.web import WebInterface
+    from ..rosbridge.server import Server
+    from ..rosbridge.server.access import monitor_access
+
+    notifier = operations.notifier
+    web = WebInterface(
+        robots,
+        threads=threads,
+        history=operations.history,
+        silences=operations.silences,
+        black_boxes=None if operations.black_box is None else operations.black_box.settings.folder,
+        notifications_waiting=int if notifier is None else lambda: notifier.waiting,
+        process_faults=process_faults,
+    )
+    for robot in robots():
+        web.watch(robot)
+    access = monitor_access(
+        alert_system,
+        publish=settings.allow_publish,
+        services=settings.allow_call,
+        offer=settings.allow_offer,
+        origins=settings.origins,
+        token=settings.token,
+    )
+    server = Server(
+        node,
+        host=settings.address,
+        port=settings.port,
+        access=access,
+        threads=threads,
+        parameters=parameters,
+        routes=web.routes,
+        on_close=(web.close,),
+        ssl_context=_tls_context(settings),
+    )
+    return server, web
+
+
+def _tls_context(settings: ServerSettings) -> Optional[ssl.SSLContext]:
+    """Returns the TLS context of a server, None: without TLS; ConfigError: certificate and key cannot be used."""
+    if not settings.tls_certificate:
+        return None
+    for file in (settings.tls_certificate, settings.tls_key):
+        try:
+            with open(file, "rb"):
+                pass
+        except OSError as error:
+            raise ConfigError(f"cannot be read: {error.strerror}", file=file) from None
+    context = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
+    try:
+        # With an empty password, a key that is encrypted is an error; otherwise OpenSSL asks on the terminal.
+        context.load_cert_chain(settings.tls_certificate, settings.tls_key, password="")
+    except (OSError, ValueError) as error:  # SSLError is an OSError
+        reason = getattr(error, "reason", None) or error
+        problem = f"cannot be used as a certificate with the key {settings.tls_key}: {reason}"
+        raise ConfigError(problem, file=settings.tls_certificate) from None
+    return context
+
+
+class Served(Protocol):
+    """The monitors of one process, on one bus: an embedded monitor or a fleet."""
+
+    bus: LocalBus
+    """Its topics, services and log are served."""
+
+    @property
+    def alert_systems(self) -> Sequence[AlertSystem]:
+        """One per robot that is watched now."""
+
+    @property
+    def alert_system_pattern(self) -> str:
+        """The full names of their nodes; `*` as in file names."""
+
+    @property
+    def faults(self) -> Faults:
+        """Where a server that cannot be started is reported."""
+
+    def process_faults(self) -> Mapping[str, Fault]:
+        """Returns the faults that belong to no robot, by part."""
+
+    def parameters(self) -> Mapping[str, Mapping[str, Any]]:
+        """Returns the parameters that clients may read, by the full name of the node."""
+
+    def on_new_alert_system(self, callback: Callable[[AlertSystem], None]) -> None:
+        """Calls back in the loop with each alert_system that is added later."""
+
+
+def _report_start(
+    server: Server, web: WebInterface, settings: ServerSettings, log: Callable[[Severity, str], None], subject: str = ""
+) -> None:
+    """Logs the addresses of a server and its page, and what is missing."""
+    secure = "s" if settings.tls_certificate else ""
+    log(Severity.INFO, f"{subject}serving on ws{secure}://{settings.address}:{server.port}")
+    log(Severity.INFO, f"web page: {page_address(settings.address, server.port, f'http{secure}')}")
+    missing = web.missing()
+    if missing is not None:
+        log(Severity.WARN, missing)
+
+
+def page_address(address: str, port: int, scheme: str = "http") -> str:
+    """Returns the address to open in a browser: of all addresses of this machine, its name."""
+    host = host_name() if address in ("0.0.0.0", "::", "") else address
+    return f"{scheme}://{f'[{host}]' if ':' in host else host}:{port}/"
+
+
+async def serve(
+    monitor: Served, settings: ServerSettings, operations: Operations, *, required: bool
+) -> Optional[Server]:
+    """Serves monitors, and what the page shows of `operations`, in the running loop; `stop_serving` ends it.
+
+    Returns None if the server cannot be started, which is now a fault of alert_system. ConfigError: the address is not
+    protected, or the port cannot be opened and is `required`.
+    """
+    node = monitor.bus.node("rosbridge")
+    try:
+        server, web = _make_server(
+            node,
+            settings,
+            monitor.alert_system_pattern,
+            lambda: monitor.alert_systems,
+            operations,
+            parameters=monitor.parameters,
+            process_faults=monitor.process_faults,
+            threads=False,
+        )
+        await server.start()
+    except (ModuleNotFoundError, OSError) as error:
+        node.close()
+        problem = _problem(error, settings)
+        if isinstance(error, OSError):
+            if required:
+                raise ConfigError(f"{problem}; --port 0 picks a free one") from None
+            problem += "; --port chooses another"
+        monitor.faults.report(_FAULT, f"{_OFF}: {problem}")
+        return None
+    monitor.on_new_alert_system(web.watch)
+    _show_log(monitor, server)
+    operations.server = server
+    _report_start(server, web, settings, node.log)
+    return server
+
+
+async def stop_serving(server: Server) -> None:
+    """Closes the port and every connection."""
+    await asyncio.wait({asyncio.ensure_future(server.close())}, timeout=_CLOSE_S)
+
+
+def serve_in_thread(
+    create_node: Callable[[], ServedMiddleware],
+    middleware: Middleware,
+    alert_system: AlertSystem,
+    operations: Operations,
+) -> Optional[ServerThread]:
+    """Serves what alert_system watches, beside ROS; `create_node` creates the node for the server.
+
+    Returns the running server; None: it cannot be started, which is a fault of alert_system and stops nothing else.
+    """
+    node: Optional[ServedMiddleware] = None
+    settings = ServerSettings(0)
+    try:
+        from ..rosbridge.server import ServerThread
+
+        tokens = TokenFiles(lambda text: middleware.log(Severity.WARN, text))
+        settings = node_settings(alert_system.monitor.config, operations.config.server, tokens=tokens)
+        node = create_node()
+        given = {middleware.name: middleware.given_parameters()}
+        server, web = _make_server(
+            node, settings, middleware.name, lambda: [alert_system], operations, parameters=lambda: given, threads=True
+        )
+        thread = ServerThread(server)
+    except (ModuleNotFoundError, ConfigError, OSError) as error:
+        if node is not None:
+            node.close()
+        middleware.faults.report(_FAULT, f"{_OFF}: {_problem(error, settings)}")
+        return None
+    operations.server = server
+    _report_start(server, web, settings, node.log, "rosbridge: ")
+    return thread
+
+
+def _problem(error: Exception, settings: ServerSettings) -> str:
+    """Returns why a server cannot be started."""
+    if isinstance(error, ModuleNotFoundError):
+        return missing_text(missing_libraries(error, *ROSBRIDGE))
+    if isinstance(error, OSError):
+        cause = os.strerror(error.errno) if error.errno else str(error)  # asyncio puts the address before it
+        return f"port {settings.port} of {settings.address} cannot be opened: {cause}"
+    return str(error)
+
+
+def _show_log(monitor: Served, server: Server) -> None:
+    """Publishes log lines and alerts on /rosout, which the local middleware lacks."""
+
+    def add(alert_system: AlertSystem) -> None:
+        def publish_event(event: Event) -> None:
+            line = LogLine(event.now_s, alert_system.node_name, event_severity(event), event_text(event))
+            server.publish_log(line)
+
+        alert_system.outlets.add("rosout", publish_event)
+
+    monitor.bus.add_log(server.publish_log)
+    for alert_system in monitor.alert_systems:
+        add(alert_system)
+    monitor.on_new_alert_system(add)

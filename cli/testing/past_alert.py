@@ -1,0 +1,307 @@
+"""The unit test of a past alert: its recorded series, the thresholds in force then, and the alert that came.
+
+`history_alert.py` reads the alert from a history, `black_box_alert.py` from a black box. What they have is written as
+a person would write it: a period and digits that are easy to read. If the alert does not come again with them, its
+exact times and values are tried; if it does not come with those either, something is missing, and is named.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import textwrap
+from itertools import groupby
+from statistics import median
+from typing import Any, Dict, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+
+from ...core.config.kept_settings import settings_of
+from ...core.config.monitor_config import MonitorConfig, load_config
+from ...core.config.signal_config import LINK, LINK_CONFIG, SignalConfig, template_name
+from ...core.nodes.alert_system import TICK_PERIOD_S
+from ...core.values.errors import ConfigError
+from ...core.values.formatting import count_text, number_text, printable
+from ...core.values.model import Level
+from ..history.history_entries import time_text
+from .threshold_cases import TIME_TOLERANCE_S, Alert, ThresholdTest, compare, parse_tests, run_test
+
+FROM_ALERT = "--from-alert"
+"""The option that asks for it; what it reports begins with it."""
+LONGEST_BEFORE_S = 3600.0
+"""Samples that are longer before the alert are left out."""
+_SAME_TIME_S = 0.002
+"""Two times closer than this are the same: those of stored samples are rounded."""
+_INTERVALS_S = (1.0, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.001)
+_MOST_STEPS = 120_000
+_SHARE = 0.05
+"""How much of its time a readable period may move an alert."""
+_WIDTH = 100
+_INDENT = " " * 8
+
+Samples = Sequence[Tuple[float, float]]
+"""Time in s and value in the signal's unit, oldest first; NaN: bad."""
+
+
+class PastAlert(NamedTuple):
+    """An alert that came, with all that is known about it. Times are in s on one clock, unless noted."""
+
+    title: str
+    """As in `alert 41 of r3`."""
+    line: str
+    """The alert line."""
+    wall_s: float
+    """When it came, in s since 1970."""
+    settings: Mapping[str, Mapping[str, Any]]
+    """Of its signal and of those that it depends on, as in a thresholds.yaml."""
+    signal: str
+    from_level: Level
+    to_level: Level
+    time_s: float
+    samples: Mapping[str, Samples]
+    """Those until the alert, of its signal and of those that it depends on, by their names."""
+    missing: str
+    """What else may have led to it, and how that would have been recorded."""
+    black_box: str = ""
+    """Name of the file that has recorded it; empty if none has."""
+
+
+class AlertTest(NamedTuple):
+    """The file of tests for one alert."""
+
+    text: str
+    verdict: str
+    """One line: what happened when the test was run."""
+    passes: bool
+
+
+class _Series(NamedTuple):
+    """The input of a test, and what it gives."""
+
+    interval_s: float
+    values: Mapping[str, List[Optional[float]]]
+    """By signal; in the unit of the messages, before `scale`."""
+    at_s: float
+    """When the alert should come, in s since the begin."""
+    tolerance_s: float
+    alerts: Sequence[Alert] = ()
+    """All that occur, until the alert."""
+    remark: str = ""
+
+
+def depends_on(signal: SignalConfig) -> List[str]:
+    """Returns the names of the signals that a signal's conditions refer to."""
+    return [each.signal for each in (signal.only_if, signal.latch_release_if) if each is not None]
+
+
+def needed_settings(signals: Mapping[str, SignalConfig], signal: str, robot: str) -> Dict[str, Dict[str, Any]]:
+    """Returns the settings of a signal, which may be an element, and of those that it depends on.
+
+    Raises ConfigError if one is not configured, or if it is a template, which has no samples itself.
+    """
+    wanted = [signal]
+    if signal == LINK:  # a configuration has at least one signal
+        wanted += [name for name in signals if name != LINK][:1]
+    found: Dict[str, SignalConfig] = {}
+    while wanted:
+        name = template_name(wanted.pop())
+        if name == LINK or name in found:
+            continue
+        if name not in signals:
+            raise ConfigError(f"{FROM_ALERT}: {printable(name)} is not in the configuration of {robot}")
+        found[name] = signals[name]
+        wanted += depends_on(signals[name])
+    if signal in found and found[signal].is_template:
+        raise ConfigError(f"{FROM_ALERT}: {printable(signal)} has no samples itself, only its elements have")
+    return {name: settings_of(each) for name, each in found.items()}
+
+
+def needed_before_s(signal: SignalConfig) -> int:
+    """Returns how long before an alert of a signal a black box has to begin, in s, to have all that it depends on."""
+    window_s = 0.0 if signal.statistic == "last" else signal.window_s
+    rule_s = max(signal.for_s, signal.error_for_s, signal.keep_firing_for_s, signal.invalid_for_s)
+    return math.ceil((window_s + rule_s + signal.stale_after_s) / 10.0 + 1.0) * 10
+
+
+def alert_test(alert: PastAlert, thresholds: Optional[str] = None, *, exact: bool = False) -> AlertTest:
+    """Returns the test of an alert, which has been run.
+
+    Args:
+        alert: what is known.
+        thresholds: the path to write in place of the thresholds in force then.
+        exact: whether to write the exact times and values.
+
+    Raises:
+        ConfigError: the alert does not occur again with what is stored, or `thresholds` cannot be read.
+    """
+    config = load_config({"signals": alert.settings})
+    known = {
+        name: [each for each in samples if alert.time_s - LONGEST_BEFORE_S < each[0] <= alert.time_s + _SAME_TIME_S]
+        for name, samples in alert.samples.items()
+    }
+    alert = alert._replace(samples={name: samples for name, samples in known.items() if samples})
+    tried = [_exact(config, alert)] if exact else [_readable(config, alert), _exact(config, alert)]
+    found = next((each for each in (_run(config, alert, series) for series in tried) if each is not None), None)
+    if found is None:
+        raise ConfigError(f"{FROM_ALERT}: {alert.title} does not occur again: {_reason(config, alert, tried[-1])}")
+    text = "".join(f"{line}\n" for line in _lines(alert, found, thresholds))
+    config, (test,) = parse_tests(text, "the test")
+    differences = [f"{mark} {each}" for mark, each in compare(test.expected, run_test(config, test)) if mark != " "]
+    if not differences:
+        return AlertTest(text, f"the test of {alert.title} passes", True)
+    what = f"{count_text(len(differences), 'difference')}, first {differences[0]}"
+    return AlertTest(text, f"the test of {alert.title} fails with {thresholds or 'these thresholds'}: {what}", False)
+
+
+def _readable(config: MonitorConfig, alert: PastAlert) -> _Series:
+    """Returns the samples at equal times, and rounded to a hundredth of their range."""
+    own = alert.samples.get(alert.signal, ())
+    gaps_s = [after[0] - before[0] for before, after in zip(own, own[1:])]
+    span_s = alert.time_s - own[0][0] if own else _config_of(config, alert.signal).startup_grace_s
+    interval_s = max(_readable_number(median(gaps_s) if gaps_s else 1.0), span_s / _MOST_STEPS)
+    places = [0]
+    for gap_s in gaps_s:
+        places.append(places[-1] + max(1, round(gap_s / interval_s)))
+    last_s = own[-1][0] if own else alert.time_s - span_s
+    at_s = places[-1] * interval_s + alert.time_s - last_s
+    steps = math.ceil((at_s + TICK_PERIOD_S) / interval_s) + 1
+    placed: Dict[str, Dict[int, float]] = {}
+    for name, samples in alert.samples.items():
+        if name != alert.signal:
+            # The value before the first sample of the alert's signal is that at the begin.
+            placed[name] = {max(0, places[-1] - round((last_s - at) / interval_s)): value for at, value in samples}
+    if own:
+        placed[alert.signal] = {place: value for place, (_, value) in zip(places, own)}
+    values = {name: _listed(_rounded(_unscaled(config, name, found)), steps) for name, found in placed.items()}
+    return _Series(
+        interval_s, values or {alert.signal: [None] * steps}, at_s, TICK_PERIOD_S + interval_s + _SHARE * at_s
+    )
+
+
+def _exact(config: MonitorConfig, alert: PastAlert) -> _Series:
+    """Returns the samples at their times, the alert at a whole second: then a tick coincides with it, as it did."""
+    own = alert.samples.get(alert.signal, ())
+    first_s = min((samples[0][0] for samples in alert.samples.values()), default=alert.time_s)
+    span_s = alert.time_s - first_s if own else _config_of(config, alert.signal).startup_grace_s + 1.0
+    seconds = max(1.0, math.ceil(span_s - _SAME_TIME_S))
+    times_s = [seconds + at - alert.time_s for samples in alert.samples.values() for at, _ in samples]
+
+    def fits(interval_s: float) -> bool:
+        off_s = (abs(at_s / interval_s - round(at_s / interval_s)) * interval_s for at_s in times_s)
+        return all(each <= _SAME_TIME_S / 10.0 for each in off_s)
+
+    possible = [each for each in _INTERVALS_S if seconds / each <= _MOST_STEPS]
+    interval_s = next(filter(fits, possible), possible[-1])
+    steps = round(seconds / interval_s) + 1
+    values = {}
+    for name, samples in alert.samples.items():
+        places = {min(round((seconds + at - alert.time_s) / interval_s), steps - 1): value for at, value in samples}
+        values[name] = _listed(_unscaled(config, name, places), steps)
+    return _Series(interval_s, values or {alert.signal: [None] * steps}, seconds, interval_s)
+
+
+def _run(config: MonitorConfig, alert: PastAlert, series: _Series) -> Optional[_Series]:
+    """Returns the series until the alert, with all that occurs; None if the alert does not."""
+    occurred = run_test(config, ThresholdTest("", series.interval_s, series.values, ()))
+    before, found = Level.OK, []
+    for each in occurred:
+        if each.signal == alert.signal:
+            is_near = abs(each.at_s - series.at_s) <= series.tolerance_s + TIME_TOLERANCE_S
+            if each.level is alert.to_level and is_near:
+                found.append((before is alert.from_level, each))
+            before = each.level
+    if not found:
+        return None
+    is_same, again = max(found, key=lambda pair: (pair[0], pair[1].at_s))
+    steps = math.ceil(again.at_s / series.interval_s - TIME_TOLERANCE_S) + 1
+    remark = "" if is_same else f"the level before was {alert.from_level.name}, for which earlier samples are missing"
+    return series._replace(
+        values={name: values[:steps] for name, values in series.values.items()},
+        alerts=[each for each in occurred if each.at_s <= again.at_s],
+        remark=remark,
+    )
+
+
+def _reason(config: MonitorConfig, alert: PastAlert, series: _Series) -> str:
+    occurred = run_test(config, ThresholdTest("", series.interval_s, series.values, ()))
+    own = [f"{each.level.name} at {number_text(each.at_s)} s" for each in occurred if each.signal == alert.signal]
+    return f"{alert.missing}; these samples give {', '.join(own[:5]) or 'no alert'}"
+
+
+def _config_of(config: MonitorConfig, signal: str) -> SignalConfig:
+    return LINK_CONFIG if signal == LINK else config.signals[template_name(signal)]
+
+
+def _unscaled(config: MonitorConfig, name: str, places: Mapping[int, float]) -> Dict[int, float]:
+    """Returns values as they are in messages; those of a reduction are in its unit."""
+    signal = _config_of(config, name)
+    scale = 1.0 if signal.reduce else signal.scale
+    return {place: value if scale == 1.0 else value / scale for place, value in places.items()}
+
+
+def _rounded(places: Mapping[int, float]) -> Dict[int, float]:
+    numbers = [value for value in places.values() if math.isfinite(value)]
+    size = max(map(abs, numbers), default=0.0)
+    spread = max(numbers, default=0.0) - min(numbers, default=0.0)
+    if not 0.0 < size < math.inf:
+        return dict(places)
+    decimals = -math.floor(math.log10(spread if 0.0 < spread < math.inf else size / 10.0)) + 2
+    return {place: round(value, decimals) if math.isfinite(value) else value for place, value in places.items()}
+
+
+def _readable_number(value: float) -> float:
+    """Returns a number with one digit if that is within 4 % of it, else with two."""
+    decimals = -math.floor(math.log10(max(value, 0.001)))
+    short = round(value, decimals)
+    return short if abs(short - value) <= 0.04 * value else max(round(value, decimals + 1), 0.001)
+
+
+def _listed(places: Mapping[int, float], steps: int) -> List[Optional[float]]:
+    return [places.get(place) for place in range(steps)]
+
+
+def _lines(alert: PastAlert, found: _Series, thresholds: Optional[str]) -> Iterator[str]:
+    yield printable(f"# {alert.title[:1].upper()}{alert.title[1:]}, {time_text(alert.wall_s)}: {alert.line}")
+    if found.remark:
+        yield printable(f"# Not as it was: {found.remark}")
+    if thresholds is None:
+        yield "thresholds:  # in force then"
+        yield "  signals:"
+        for signal, keys in alert.settings.items():
+            yield f"    {_quoted(signal)}: {json.dumps(keys, ensure_ascii=False)}"
+    else:
+        yield f"thresholds: {_quoted(thresholds)}"
+    yield "tests:"
+    yield f"  - name: {_quoted(f'{alert.title}: {alert.signal} {alert.to_level.name}')}"
+    yield f"    interval_s: {_number(found.interval_s)}"
+    yield "    input:"
+    for name, series in found.values.items():
+        text = series_text(series)
+        if len(text) <= _WIDTH:
+            yield f'      {_quoted(name)}: "{text}"'
+            continue
+        yield f"      {_quoted(name)}: >-"
+        yield from textwrap.wrap(
+            text, _WIDTH, initial_indent=_INDENT, subsequent_indent=_INDENT, break_on_hyphens=False
+        )
+    yield "    alerts:"
+    for each in found.alerts:
+        at_s = _number(round(each.at_s, 6))
+        yield f"      - {{at_s: {at_s}, signal: {_quoted(each.signal)}, level: {each.level.name}}}"
+
+
+def series_text(series: Sequence[Optional[float]]) -> str:
+    """Returns samples in the notation of a series."""
+    items = []
+    for text, run in groupby("_" if value is None else _number(value) for value in series):
+        count = sum(1 for _ in run)
+        repeats = count if text == "_" else count - 1
+        items.append(f"{text}x{repeats}" if count > 1 else text)
+    return " ".join(items)
+
+
+def _number(value: float) -> str:
+    text = repr(float(value))
+    return text[:-2] if text.endswith(".0") else text
+
+
+def _quoted(text: str) -> str:
+    return json.dumps(text, ensure_ascii=False)

@@ -1,0 +1,303 @@
+"""Unit tests of a thresholds.yaml: series of samples in, expected alerts out, in virtual time.
+
+Sample n of every series comes at n times `interval_s`. Between them the monitor ticks every second, as alert_system
+does; a tick at the time of a sample comes after it. A test ends with its longest series.
+
+Series are in the notation of `promtool test rules`: `25x9` is ten samples (a value and nine repetitions), `15-0.5x20`
+21 from 15 to 5, `20+2x3` four from 20 to 26, `_` a missing one and `_x3` three of them, not four.
+An element has a series under its full name: `cells[3]: "3.9x9"`, `drivers[motor: left]: "0x9 2x3"` (levels).
+Those of a signal with `reduce` are one message: `weakest_cell[3]`. Its own series are its reduced values, in its unit.
+Those of a time are its ages in s.
+Source: https://prometheus.io/docs/prometheus/latest/configuration/unit_testing_rules/#series
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from dataclasses import replace
+from typing import Any, Dict, Iterator, List, Mapping, NamedTuple, NoReturn, Optional, Sequence, Tuple
+
+from ...core.config.monitor_config import MonitorConfig, load_config
+from ...core.config.parameters import Parameter, read_parameters, require_mapping
+from ...core.config.signal_config import LINK, SignalConfig, is_element_name, template_name
+from ...core.config.yaml_file import YamlFile, parse_yaml, read_yaml
+from ...core.judge.monitor import Monitor
+from ...core.nodes.alert_system import TICK_PERIOD_S
+from ...core.values.elements import DriverStatus, Elements
+from ...core.values.errors import ConfigError, Path, Problems
+from ...core.values.formatting import describe, number_text
+from ...core.values.model import Level, Sample, Transition
+
+TIME_TOLERANCE_S = 1e-6  # two times closer than this are the same: `3 * 0.1` is not 0.3
+LONGEST_TEST_S = 1e6
+MOST_SAMPLES = 1_000_000  # longest series
+
+_FILE_PARAMETERS = (Parameter("thresholds", str, None, "path of a thresholds.yaml, relative to this file"),)
+_THRESHOLDS = "the path of a thresholds.yaml, relative to this file, or its contents"
+_TEST_PARAMETERS = (
+    Parameter("name", str, None, "what the test shows"),
+    Parameter("interval_s", float, 1.0, "time between the samples of a series, in s", 0.0001, LONGEST_TEST_S),
+)
+_ALERT_PARAMETERS = (
+    Parameter("at_s", float, None, "time since the first sample, in s", 0.0),
+    Parameter("signal", str, None, "name of the signal"),
+    Parameter("level", str, None, "the new level", choices=tuple(level.name for level in Level)),
+)
+_NUMBER = r"(?:\d+(?:\.\d*)?|\.\d+)(?:e[+-]?\d+)?"
+_VALUE = re.compile(rf"(?P<value>[+-]?(?:{_NUMBER}|nan|inf))(?:(?P<step>[+-]{_NUMBER})?x(?P<times>\d+))?\Z", re.I)
+_MISSING = re.compile(r"_(?:x(?P<times>\d+))?\Z")
+
+
+class Alert(NamedTuple):
+    """A transition that a test expects, or that occurred."""
+
+    at_s: float  # since the first sample
+    signal: str
+    level: Level  # the new one
+    text: str = ""  # the alert line; empty for an expected alert
+
+    def __str__(self) -> str:
+        return f"at_s: {number_text(self.at_s)}, signal: {self.signal}, level: {self.level.name}"
+
+
+class ThresholdTest(NamedTuple):
+    """One test."""
+
+    name: str
+    interval_s: float  # between the samples of a series
+    series: Mapping[str, Sequence[Optional[float]]]
+    """Samples by signal, as in its messages: before `scale`. None: missing. Of a driver's status its level."""
+    expected: Sequence[Alert]  # every one, in the order of their times
+
+
+Difference = Tuple[str, Alert]
+"""An alert with its mark: `-` expected, did not occur; `+` occurred, not expected; a space: as expected."""
+
+
+def read_tests(file: str) -> Tuple[MonitorConfig, List[ThresholdTest]]:
+    """Reads a file of tests and the thresholds that it names. Raises ConfigError, with all mistakes."""
+    return _tests_of(read_yaml(file), os.path.dirname(file))
+
+
+def parse_tests(text: str, name: str) -> Tuple[MonitorConfig, List[ThresholdTest]]:
+    """Reads the text of such a file, with its `name` in errors; paths in it are relative to the working directory."""
+    return _tests_of(parse_yaml(text, name), "")
+
+
+def _tests_of(read: YamlFile, folder: str) -> Tuple[MonitorConfig, List[ThresholdTest]]:
+    problems = Problems()
+    config = MonitorConfig({})
+    tests: Dict[str, ThresholdTest] = {}
+    try:
+        with problems:
+            config = _read_thresholds(read.tree, folder)
+        with problems:
+            found = _list(read.tree, "tests", "a list of tests", ())
+            if not found:
+                raise ConfigError("expected at least one test, got none", ("tests",))
+            for number, each in enumerate(found):
+                path = ("tests", str(number))
+                with problems:
+                    test = _read_test(each, path, config)
+                    if test.name in tests:
+                        raise ConfigError("another test of this file has the same name", (*path, "name"))
+                    tests[test.name] = test
+        problems.raise_if_any()
+    except ConfigError as error:
+        raise read.locate(error) from None
+    return config, list(tests.values())
+
+
+def _read_thresholds(tree: Mapping[str, Any], folder: str) -> MonitorConfig:
+    given = tree.get("thresholds")
+    if isinstance(given, Mapping):
+        read_parameters(tree, (), sections=("tests", "thresholds"))
+        try:
+            return load_config(given)
+        except ConfigError as error:
+            raise error.below(("thresholds",)) from None
+    thresholds = read_parameters(tree, _FILE_PARAMETERS, sections=("tests",))["thresholds"]
+    if not thresholds:
+        _raise_missing(_THRESHOLDS, ("thresholds",))
+    return load_config(os.path.join(folder, thresholds))
+
+
+def _read_test(found: object, path: Path, config: MonitorConfig) -> ThresholdTest:
+    tree = require_mapping(found, path)
+    problems = Problems()
+    values: Dict[str, Any] = {"name": "", "interval_s": 1.0}
+    with problems:
+        values = read_parameters(tree, _TEST_PARAMETERS, path, ("input", "alerts"))
+        if values["name"] is None:
+            _raise_missing("what the test shows", (*path, "name"))
+    series: Dict[str, List[Optional[float]]] = {}
+    with problems:
+        series = _read_series(tree, (*path, "input"), values["interval_s"], config)
+    expected: List[Alert] = []
+    with problems:
+        for number, alert in enumerate(_list(tree, "alerts", "a list of alerts, [] for none", path)):
+            with problems:
+                expected.append(_read_alert(alert, (*path, "alerts", str(number)), series))
+    problems.raise_if_any()
+    return ThresholdTest(values["name"], values["interval_s"], series, sorted(expected, key=lambda each: each.at_s))
+
+
+def _read_series(
+    tree: Mapping[str, Any], path: Path, interval_s: float, config: MonitorConfig
+) -> Dict[str, List[Optional[float]]]:
+    if "input" not in tree:
+        _raise_missing("a series per signal", path)
+    found = require_mapping(tree["input"], path)
+    if not found:
+        raise ConfigError("expected a series for at least one signal, got none", path)
+    problems = Problems()
+    series: Dict[str, List[Optional[float]]] = {}
+    text = Parameter("input", str, None, "")
+    for name, value in found.items():
+        with problems:
+            if config.signals and not _is_input(name, config):
+                known = ", ".join([*list(config.signals)[:20], LINK])
+                raise ConfigError(f"expected a signal of the thresholds ({known})", (*path, name))
+            if name in config.signals and config.signals[name].is_template:
+                raise ConfigError(f"expected a series for each element, such as {name}[0]", (*path, name))
+            if isinstance(value, str):
+                value = " ".join(value.split())  # may have several lines, such as YAML's `|`
+            elif isinstance(value, (int, float)) and not isinstance(value, bool):
+                value = repr(value)  # one sample, such as `25`
+            series[name] = parse_series(text.read(value, (*path, name)), (*path, name))
+            if (len(series[name]) - 1) * interval_s > LONGEST_TEST_S:
+                raise ConfigError(f"expected at most {number_text(LONGEST_TEST_S)} s", (*path, name))
+    problems.raise_if_any()
+    return series
+
+
+def _is_input(name: str, config: MonitorConfig) -> bool:
+    template = config.signals.get(template_name(name))
+    has_elements = template is not None and (template.is_template or template.reduce != "")
+    is_element = has_elements and is_element_name(name)
+    return is_element or name in config.signals or name == LINK
+
+
+def parse_series(text: str, path: Path = ()) -> List[Optional[float]]:
+    """Returns the samples of a series, None for a missing one. Raises ConfigError: it is none, or too long."""
+    samples: List[Optional[float]] = []
+    for item in text.split():
+        missing, value = _MISSING.match(item), _VALUE.match(item)
+        if missing:
+            samples.extend([None] * _times(missing["times"] or "1", samples, path))
+        elif value:
+            start, step = float(value["value"]), float(value["step"] or 0.0)
+            times = _times(value["times"] or "0", samples, path)
+            # Not by adding up: 20.5-0.1x5 must end at 20 exactly.
+            samples.extend(start + step * count if step else start for count in range(times + 1))
+        else:
+            raise ConfigError(f"expected a series such as '25x9 15-0.5x20 _x3 nan', got {describe(item)} in it", path)
+    if not samples:
+        raise ConfigError("expected a series such as '25x9 15-0.5x20 _x3 nan', got no samples", path)
+    return samples
+
+
+def _times(digits: str, samples: List[Optional[float]], path: Path) -> int:
+    # A number of a million digits would take Python minutes.
+    times = int(digits) if len(digits) < 10 else MOST_SAMPLES
+    if len(samples) + times + 1 > MOST_SAMPLES:
+        raise ConfigError(f"expected at most {MOST_SAMPLES} samples in a series", path)
+    return times
+
+
+def _read_alert(found: object, path: Path, series: Mapping[str, Any]) -> Alert:
+    values = read_parameters(require_mapping(found, path), _ALERT_PARAMETERS, path)
+    problems = Problems()
+    for parameter in _ALERT_PARAMETERS:
+        with problems:
+            if values[parameter.name] is None:
+                _raise_missing(parameter.description, (*path, parameter.name))
+    if values["signal"] is not None and series and values["signal"] not in (*series, *map(template_name, series)):
+        problem = f"expected a signal of `input` ({', '.join(list(series)[:20])}), got {describe(values['signal'])}"
+        problems.add(ConfigError(problem, (*path, "signal")))
+    problems.raise_if_any()
+    return Alert(values["at_s"], values["signal"], Level[values["level"]])
+
+
+def _list(tree: Mapping[str, Any], key: str, expected: str, path: Path) -> List[Any]:
+    if key not in tree:
+        _raise_missing(expected, (*path, key))
+    if not isinstance(tree[key], list):
+        raise ConfigError(f"expected {expected}, got {describe(tree[key])}", (*path, key))
+    found: List[Any] = tree[key]
+    return found
+
+
+def _raise_missing(expected: str, path: Path) -> NoReturn:
+    raise ConfigError(f"is missing; expected {expected}", path)
+
+
+def run_test(config: MonitorConfig, test: ThresholdTest) -> List[Alert]:
+    """Returns the alerts that a test's samples raise, in the order in which they occur.
+
+    Signals without a series are not judged. Repeated announcements (`repeat_s`) are no transitions.
+    """
+    given = set(map(template_name, test.series))
+    signals = {name: signal for name, signal in config.signals.items() if name in given}
+    statuses = {name for name, signal in signals.items() if signal.is_status}
+    monitor = Monitor(replace(config, signals=signals))
+    monitor.tick(0.0)
+    transitions: List[Transition] = []
+    for now_s, samples in _steps(test):
+        for name, value in _with_reductions(samples, signals):
+            is_status = template_name(name) in statuses and isinstance(value, float)
+            datum = DriverStatus(int(value) if value.is_integer() else value, "") if is_status else value
+            transitions += monitor.observe(Sample(name, datum, now_s))
+        if not samples:
+            transitions += monitor.tick(now_s)
+    return [Alert(each.now_s, each.signal, each.to_level, each.text) for each in transitions if not each.repeat]
+
+
+def _with_reductions(
+    samples: Sequence[Tuple[str, float]], signals: Mapping[str, SignalConfig]
+) -> Iterator[Tuple[str, Any]]:
+    """Yields the samples of one time, those of the elements of a signal with `reduce` as one message."""
+    messages: Dict[str, Elements] = {}
+    for name, value in samples:
+        signal = template_name(name)
+        if signal != name and signals[signal].reduce:
+            messages.setdefault(signal, Elements()).append((name[len(signal) + 1 : -1], value))
+        else:
+            yield name, value
+    yield from messages.items()
+
+
+def _steps(test: ThresholdTest) -> Iterator[Tuple[float, List[Tuple[str, float]]]]:
+    """Yields each time with its samples; without samples it is a tick."""
+    samples: Dict[int, List[Tuple[str, float]]] = {}
+    for name, series in test.series.items():
+        for number, value in enumerate(series):
+            if value is not None:
+                samples.setdefault(number, []).append((name, value))
+    last = max(map(len, test.series.values())) - 1
+    ticks = 1
+    for number in sorted({*samples, last}):
+        now_s = number * test.interval_s
+        while ticks * TICK_PERIOD_S < now_s - TIME_TOLERANCE_S:
+            yield ticks * TICK_PERIOD_S, []
+            ticks += 1
+        if number in samples:
+            yield now_s, samples[number]
+        if ticks * TICK_PERIOD_S <= now_s + TIME_TOLERANCE_S:
+            yield max(now_s, ticks * TICK_PERIOD_S), []
+            ticks += 1
+
+
+def compare(expected: Sequence[Alert], actual: Sequence[Alert]) -> List[Difference]:
+    """Compares alerts, those of one instant in any order; returns all, in the order of their times, marked."""
+    missing = list(expected)
+    result: List[Difference] = []
+    for alert in actual:
+        same = (each for each in missing if (each.signal, each.level) == (alert.signal, alert.level))
+        match = next((each for each in same if abs(each.at_s - alert.at_s) <= TIME_TOLERANCE_S), None)
+        if match is not None:
+            missing.remove(match)
+        result.append(("+" if match is None else " ", alert))
+    result.extend(("-", alert) for alert in missing)
+    return sorted(result, key=lambda each: (each[1].at_s, "- +".index(each[0])))

@@ -1,0 +1,1 @@
+"""What is configured: the keys, their checks, and YAML files with lines."""

@@ -1,0 +1,359 @@
+"""Configuration of the monitor: a mapping or a `thresholds.yaml` becomes frozen values.
+
+Here: the parameters of nodes, the sections of a file, and what several signals must agree on. `signal_config` has the
+keys of a signal. Every error names the key's path and, for a file, file and line.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from types import MappingProxyType
+from typing import Any, Dict, Iterator, List, Mapping, NamedTuple, Optional, Tuple, Union
+
+from ..messages.standard_messages import check_field
+from ..values.errors import ConfigError, Path, Problems
+from ..values.formatting import describe, list_text
+from ..values.names import split_type_name
+from .parameters import Parameter, read_parameters, require_mapping
+from .schema import declared, parameters
+from .signal_config import (
+    CONDITION_PARAMETERS,
+    CONDITIONS,
+    LINK,
+    SIGNAL_PARAMETERS,
+    SignalConfig,
+    is_element_name,
+    read_signal,
+    template_name,
+)
+from .yaml_file import PathLike, read_yaml
+
+_RESERVED_NAMES = {LINK: "the link to the robot", "monitor": "the status of the monitor itself"}
+
+DEFAULT_SIGNALS: Mapping[str, Mapping[str, Any]] = {
+    "battery_level": {
+        "type": "std_msgs/Float32", "unit": "%", "valid_min": 0.0, "valid_max": 100.0,
+        "warn_below": 20.0, "error_below": 10.0, "hysteresis": 2.0,
+    },
+    "temperature": {
+        "type": "std_msgs/Float32", "unit": "degC", "valid_min": -40.0, "valid_max": 150.0,
+        "warn_above": 80.0, "error_above": 95.0, "hysteresis": 2.0,
+    },
+    "cpu_usage": {
+        "type": "std_msgs/Float32", "unit": "%", "valid_min": 0.0, "valid_max": 100.0,
+        "warn_above": 95.0, "hysteresis": 5.0, "for_s": 5.0,
+    },
+}  # fmt: skip
+"""The signals if none are configured, as in `config/thresholds.yaml`."""
+
+_CONDITION_PARAMETERS = tuple(
+    parameter.below(key, description=f"{meaning}: {parameter.description}")
+    for key, meaning in CONDITIONS.items()
+    for parameter in CONDITION_PARAMETERS
+)
+
+_MAIN_SIGNALS = 3
+
+_DEEPEST_SECTION = 8
+"""Deepest namespace above a `ros__parameters`."""
+
+
+@dataclass(frozen=True)
+class NodeConfig:
+    """Parameters common to all nodes: a ROS 2 launch file passes the same ones to all nodes of a process."""
+
+    robot_name: str = declared("", "name of the robot: hardware_id of all messages; empty: the host name")
+    thresholds: str = declared("", "path of the file that contains this configuration; used in error messages")
+    use_sim_time: bool = declared(False, "use the time from /clock instead of the system time")
+    log_level: str = declared(
+        "INFO", "lowest severity that is logged", choices=("DEBUG", "INFO", "WARN", "ERROR", "FATAL")
+    )
+    executor: str = declared(
+        "auto",
+        "ROS 2 only: single (SingleThreadedExecutor), events (EventsExecutor, less CPU) or auto (events if it works)",
+        choices=("auto", "single", "events"),
+    )
+    sensors: str = declared(
+        "",
+        "source of each metric of battery_sensor that names none: simulated, host or none; empty: simulated. "
+        "none: health_monitor runs without battery_sensor, and without aggregator unless its inputs are configured",
+        choices=("", "simulated", "host", "none"),
+    )
+    rosbridge_port: int = declared(0, "port of the rosbridge server of alert_system; 0: no server", 0, 65535)
+    rosbridge_address: str = declared("127.0.0.1", "address of the rosbridge server; any other one needs a token")
+    rosbridge_token_file: str = declared("", "path of a file with the token that clients must present; empty: none")
+    ops: str = declared("", "path of an ops.yaml (history, notifications, server); empty: none")
+
+
+@dataclass(frozen=True)
+class _Signals:
+    signals: Mapping[str, SignalConfig]
+    """By name, in the order of the configuration."""
+
+
+@dataclass(frozen=True)
+class MonitorConfig(NodeConfig, _Signals):
+    """Configuration of a Monitor and of the alert_system node."""
+
+    publish_rate: float = declared(1.0, "rate of /diagnostics, in Hz", 0.01, 100.0)
+    show: Tuple[str, ...] = declared(
+        (),
+        "signals whose values the page and the live view show beside the robot's name; []: the first three with a unit",
+    )
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "signals", MappingProxyType(dict(self.signals)))
+
+    @property
+    def main_signals(self) -> Tuple[str, ...]:
+        """The signals that stand for the robot: `show`, else the first three with a unit."""
+        with_unit = [name for name, signal in self.signals.items() if signal.unit and not signal.is_template]
+        return self.show or tuple(with_unit[:_MAIN_SIGNALS])
+
+
+NODE_PARAMETERS = parameters(NodeConfig)
+MONITOR_PARAMETERS = parameters(MonitorConfig)
+"""Parameters of alert_system, apart from its signals."""
+
+
+class Section(NamedTuple):
+    """Part of a configuration file that belongs to one node."""
+
+    path: Path
+    """Keys from the root of the file down to the parameters."""
+    tree: Mapping[str, Any]
+    """The mapping under `ros__parameters`."""
+
+    @property
+    def node(self) -> str:
+        """The node's name without its namespace."""
+        return self.path[-2].rpartition("/")[2]
+
+
+def load_config(source: Union[Mapping[str, Any], PathLike], node: str = "alert_system") -> MonitorConfig:
+    """Reads the configuration of a monitor.
+
+    Args:
+        source: the mapping under `ros__parameters`, the mapping of a whole file, or a file's path.
+        node: the node whose section of a whole file to read; without one, the only section with `signals`.
+
+    Raises:
+        ConfigError: unknown keys, wrong types, contradictory bounds, impossible units, or an unreadable file. The
+            message names file, line, key path, what was expected and what was found; `others` are further mistakes.
+    """
+    if isinstance(source, (str, os.PathLike)):
+        read = read_yaml(source)
+        try:
+            return read_monitor(find_section(read.tree, node))
+        except ConfigError as error:
+            raise read.locate(error) from None
+    tree = require_mapping(source)
+    return read_monitor(find_section(tree, node) if is_whole_file(tree) else Section((), tree))
+
+
+def is_whole_file(tree: Mapping[str, Any]) -> bool:
+    """Returns whether `tree` is the mapping of a whole file, with node names above `ros__parameters`."""
+    return next(_parameters(tree), None) is not None
+
+
+def _parameters(tree: Mapping[Any, Any], path: Path = ()) -> Iterator[Tuple[Path, object]]:
+    """Yields path and value of each `ros__parameters`."""
+    for key, value in tree.items():
+        if isinstance(value, Mapping):
+            below = (*path, str(key))
+            if "ros__parameters" in value:
+                yield (*below, "ros__parameters"), value["ros__parameters"]
+            elif len(path) < _DEEPEST_SECTION:
+                yield from _parameters(value, below)
+
+
+def sections(tree: Mapping[str, Any]) -> Dict[str, Section]:
+    """Returns the sections of a whole file by `node`, as `list_sections` does; of several for one node, the last."""
+    return {section.node: section for section in list_sections(tree)}
+
+
+def list_sections(tree: Mapping[str, Any], problems: Optional[Problems] = None) -> List[Section]:
+    """Returns all sections of a file. If one is not a mapping, the ConfigError is added to `problems`, else raised."""
+    collected = Problems() if problems is None else problems
+    found: List[Section] = []
+    for path, tree_below in _parameters(tree):
+        with collected:
+            found.append(Section(path, require_mapping(tree_below, path)))
+    if problems is None:
+        collected.raise_if_any()
+    return found
+
+
+def find_section(tree: Mapping[str, Any], node: str) -> Section:
+    """Returns a node's section of a file, else the only one with `signals`. ConfigError: there is none, or several."""
+    found = list_sections(tree)
+    refuse_second_section(found, node)
+    for section in found:
+        if section.node == node:
+            return section
+    if "signals" in tree:
+        nesting = f"{node}: {{ros__parameters: {{signals: ...}}}}"
+        raise ConfigError(f"expected below the name of a node: {nesting}", ("signals",))
+    refuse_missing_parameters(tree, node)
+    with_signals = [section for section in found if "signals" in section.tree]
+    if len(with_signals) == 1:
+        return with_signals[0]
+    there = describe(", ".join(map(str, list(tree)[:10]))) if tree else "nothing"
+    raise ConfigError(f"expected one node with ros__parameters.signals, usually {node}, got {there}")
+
+
+def refuse_missing_parameters(tree: Mapping[str, Any], node: str) -> None:
+    """Raises a ConfigError if a node's name is at the top of a file without `ros__parameters` below it."""
+    below = tree.get(node)
+    if not isinstance(below, Mapping) or is_whole_file({node: below}):
+        return
+    import difflib  # only for mistakes: it takes memory in every node
+
+    for key in list(below)[:100]:
+        if difflib.get_close_matches(str(key)[:60], ["ros__parameters"]):
+            raise ConfigError("unknown key; did you mean ros__parameters, with two underscores?", (node, str(key)))
+    raise ConfigError("expected the key ros__parameters above the parameters", (node,))
+
+
+def refuse_second_section(found: List[Section], node: str) -> None:
+    """Raises a ConfigError if several of the sections of a file are for one node."""
+    of_node = [section.path[:-1] for section in found if section.node == node]
+    if len(of_node) > 1:
+        places = " and ".join(".".join(path) for path in of_node[:2])
+        raise ConfigError(f"expected one section for {node} in a file (one file per robot), got {places}", of_node[1])
+
+
+def read_monitor(section: Section) -> MonitorConfig:
+    """Reads the section of alert_system; raises as `load_config` does, with the section's path before the key's."""
+    path, tree = section
+    problems = Problems()
+    if "rosbridge_token" in tree:
+        # Other users can read parameters. The error must not contain the token either.
+        problem = "not supported; write the token to a file and give its path as rosbridge_token_file"
+        problems.add(ConfigError(problem, (*path, "rosbridge_token")))
+    values: Dict[str, Any] = {}
+    with problems:
+        values = read_parameters(tree, MONITOR_PARAMETERS, path, ("signals", "qos_overrides", "rosbridge_token"))
+    signals: Dict[str, SignalConfig] = {}
+    if "signals" in tree or not problems.errors:  # a misspelt `signals` is one mistake, not two
+        with problems:
+            signals = _read_signals(tree, (*path, "signals"))
+    for name in values.get("show", ()) if signals else ():
+        if name not in signals and not (is_element_name(name) and template_name(name) in signals):
+            known = list_text(list(signals), 20)
+            problems.add(ConfigError(f"expected names of signals ({known}), got {describe(name)}", (*path, "show")))
+    problems.raise_if_any()
+    return MonitorConfig(signals, **values)
+
+
+def _read_signals(tree: Mapping[str, Any], path: Path) -> Dict[str, SignalConfig]:
+    if "signals" not in tree:
+        raise ConfigError("is missing; expected a mapping of signal names to their settings", path)
+    signals = require_mapping(tree["signals"], path)
+    if not signals:
+        raise ConfigError("expected at least one signal, got none; `robot-health init` writes them", path)
+    problems = Problems()
+    read: Dict[str, SignalConfig] = {}
+    for name, found in signals.items():
+        with problems:
+            if name in _RESERVED_NAMES:
+                problem = f"this name is reserved for {_RESERVED_NAMES[name]}; expected another"
+                raise ConfigError(problem, (*path, name))
+            read[name] = read_signal(name, found, (*path, name))
+    _share_types(signals, read, path, problems)
+    for name, signal in read.items():
+        for key in CONDITIONS:
+            condition = getattr(signal, key)
+            if condition is not None and not _may_refer_to(condition.signal, name, read, signals):
+                others = list_text([other for other in signals if other not in (name, LINK)] + [LINK], 20)
+                problem = f"expected the name of another signal ({others}), got {describe(condition.signal)}"
+                problems.add(ConfigError(problem, (*path, name, key, "signal")))
+        for problem in _mistakes_of_causes(name, read, signals):
+            problems.add(ConfigError(problem, (*path, name, "depends_on")))
+    problems.raise_if_any()
+    return read
+
+
+def _may_refer_to(other: str, name: str, read: Mapping[str, SignalConfig], given: Mapping[str, Any]) -> bool:
+    """Returns whether a condition of the signal `name` may be on `other`: a signal, or an element of a template."""
+    template = read.get(template_name(other))
+    is_element = template is not None and template.is_template and is_element_name(other)
+    return template_name(other) != name and (is_element or other in given or other == LINK)
+
+
+def _mistakes_of_causes(name: str, read: Mapping[str, SignalConfig], given: Mapping[str, Any]) -> Iterator[str]:
+    """Yields what is wrong with that on which a signal depends: unknown names, itself, its own topic, circles."""
+    signal = read[name]
+    topics = {each.topic.lstrip("/") for each in read.values()}
+    for cause in signal.depends_on:
+        is_signal = cause in given or cause == LINK or is_element_name(cause)
+        if template_name(cause) == name:
+            yield f"expected other signals, got {describe(cause)}: it would depend on itself"
+        elif not is_signal and cause.lstrip("/") == signal.topic.lstrip("/"):
+            yield f"expected topics of other signals, got {describe(cause)}: its own silence is one alert already"
+        elif not _may_refer_to(cause, name, read, given) and cause.lstrip("/") not in topics:
+            others = list_text([other for other in given if other != name] + [LINK], 20)
+            yield f"expected names of other signals ({others}) or their topics, got {describe(cause)}"
+    causes = _all_causes(name, read)
+    if name in causes and name not in map(template_name, signal.depends_on):
+        circle = [each for each in causes if name in _all_causes(each, read)]
+        yield f"expected no circle, but {' and '.join(circle)} depend on one another"
+
+
+def _all_causes(name: str, read: Mapping[str, SignalConfig]) -> List[str]:
+    """Returns the configured signals on which one depends, directly or not."""
+    found = [name]
+    for each in found:
+        causes = map(template_name, read[each].depends_on)
+        found += [cause for cause in dict.fromkeys(causes) if cause in read and cause not in found[1:]]
+    return found[1:]
+
+
+def _share_types(found: Mapping[str, Any], signals: Dict[str, SignalConfig], path: Path, problems: Problems) -> None:
+    """Gives signals without a type that of another signal of the same topic; two types for one topic are a mistake.
+
+    `found` are all signals as they were given, `signals` those that could be read: they are changed. `problems`
+    receives each mistake at both signals.
+    """
+    typed: Dict[str, Tuple[str, str]] = {}
+    for name, given in found.items():
+        topic, type_name = (given.get("topic", name), given.get("type")) if isinstance(given, Mapping) else (name, "")
+        if not isinstance(topic, str) or not isinstance(type_name, str) or split_type_name(type_name) is None:
+            continue
+        first, other = typed.setdefault(topic, (name, type_name))
+        if split_type_name(other) != split_type_name(type_name):
+            both = ((first, other), (name, type_name))
+            for (one, its_type), (another, another_type) in (both, both[::-1]):
+                problem = f"signal {another} of the same topic {topic} has {another_type}, this one {its_type}"
+                problems.add(ConfigError(problem, (*path, one, "type")))
+    for name, signal in signals.items():
+        if signal.type or signal.topic not in typed:
+            continue
+        giver, type_name = typed[signal.topic]
+        signals[name] = replace(signal, type=type_name)
+        try:
+            check_field(signal.topic, type_name, signal.field)
+        except ConfigError as error:
+            problem = f"{error.problem}; the type is that of signal {giver} of the same topic"
+            problems.add(ConfigError(problem, (*path, name, "field")))
+            problem = f"signal {name} of the same topic names no type, and this type has no field {signal.field}"
+            problems.add(ConfigError(problem, (*path, giver, "type")))
+
+
+def described_parameters(config: MonitorConfig, *, are_default: bool = False) -> Tuple[Parameter, ...]:
+    """Returns all parameters of a node, by dotted names; `are_default`: its signals are those of `DEFAULT_SIGNALS`."""
+    return _described_parameters(tuple(config.signals), are_default)
+
+
+@lru_cache(maxsize=4)  # the robots of a fleet have the same signals
+def _described_parameters(signals: Tuple[str, ...], are_default: bool) -> Tuple[Parameter, ...]:
+    defaults = DEFAULT_SIGNALS if are_default else {}
+    described = list(MONITOR_PARAMETERS)
+    for name in signals:
+        own = defaults.get(name, {})
+        for parameter in (*SIGNAL_PARAMETERS, *_CONDITION_PARAMETERS):
+            default = own.get(parameter.name, parameter.default)
+            described.append(parameter.below(f"signals.{name}", default=default))
+    return tuple(described)

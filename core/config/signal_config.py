@@ -1,0 +1,439 @@
+"""Configuration of one signal: its keys, as one table, and the checks that they do not contradict one another.
+
+The fields of `SignalConfig` are the table: a line there is enough for a new key. Every error names the key's path.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import re
+from dataclasses import dataclass, fields
+from itertools import product
+from typing import Any, Dict, Iterator, Mapping, Optional, Tuple
+
+from ..values.elements import ARRAY_TYPE, STATUS_TYPE
+from ..values.errors import ConfigError, Path, Problems
+from ..values.field_path import Every, Keyed, every_step, parse_field_path
+from ..values.formatting import bound_text, describe, number_text
+from ..values.names import canonical_type, split_type_name
+from ..values.reduction import REDUCTIONS
+from .parameters import Parameter, read_parameters, require_mapping
+from .schema import declared, parameters
+
+LINK = "link"
+"""Name of the signal that is 1 while a robot can be reached, else 0. Reserved; conditions may refer to it."""
+
+STATISTICS = ("last", "mean", "min", "max", "stddev", "rate", "frequency_hz", "largest_gap_s", "forecast")
+"""Statistics to which bounds can apply."""
+
+_IN_UNIT = ("last", "mean", "min", "max")
+"""Statistics in the unit of the signal, and within its valid range."""
+
+OF_ARRIVALS = ("frequency_hz", "largest_gap_s")
+"""Statistics of the times of arrival, whatever the values are."""
+
+BOUNDS = ("warn_below", "warn_above", "error_below", "error_above")
+
+MOST_FORECAST_WINDOWS = 3
+"""Largest `forecast_s`, in lengths of the window."""
+
+LONGEST_ADVICE = 500
+"""Most characters of `what_to_do`."""
+
+LONGEST_NAME = 120
+"""Most characters of the name of an element's signal, `drivers[motor_driver: left]`."""
+
+LONGEST_TEMPLATE_NAME = 60
+"""Most characters of the name of a signal whose elements are signals: theirs begin with it."""
+
+LONGEST_S = 365.0 * 86_400.0
+"""Longest duration in a configuration, in s: a year. Prometheus refuses much longer ones."""
+
+_UNIT_RANGES: Mapping[str, Tuple[Optional[float], Optional[float]]] = {
+    "%": (0.0, 100.0), "degC": (-273.15, None), "°C": (-273.15, None), "C": (-273.15, None), "K": (0.0, None),
+    "Hz": (0.0, None),
+}  # fmt: skip
+"""Smallest and largest possible value per unit."""
+
+_TIME_FIELDS = (("std_msgs/Time", "data"), ("sensor_msgs/TimeReference", "time_ref"), ("rosgraph_msgs/Clock", "clock"))
+"""Type and name of fields that are times, whatever their name says."""
+
+_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*\Z")
+
+
+@dataclass(frozen=True)
+class Condition:
+    """A condition on the latest value of another signal."""
+
+    signal: str
+    """The other signal's name."""
+    comparison: str
+    """`is`, `is_not`, `below`, `above` or `between`."""
+    number: float
+    """Number with which its value is compared, in its unit; of `between` the lower one."""
+    upper: float = math.inf
+    """Upper number of `between`."""
+
+    def __str__(self) -> str:
+        return self.text(holds=True)
+
+    def text(self, *, holds: bool) -> str:
+        """Returns the condition in words, or its opposite."""
+        verb = "is" if holds is (self.comparison != "is_not") else "is not"
+        side = "" if self.comparison in ("is", "is_not") else f" {self.comparison}"
+        upper = f" and {bound_text(self.upper)}" if self.comparison == "between" else ""
+        return f"{self.signal} {verb}{side} {bound_text(self.number)}{upper}"
+
+    def holds(self, value: float) -> bool:
+        """Returns whether the condition is true for this value of the other signal."""
+        if self.comparison in ("is", "is_not"):
+            return _is_equal(value, self.number) is (self.comparison == "is")
+        if self.comparison == "between":
+            ends = _is_equal(value, self.number) or _is_equal(value, self.upper)
+            return self.number <= value <= self.upper or ends
+        return value < self.number if self.comparison == "below" else value > self.number
+
+
+def _is_equal(value: float, number: float) -> bool:
+    return math.isclose(value, number, rel_tol=1e-6)  # 0.1 as a Float32 is 0.1000000015
+
+
+def _duration(default: Optional[float], description: str, least_s: float = 0.0) -> Any:
+    return declared(default, description, least_s, LONGEST_S)
+
+
+@dataclass(frozen=True)
+class SignalConfig:
+    """One signal: its source and its rules.
+
+    This is the table of keys: type, default, description, smallest and largest value. Where the type is not optional,
+    `read_signal` replaces the default None.
+    """
+
+    name: str
+    topic: str = declared(None, "topic of the signal; left out: the signal's name")
+    type: str = declared("", "message type, such as std_msgs/Float32; left out: the type that is published")
+    field: str = declared("data", "path of the number in the message; empty: count arrivals, the value is 1")
+    reduce: str = declared(
+        "",
+        "how all elements that the field selects become one value; left out: each is a signal of its own",
+        choices=("", *REDUCTIONS),
+    )
+    scale: float = declared(1.0, "factor that converts the number to the unit")
+    unit: str = declared("", "unit of the value, for display and plausibility checks")
+    placeholders: Tuple[float, ...] = declared((), "numbers that mean 'not measured', before scaling: invalid data")
+    valid_min: Optional[float] = declared(None, "smallest valid value, in the unit; below it the data is invalid")
+    valid_max: Optional[float] = declared(None, "largest valid value, in the unit; above it the data is invalid")
+    invalid_for_s: float = _duration(0.0, "time for which data must be invalid before it is an ERROR, in s")
+    window_s: float = _duration(
+        None, "length of the window for statistics, in s; left out: 60, 600 for a forecast", 0.001
+    )
+    window_min_s: float = _duration(
+        None,
+        "time for which samples must come before statistics other than last are defined, in s; left out: window_s / 2, "
+        "window_s for a forecast",
+    )
+    window_samples: int = declared(
+        None, "maximum number of samples in the window; left out: 6000, 100000 for a forecast", 1, 1_000_000
+    )
+    statistic: str = declared("last", "statistic of the window to which the bounds apply", choices=STATISTICS)
+    forecast_s: Optional[float] = _duration(None, "time from the newest sample to the forecast, in s", 0.001)
+    warn_below: Optional[float] = declared(None, "WARN below this value, in the unit of the statistic")
+    warn_above: Optional[float] = declared(None, "WARN above this value, in the unit of the statistic")
+    error_below: Optional[float] = declared(None, "ERROR below this value, in the unit of the statistic")
+    error_above: Optional[float] = declared(None, "ERROR above this value, in the unit of the statistic")
+    hysteresis: float = declared(
+        0.0, "distance from a bound at which its alert clears, in the unit of the statistic", 0.0
+    )
+    for_s: float = _duration(0.0, "time for which a bound must be crossed before the alert fires, in s")
+    keep_firing_for_s: float = _duration(0.0, "time after the bound is no longer crossed until it clears, in s")
+    error_for_s: float = _duration(None, "for_s of the ERROR bounds, in s; left out: for_s")
+    error_keep_firing_for_s: float = _duration(
+        None, "keep_firing_for_s of the ERROR bounds, in s; left out: keep_firing_for_s"
+    )
+    latch: bool = declared(False, "keep the worst level that fired until reset")
+    flap_detection: bool = declared(False, "announce a signal that changes too often once, not at each change")
+    flap_high: float = declared(50.0, "state change at which flapping begins, in %", 0.0, 100.0)
+    flap_low: float = declared(25.0, "state change below which flapping ends, in %", 0.0, 100.0)
+    stale_after_s: float = _duration(5.0, "time without a sample after which it is STALE, in s; 0: never")
+    startup_grace_s: float = _duration(10.0, "stale_after_s before the first sample, in s")
+    max_elements: int = declared(200, "maximum number of elements that are signals of their own", 1, 10_000)
+    forget_after_s: float = _duration(
+        0.0, "time without a sample after which an element is no longer watched, in s; 0: never"
+    )
+    repeat_s: float = _duration(0.0, "interval of repeated announcements while not OK, in s; 0: none")
+    depends_on: Tuple[str, ...] = declared(
+        (), "signals, elements or topics without which its own alerts have a known cause: they are not announced"
+    )
+    what_to_do: str = declared("", "what to do when it alerts: one line, or the address of a page")
+    only_if: Optional[Condition] = dataclasses.field(
+        default=None, metadata={"condition": "the bounds apply only while this holds or the other signal is unknown"}
+    )
+    latch_release_if: Optional[Condition] = dataclasses.field(
+        default=None, metadata={"condition": "a latch is released while this holds, as by `reset`"}
+    )
+
+    @property
+    def is_template(self) -> bool:
+        """Whether every element of its field is a signal of its own, with this configuration."""
+        return not self.reduce and self.name == template_name(self.name) and every_step(self.field) is not None
+
+    @property
+    def is_status(self) -> bool:
+        """Whether the field is known to be a DiagnosticStatus as a whole; without a type, by the name of its array."""
+        try:
+            steps = parse_field_path(self.field)
+        except ValueError:
+            return False
+        if self.reduce or not steps or not isinstance(steps[-1], (Keyed, Every)):
+            return False
+        type_name = canonical_type(self.type)
+        if len(steps) == 1:
+            return type_name == STATUS_TYPE
+        return steps[:-1] == ("status",) and type_name in ("", ARRAY_TYPE)
+
+    @property
+    def bounds(self) -> Mapping[str, float]:
+        """The bounds that are set, by their configuration names."""
+        return {name: getattr(self, name) for name in BOUNDS if getattr(self, name) is not None}
+
+
+SIGNAL_PARAMETERS = parameters(SignalConfig)
+"""Keys of a signal, each with unit and range."""
+
+CONDITIONS: Mapping[str, str] = {
+    each.name: each.metadata["condition"] for each in fields(SignalConfig) if "condition" in each.metadata
+}
+"""Keys of a signal that hold a condition on another signal."""
+
+CONDITION_PARAMETERS = (
+    Parameter("signal", str, None, "name of the other signal"),
+    Parameter("is", float, None, "true while the other signal equals this value, in its unit"),
+    Parameter("is_not", float, None, "true while the other signal differs from this value, in its unit"),
+    Parameter("below", float, None, "true while the other signal is below this value, in its unit"),
+    Parameter("above", float, None, "true while the other signal is above this value, in its unit"),
+    Parameter("between", list, None, "true while the other signal lies between these two values or equals one"),
+)
+"""Keys of a condition on another signal: the signal and one comparison."""
+
+
+def template_name(signal: str) -> str:
+    """Returns the name under which a signal is configured: `drivers` for the element `drivers[motor: left]`."""
+    return signal.partition("[")[0]
+
+
+def is_element_name(name: str) -> bool:
+    """Returns whether a text has the form of an element's name; any text may come from a file or a client."""
+    return "[" in name and name.endswith("]") and len(name) <= LONGEST_NAME and name.isprintable()
+
+
+def read_signal(name: str, found: object, path: Path = ()) -> SignalConfig:
+    """Reads the configuration of one signal; raises ConfigError as `load_config` does."""
+    problems = Problems()
+    if not _NAME.match(name):
+        problem = "expected a signal name of letters, digits and _, not beginning with a digit"
+        problems.add(ConfigError(problem, path))
+    values: Dict[str, Any] = {}
+    with problems:
+        tree = require_mapping(found, path)
+        for key in CONDITIONS:
+            if key in tree:
+                with problems:
+                    values[key] = _read_condition(tree[key], (*path, key))
+        values.update(read_parameters(tree, SIGNAL_PARAMETERS, path, tuple(CONDITIONS)))
+    problems.raise_if_any()
+    fill_in(name, values)
+    signal = SignalConfig(name=name, **values)
+    for key, problem in _mistakes(signal, tree):
+        problems.add(ConfigError(problem, (*path, key)))
+    problems.raise_if_any()
+    return signal
+
+
+def fill_in(name: str, values: Dict[str, Any]) -> None:
+    """Sets the keys that were left out and whose default follows from others."""
+    is_forecast = values["statistic"] == "forecast"
+    window_s = values["window_s"] or (600.0 if is_forecast else 60.0)
+    if not values["unit"] and values["reduce"] != "count" and _is_time(values["type"], values["field"]):
+        values["unit"] = "s"
+    defaults = {
+        "topic": name,
+        "window_s": window_s,
+        "window_min_s": window_s if is_forecast else window_s / 2.0,
+        "window_samples": 100_000 if is_forecast else 6000,
+        "error_for_s": values["for_s"],
+        "error_keep_firing_for_s": values["keep_firing_for_s"],
+    }
+    values.update((key, default) for key, default in defaults.items() if values[key] is None)
+
+
+def _is_time(type_name: str, field: str) -> bool:
+    """Returns whether a field is a time by its name: the types of a robot's own messages are not known here."""
+    name = field.rpartition(".")[2]
+    return name == "stamp" or name.endswith("_stamp") or (canonical_type(type_name), name) in _TIME_FIELDS
+
+
+def _read_condition(found: object, path: Path) -> Condition:
+    values = read_parameters(require_mapping(found, path), CONDITION_PARAMETERS, path)
+    signal = values.pop("signal")
+    if signal is None:
+        raise ConfigError("is missing; expected the name of another signal", (*path, "signal"))
+    comparisons = {name: number for name, number in values.items() if number is not None}
+    if len(comparisons) != 1:
+        found_text = " and ".join(comparisons) or "none"
+        raise ConfigError(f"expected one of {', '.join(values)}, got {found_text}", path)
+    ((comparison, number),) = comparisons.items()
+    if comparison != "between":
+        return Condition(signal, comparison, number)
+    if len(number) != 2 or number[0] > number[1]:
+        got = ", ".join(map(bound_text, number[:5])) + (", ..." if len(number) > 5 else "")
+        problem = f"expected two numbers, the smaller one first, got [{got}]"
+        raise ConfigError(problem, (*path, "between"))
+    return Condition(signal, comparison, *number)
+
+
+def _mistakes(signal: SignalConfig, given: Mapping[str, Any]) -> Iterator[Tuple[str, str]]:
+    """Yields key and problem of each value that cannot be used, or contradicts another; `given` are the keys found."""
+    if not signal.topic:
+        yield "topic", "expected the name of a topic, got ''"
+    if signal.type and split_type_name(signal.type) is None:
+        yield "type", f"expected a type such as std_msgs/Float32, got {describe(signal.type)}"
+    try:
+        parse_field_path(signal.field)
+    except ValueError as error:
+        yield "field", f"expected the path of a field, got {describe(signal.field)}: {error}"
+    if signal.reduce and every_step(signal.field) is None:
+        yield "reduce", f'expected a field with [*] or a pattern such as ["*"], got {describe(signal.field)}'
+    if signal.scale == 0.0:
+        yield "scale", "expected a number other than 0, got 0"
+    if signal.flap_low > signal.flap_high:
+        low, high = bound_text(signal.flap_low), bound_text(signal.flap_high)
+        if "flap_low" in given:
+            yield "flap_low", f"expected at most flap_high ({high}), got {low}"
+        else:
+            yield "flap_high", f"expected at least flap_low ({low}), got {high}"
+    if signal.window_min_s > signal.window_s:
+        most, got = bound_text(signal.window_s), bound_text(signal.window_min_s)
+        yield "window_min_s", f"expected at most window_s ({most}), got {got}"
+    if len(signal.what_to_do) > LONGEST_ADVICE:
+        yield (
+            "what_to_do",
+            f"expected one line of at most {LONGEST_ADVICE} characters, got {describe(signal.what_to_do)}",
+        )
+    yield from _mistakes_of_elements(signal, given)
+    yield from _mistakes_of_status(signal, given)
+    yield from _mistakes_of_forecast(signal)
+    yield from _mistakes_of_bounds(signal)
+    yield from _mistakes_of_unit(signal)
+
+
+def _mistakes_of_elements(signal: SignalConfig, given: Mapping[str, Any]) -> Iterator[Tuple[str, str]]:
+    if not signal.is_template:
+        for key in ("max_elements", "forget_after_s"):
+            if key in given:
+                yield (
+                    key,
+                    f'expected a field such as cell_voltage[*] or status["*"] with it, got {describe(signal.field)}',
+                )
+        return
+    if len(signal.name) > LONGEST_TEMPLATE_NAME:
+        yield (
+            "field",
+            f"expected a signal name of at most {LONGEST_TEMPLATE_NAME} characters with it, got {len(signal.name)}",
+        )
+    if 0.0 < signal.forget_after_s <= signal.stale_after_s:
+        expected = f"expected more than stale_after_s ({bound_text(signal.stale_after_s)})"
+        why = "an element would end before its silence is announced"
+        yield "forget_after_s", f"{expected}, got {bound_text(signal.forget_after_s)}: {why}"
+
+
+def _mistakes_of_status(signal: SignalConfig, given: Mapping[str, Any]) -> Iterator[Tuple[str, str]]:
+    """Yields keys that a DiagnosticStatus as a whole cannot have: its own level is judged, not a number."""
+    if not signal.is_status:
+        return
+    for key in (*BOUNDS, "hysteresis", "statistic", "scale", "placeholders", "valid_min", "valid_max"):
+        if given.get(key) not in (None, "last"):
+            problem = f"{signal.field} is a whole DiagnosticStatus, judged by its own level; remove this key"
+            yield key, f"{problem}, or read a number: {signal.field}.level"
+
+
+def _mistakes_of_forecast(signal: SignalConfig) -> Iterator[Tuple[str, str]]:
+    if signal.statistic != "forecast":
+        if signal.forecast_s is not None:
+            yield "forecast_s", f"expected statistic: forecast with it, got {describe(signal.statistic)}"
+        return
+    longest_s = MOST_FORECAST_WINDOWS * signal.window_s
+    if signal.forecast_s is None:
+        yield "forecast_s", "is missing; expected the time ahead in s, which statistic: forecast requires"
+    elif signal.forecast_s > longest_s:
+        got = bound_text(signal.forecast_s)
+        expected = f"expected at most {MOST_FORECAST_WINDOWS} times window_s ({bound_text(longest_s)})"
+        yield "forecast_s", f"{expected}, got {got}"
+    if len({name.partition("_")[2] for name in signal.bounds}) > 1:
+        yield "statistic", f"a forecast has bounds on one side; use two signals, got {' and '.join(signal.bounds)}"
+
+
+def _mistakes_of_bounds(signal: SignalConfig) -> Iterator[Tuple[str, str]]:
+    bounds, hysteresis = signal.bounds, bound_text(signal.hysteresis)
+    lows = [name for name in bounds if name.endswith("below")]
+    sides = list(product(lows, [name for name in bounds if name not in lows]))
+    for low, high, why in (
+        ("valid_min", "valid_max", "no value would be valid"),
+        ("error_below", "warn_below", "a falling value crosses the WARN bound first"),
+        ("warn_above", "error_above", "a rising value crosses the WARN bound first"),
+        *((low, high, "no value would be OK") for low, high in sides),
+    ):
+        least, most = getattr(signal, low), getattr(signal, high)
+        if least is not None and most is not None and least > most:
+            yield low, f"expected at most {high} ({bound_text(most)}), got {bound_text(least)}: {why}"
+    for low, high in sides:
+        room = bounds[high] - bounds[low]
+        if 0.0 <= room < signal.hysteresis:
+            why = f"{low} would clear above {high}"
+            yield "hysteresis", f"expected at most {number_text(room)}, got {hysteresis}: {why}"
+    if signal.statistic not in _IN_UNIT:
+        return
+    valid_min, valid_max = signal.valid_min, signal.valid_max
+    for name, bound in bounds.items():
+        yield from _outside(name, bound, (valid_min, valid_max), ("valid_min", "valid_max"))
+        clears_at = bound + signal.hysteresis if name in lows else bound - signal.hysteresis
+        too_high = name in lows and valid_max is not None and bound <= valid_max < clears_at
+        too_low = name not in lows and valid_min is not None and clears_at < valid_min <= bound
+        if too_high or too_low:
+            why = f"{name} would clear at {number_text(clears_at)}, which is not a valid value"
+            yield "hysteresis", f"expected less, got {hysteresis}: {why}"
+
+
+def _mistakes_of_unit(signal: SignalConfig) -> Iterator[Tuple[str, str]]:
+    unit = signal.unit
+    limits = {name: getattr(signal, name) for name in ("valid_min", "valid_max")}
+    if signal.statistic in (*_IN_UNIT, "forecast"):
+        limits.update(signal.bounds)
+    for name, value in limits.items():
+        if value is not None and unit in _UNIT_RANGES:
+            yield from _outside(name, value, _UNIT_RANGES[unit], (f"the minimum of {unit}", f"the maximum of {unit}"))
+    if unit == "%" and signal.valid_max is not None and signal.valid_max <= 1.0:
+        expected = f"expected valid_max 100 for the unit '%', got {bound_text(signal.valid_max)}"
+        yield "unit", f"{expected}; a fraction from 0 to 1 has the unit ''"
+
+
+def _outside(
+    key: str, found: float, limits: Tuple[Optional[float], Optional[float]], names: Tuple[str, str]
+) -> Iterator[Tuple[str, str]]:
+    """Yields a mistake if a number lies outside of its limits, which have these names in the text."""
+    low, high = limits
+    if low is not None and found < low:
+        yield key, f"expected at least {bound_text(low)} ({names[0]}), got {bound_text(found)}"
+    elif high is not None and found > high:
+        yield key, f"expected at most {bound_text(high)} ({names[1]}), got {bound_text(found)}"
+
+
+LINK_CONFIG = read_signal(
+    LINK,
+    {
+        "valid_min": 0.0, "valid_max": 1.0, "error_below": 1.0, "keep_firing_for_s": 10.0, "flap_detection": True,
+        "stale_after_s": 0.0,
+    },
+)  # fmt: skip
+"""How the link to a robot is judged: ERROR at once while it is down, OK once it has been up for 10 s. Never stale."""

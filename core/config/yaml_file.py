@@ -1,0 +1,105 @@
+"""Reads a YAML file and remembers the line of every key, so that an error can point at it."""
+
+from __future__ import annotations
+
+import os
+import stat
+from typing import Any, Mapping, NamedTuple, Optional, Union
+
+from ..values.errors import ConfigError, Path, Problems
+from .parameters import require_mapping
+
+PathLike = Union[str, "os.PathLike[str]"]
+
+MOST_BYTES = 200_000
+"""Largest file, so that every file is read within a second."""
+
+_KINDS = {
+    stat.S_IFDIR: "a directory",
+    stat.S_IFIFO: "a named pipe",
+    stat.S_IFSOCK: "a socket",
+    stat.S_IFCHR: "a device",
+    stat.S_IFBLK: "a device",
+}
+
+
+class YamlFile(NamedTuple):
+    """The contents of a file, with the lines of its keys."""
+
+    tree: Mapping[str, Any]
+    lines: Mapping[Path, int]
+    """Line of each key, counted from 1."""
+    file: str
+    """The file's name, as given."""
+
+    def locate(self, error: ConfigError) -> ConfigError:
+        """Returns `error` and its `others`, by line, each with this file and the line of its key.
+
+        For a key that is not in the file, the line is that of the nearest key above it.
+        """
+        located = []
+        for each in error.all:
+            path = each.path
+            while path and path not in self.lines:
+                path = path[:-1]
+            line = each.line if each.line is not None else self.lines.get(path)
+            # An error of another file, which this one refers to, keeps its place.
+            located.append(each if each.file else each.at(each.path, self.file, line))
+        return ConfigError.joined(sorted(located, key=lambda each: each.line or 0))
+
+
+def read_yaml(file: PathLike, problems: Optional[Problems] = None) -> YamlFile:
+    """Reads a regular file that contains one mapping.
+
+    `problems` receives mistakes after which the file can still be used, which are keys given twice; None raises them.
+    Raises ConfigError if it cannot be read, is not YAML in UTF-8, is too large, or contains something else.
+    """
+    name = os.fspath(file)
+    return parse_yaml(_read_text(name), name, problems)
+
+
+def parse_yaml(text: str, name: str, problems: Optional[Problems] = None) -> YamlFile:
+    """Reads the text of a file, whose `name` is that in errors; as `read_yaml`."""
+    from .yaml_loader import load  # here, so that configuration by mapping does not need PyYAML
+
+    found = Problems()
+    try:
+        document = load(text, found)
+        if document.value is None and not document.lines:
+            raise ConfigError("is empty; expected a mapping of keys to values")
+    except ConfigError as error:
+        raise YamlFile({}, {}, name).locate(error) from None
+    result = YamlFile(document.value, document.lines, name)
+    try:
+        require_mapping(document.value)
+        found.raise_if_any()
+    except ConfigError as error:
+        located = result.locate(error)
+        if problems is None or not isinstance(document.value, Mapping):
+            raise located from None
+        problems.add(located)
+    return result
+
+
+def _read_text(name: str) -> str:
+    try:
+        # Opening a named pipe would wait for a writer, and a device has no end.
+        mode = os.stat(name).st_mode
+        if not stat.S_ISREG(mode):
+            kind = _KINDS.get(stat.S_IFMT(mode), "something else")
+            raise ConfigError(f"cannot be read: expected a file, got {kind}", file=name)
+        with open(name, "rb") as stream:
+            data = stream.read(MOST_BYTES + 1)
+    except OSError as error:
+        raise ConfigError(f"cannot be read: {error.strerror}", file=name) from None
+    except ValueError as error:  # such as a name with a null byte
+        if isinstance(error, ConfigError):
+            raise
+        raise ConfigError(f"cannot be read: {error}", file=ascii(name)) from None
+    if len(data) > MOST_BYTES:
+        raise ConfigError(f"is too large; expected at most {MOST_BYTES} bytes", file=name)
+    try:
+        return data.decode("utf-8")
+    except UnicodeDecodeError as error:
+        found = f"byte {error.start} is 0x{data[error.start]:02x}"
+        raise ConfigError(f"is not UTF-8 text: {found}", file=name) from None

@@ -1,0 +1,303 @@
+"""Step 6 of docs/rules.md and what comes out: which changes of a signal's level become transitions.
+
+Flapping is detected as by Nagios. Source of the formula: Nagios Core documentation, "Detection and Handling of State
+Flapping". The last 21 levels hold 20 possible changes; the oldest weighs 0.75, the newest 1.25, those between linearly,
+and all 20 make 100 %.
+
+Storms: a signal that announces more than one transition per second for a minute flaps, whatever its configuration. A
+value that is noisy around its bound at 400 Hz must not be 400 alerts per second.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Dict, List, Optional, Sequence
+
+from ..config.signal_config import SignalConfig
+from ..values.model import Level, Transition
+from . import wording
+from .rule import TIME_TOLERANCE_S, Rule
+from .saved_state import Downtime, Saved, UnusableStateError, age_s
+from .wording import Judgement
+
+CHANGES = 20
+"""Possible changes in the 21 levels."""
+# In units of 1/76 the weights are whole numbers, so that a sum exactly at a limit is found to be.
+_WEIGHTS = tuple(95 - 2 * place for place in range(CHANGES))
+"""Newest change first."""
+_TOTAL = sum(_WEIGHTS)
+_KEPT = 2**CHANGES - 1
+
+MOST = 60
+"""Most transitions in `PERIOD_S` that are no storm."""
+PERIOD_S = 60.0
+_STORM = f"more than {MOST} transitions in {PERIOD_S:g} s"
+
+
+class FlapDetector:
+    """Follows the levels after good samples, decides whether the signal flaps, and what is not announced meanwhile."""
+
+    __slots__ = ("_changes", "_high", "_last", "_low", "_worst", "flapping")
+
+    def __init__(self, high: float, low: float) -> None:
+        """Starts with a past of 21 times OK; see `configure`."""
+        self._changes = 0
+        """One bit per possible change, the newest in the lowest place."""
+        self._last = Level.OK
+        self._worst: Optional[Level] = None
+        self.flapping = False
+        """Whether the signal flaps; a storm sets it, whatever the state change is."""
+        self.configure(high, low)
+
+    def configure(self, high: float, low: float) -> None:
+        """Flapping begins at a state change of `high` %, if that is at most 100, and ends below `low` %."""
+        self._high = high
+        self._low = low
+
+    @property
+    def percent(self) -> float:
+        """Weighted state change, 0 to 100 %."""
+        changes = self._changes
+        return 100.0 * sum(weight for place, weight in enumerate(_WEIGHTS) if changes >> place & 1) / _TOTAL
+
+    @property
+    def is_at_rest(self) -> bool:
+        """Whether there was no change, so that the same level again makes no difference."""
+        return not self._changes and not self.flapping
+
+    def snapshot(self) -> Dict[str, Any]:
+        """Returns the state as JSON values; empty if it is that of a new detector."""
+        if self.is_at_rest and self._last is Level.OK:
+            return {}
+        changes = f"{self._changes:0{CHANGES}b}".replace("0", "-").replace("1", "x")
+        state: Dict[str, Any] = {"changes": changes, "last": self._last.name, "flapping": self.flapping}
+        return state if self._worst is None else {**state, "worst": self._worst.name}
+
+    def restore(self, saved: Saved) -> None:
+        """Continues from a snapshot; raises UnusableStateError."""
+        changes = saved.text("changes", "-" * CHANGES)
+        if len(changes) != CHANGES:
+            raise UnusableStateError(f"changes of level: expected {CHANGES}, got {len(changes)}")
+        self._changes = int("".join("1" if mark == "x" else "0" for mark in changes), 2)
+        self._last, self.flapping = saved.level("last"), saved.flag("flapping")
+        self._worst = saved.level("worst") if self.flapping and saved.has("worst") else None
+
+    def add(self, level: Level, *, is_storm: bool = False) -> None:
+        """Processes the level after a good sample. During a storm, flapping does not end."""
+        self._changes = (self._changes << 1 | (level is not self._last)) & _KEPT
+        self._last = level
+        limit = self._low if self.flapping else self._high
+        if limit <= 100.0 and not (is_storm and self.flapping):
+            self.flapping = (self.percent if self._changes else 0.0) >= limit
+            if not self.flapping:
+                self._worst = None
+
+    def end(self) -> None:
+        """Ends flapping, whatever the state change is."""
+        self.flapping = False
+        self._worst = None
+
+    def note_announced(self, level: Level) -> None:
+        """Notes a level that is being announced: while flapping, only a worse one is announced again."""
+        if self.flapping:
+            self._worst = level if self._worst is None else Level.worst((level, self._worst))
+
+    def withholds(self, level: Level) -> bool:
+        """Whether a change to `level` is not announced: flapping was, and so was a level at least as bad since."""
+        return self._worst is not None and level.severity <= self._worst.severity
+
+
+class StormDetector:
+    """Counts the transitions of one signal in the last minute. Times are in seconds."""
+
+    __slots__ = ("_times",)
+
+    def __init__(self) -> None:
+        """Starts without transitions."""
+        self._times: List[float] = []  # most signals have none, and an empty deque takes 760 bytes
+        """When the latest transitions were announced."""
+
+    def note_transition(self, now_s: float) -> None:
+        """Notes that a transition is announced."""
+        self._times.append(now_s)
+        del self._times[: -MOST - 1]
+
+    def is_storm(self, now_s: float) -> bool:
+        """Whether more than `MOST` transitions lie within the last `PERIOD_S`."""
+        return len(self._times) > MOST and _is_recent(self._times[0], now_s)
+
+    def is_storm_with_next(self, now_s: float) -> bool:
+        """Whether it would be a storm with one more transition."""
+        return len(self._times) >= MOST and _is_recent(self._times[-MOST], now_s)
+
+    def restart_time(self, back_s: float) -> None:
+        """Time went back by `back_s`: the transitions are as long ago as before."""
+        self._times = [time_s - back_s for time_s in self._times]
+
+    def snapshot(self, now_s: float, wall_s: float) -> Dict[str, float]:
+        """Returns the number of recent transitions and the times of two of them in seconds since 1970, as `wall_s`."""
+        recent = [time_s for time_s in self._times if _is_recent(time_s, now_s)]
+        if not recent:
+            return {}
+        ahead_s = wall_s - now_s
+        return {"number": len(recent), "first": recent[0] + ahead_s, "last": recent[-1] + ahead_s}
+
+    def restore(self, saved: Saved, now_s: float, downtime: Downtime) -> None:
+        """Continues from a snapshot, with the transitions evenly spread; raises UnusableStateError."""
+        number = int(min(max(0.0, saved.number("number") or 0.0), MOST + 1.0))
+        first_s, last_s = (now_s - age_s(saved.number(key), downtime.end_s) for key in ("first", "last"))
+        step_s = max(0.0, last_s - first_s) / max(1, number - 1)
+        self._times += [first_s + place * step_s for place in range(number)]
+        del self._times[: -MOST - 1]
+
+
+def _is_recent(time_s: float, now_s: float) -> bool:
+    return now_s - time_s < PERIOD_S - TIME_TOLERANCE_S
+
+
+class Announcer:
+    """Keeps the announced level of one signal. It is OK at first. Times are in seconds."""
+
+    __slots__ = (
+        "_announced_at_s", "_config", "_unknown_since_s", "_was_known", "flaps", "level", "rule", "since_s", "storm",
+    )  # fmt: skip
+
+    def __init__(self, config: SignalConfig, now_s: float) -> None:
+        """Starts before the level is known."""
+        self.level = Level.OK
+        """The level of the last transition."""
+        self.since_s = now_s
+        """When it was announced first; for OK moved forward by the time in which the level was unknown."""
+        self._unknown_since_s: Optional[float] = now_s
+        """Since when the level has been unknown; None while it is known."""
+        self._was_known = False
+        """Whether the level has ever been known."""
+        self.rule: Optional[Rule] = None
+        """The rule that explained the last transition."""
+        self._announced_at_s = now_s
+        self.flaps = FlapDetector(math.inf, 0.0)
+        """Follows the level after each good sample."""
+        self.storm = StormDetector()
+        """Follows the transitions."""
+        self.configure(config, now_s)
+
+    def configure(self, config: SignalConfig, now_s: float) -> None:
+        """Applies a new configuration."""
+        self._config = config
+        self.flaps.configure(config.flap_high if config.flap_detection else math.inf, config.flap_low)
+        self._end_flapping_unless_allowed(now_s)
+
+    def _end_flapping_unless_allowed(self, now_s: float) -> None:
+        if not self._config.flap_detection and not self.storm.is_storm(now_s):
+            self.flaps.end()
+
+    def note_sample(self, level: Level, now_s: float) -> None:
+        """Notes the level after a good sample."""
+        flaps = self.flaps
+        flaps.add(level, is_storm=flaps.flapping and self.storm.is_storm_with_next(now_s))
+
+    def note_unknown(self, now_s: float) -> None:
+        """Notes that the level is unknown from now on."""
+        if self._unknown_since_s is None:
+            self._unknown_since_s = now_s
+
+    def note_known(self, now_s: float) -> None:
+        """Notes that the level is known. Time in which it was not never counts as OK."""
+        if self._unknown_since_s is None:
+            return
+        if self.level is Level.OK:
+            self.since_s = self.since_s + (now_s - self._unknown_since_s) if self._was_known else now_s
+        self._unknown_since_s = None
+        self._was_known = True
+
+    def is_due(self, level: Level, *, is_news: bool) -> bool:
+        """Whether a level is to be announced; `is_news`: flapping never hides it (silence, invalid data)."""
+        if level is self.level:
+            return False
+        return is_news or not self.flaps.withholds(level)
+
+    def is_repeat_due(self, now_s: float) -> bool:
+        """Whether the level is to be announced again (`repeat_s`)."""
+        if self._config.repeat_s <= 0.0 or self.level is Level.OK or self.flaps.flapping:
+            return False
+        return now_s - self._announced_at_s >= self._config.repeat_s - TIME_TOLERANCE_S
+
+    def announce(self, judgement: Judgement, message: Optional[str] = None, *, caused: str = "") -> Transition:
+        """Announces the level of a signal; `message` replaces the reason, `caused` the level and time before it."""
+        if judgement.level is not self.level:
+            self.storm.note_transition(judgement.now_s)
+        if self.storm.is_storm(judgement.now_s):
+            self.flaps.flapping = True
+            judgement = judgement._replace(flapping=True, storm=_STORM)
+        self.flaps.note_announced(judgement.level)
+        status = wording.status(judgement, message)
+        unknown_s = None if self._was_known else judgement.now_s - self.since_s
+        self.note_known(judgement.now_s)
+        transition = Transition(
+            signal=judgement.config.name,
+            from_level=self.level,
+            to_level=judgement.level,
+            value=judgement.datum if judgement.is_invalid else judgement.judged,
+            statistic=judgement.config.statistic,
+            bound=None if judgement.rule is None else judgement.rule.bound,
+            now_s=judgement.now_s,
+            since_s=self.since_s,
+            robot=judgement.robot,
+            fingerprint=judgement.fingerprint,
+            text=wording.alert_line(judgement, status.message, self.level, self.since_s, unknown_s, caused),
+            status=status,
+            statistics=judgement.statistics,
+            repeat=judgement.level is self.level,
+            hint=judgement.hint,
+        )
+        if not transition.repeat:
+            self.level = judgement.level
+            self.since_s = judgement.now_s
+        self.rule = judgement.rule
+        self._announced_at_s = judgement.now_s
+        return transition
+
+    def snapshot(self, rules: Sequence[Rule], now_s: float, wall_s: float) -> Dict[str, Any]:
+        """Returns the state as JSON values; the rule that explains the level is saved by its index in `rules`.
+
+        `wall_s` is `now_s` in seconds since 1970, as are the times in `since` and `storm`.
+        """
+        since = {"announced": wall_s - (now_s - self.since_s)}
+        if self._unknown_since_s is not None:
+            since["unknown"] = wall_s - (now_s - self._unknown_since_s)
+        announced: Dict[str, Any] = {"level": self.level.name}
+        if not self._was_known:
+            announced["never_known"] = True
+        if self.rule is not None:
+            announced["rule"] = rules.index(self.rule)
+        if self._config.repeat_s > 0.0 and self.level is not Level.OK:
+            announced["repeat_waited_s"] = now_s - self._announced_at_s
+        flaps = self.flaps.snapshot() if self._config.flap_detection or self.flaps.flapping else {}
+        if flaps:
+            announced["flaps"] = flaps
+        storm = self.storm.snapshot(now_s, wall_s)
+        return {"since": since, "announced": announced, **({"storm": storm} if storm else {})}
+
+    def restore(self, state: Saved, rules: Sequence[Rule], now_s: float, downtime: Downtime) -> None:
+        """Continues from a snapshot, unknown at least since the downtime began. May raise UnusableStateError."""
+        saved, since = state.section("announced"), state.section("since")
+        self.flaps.restore(saved.section("flaps"))
+        self.storm.restore(state.section("storm"), now_s, downtime)
+        self._end_flapping_unless_allowed(now_s)
+        rule = saved.number("rule")
+        self.rule = rules[int(rule)] if rule is not None and rule in range(len(rules)) else None
+        self.level = saved.level("level")
+        self.since_s = now_s - age_s(since.number("announced"), downtime.end_s)
+        unknown = since.number("unknown")
+        known_until = downtime.begin_s if unknown is None else min(unknown, downtime.begin_s)
+        self._unknown_since_s = max(self.since_s, now_s - age_s(known_until, downtime.end_s))
+        self._was_known = not saved.flag("never_known")
+        self._announced_at_s = now_s - saved.duration_s("repeat_waited_s")
+
+    def restart(self, now_s: float, back_s: float) -> None:
+        """Time went back to `now_s` by `back_s`."""
+        self.storm.restart_time(back_s)
+        self.since_s = min(self.since_s, now_s)
+        if self._unknown_since_s is not None:
+            self._unknown_since_s = min(self._unknown_since_s, now_s)
+        self._announced_at_s = min(self._announced_at_s, now_s)

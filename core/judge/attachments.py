@@ -1,0 +1,89 @@
+"""What a black box attaches to a recording, so that it can be judged again: the configuration and the saved states.
+
+`ops/black_box` writes these files into the recording, `recordings/black_box.py` reads them.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import Any, Dict, Mapping, NamedTuple
+
+from ..config.kept_settings import settings_of
+from ..config.monitor_config import MonitorConfig
+from ..values.errors import MessageError
+from .saved_state import SavedSignal
+
+THRESHOLDS = "thresholds.yaml"
+"""Name of the attachment with the configuration in force."""
+STATE = "state.json"
+"""Name of the attachment with the states of the signals at the beginning."""
+
+TICKS = "/alert_system/tick"
+"""Topic with an empty message (std_msgs/Empty) for each tick, so that a replay ticks at the same times."""
+
+
+_LATEST_S = 9e9
+"""Times of messages are nanoseconds in 64 bits."""
+
+
+class SavedMonitor(NamedTuple):
+    """The state of a monitor at one moment."""
+
+    robot: str
+    time_s: float
+    """When, in s since 1970."""
+    states: Mapping[str, SavedSignal]
+    """State of each signal, as `Monitor.snapshot` returns it."""
+
+    def moved(self, offset_s: float) -> SavedMonitor:
+        """Returns it with all times later by `offset_s`: states may be saved on another clock."""
+        return SavedMonitor(
+            self.robot, self.time_s + offset_s, {name: _moved(state, offset_s) for name, state in self.states.items()}
+        )
+
+    def to_json(self) -> str:
+        """Returns it as the text of `STATE`."""
+        return json.dumps({"robot": self.robot, "time_s": self.time_s, "signals": dict(self.states)})
+
+
+def read_saved_monitor(text: str) -> SavedMonitor:
+    """Reads the text of `STATE`; raises MessageError. The states themselves are checked when they are restored."""
+    try:
+        tree = json.loads(text)
+        robot, time_s, states = tree["robot"], tree["time_s"], tree["signals"]
+    except (ValueError, KeyError, TypeError, RecursionError):
+        raise MessageError(f"{STATE}: expected an object with robot, time_s and signals") from None
+    if not (isinstance(robot, str) and isinstance(time_s, float) and isinstance(states, dict)):
+        raise MessageError(f"{STATE}: expected robot, time_s and signals to be a text, a number and an object")
+    if not 0.0 <= time_s <= _LATEST_S:
+        raise MessageError(f"{STATE}: expected time_s in seconds since 1970, got {time_s:g}")
+    return SavedMonitor(robot, time_s, states)
+
+
+def thresholds_tree(
+    config: MonitorConfig, robot: str, topics: Mapping[str, str], *, use_sim_time: bool
+) -> Dict[str, Any]:
+    """Returns a configuration as the mapping of a thresholds.yaml, which reads as the same signals.
+
+    `topics` has the absolute name for each topic that it names otherwise.
+    """
+    signals = {
+        name: {**settings_of(signal), "topic": topics.get(signal.topic, signal.topic)}
+        for name, signal in config.signals.items()
+    }
+    parameters: Dict[str, Any] = {"robot_name": robot, "publish_rate": config.publish_rate, "signals": signals}
+    if use_sim_time:
+        parameters["use_sim_time"] = True
+    return {"alert_system": {"ros__parameters": parameters}}
+
+
+def _moved(state: SavedSignal, offset_s: float) -> SavedSignal:
+    """Returns a state of `Monitor.snapshot` with its times moved; its format is that of core/judge/saved_state.py."""
+    moved = dict(state)
+    for key, times in (("since", None), ("storm", ("first", "last"))):
+        if key in state:
+            moved[key] = {
+                name: value + offset_s if times is None or name in times else value
+                for name, value in state[key].items()
+            }
+    return moved

@@ -1,0 +1,176 @@
+"""What a monitor needs from a history, to store what it announces and to continue after a restart.
+
+`ops/store` implements `SignalHistory`. `AlertSystem` uses it through `Continuity`. See docs/rules.md, "After a
+restart".
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Dict, Mapping, Optional, Protocol, Sequence, Tuple
+
+from ..config.kept_settings import settings_of
+from ..config.monitor_config import MonitorConfig
+from ..config.signal_config import OF_ARRIVALS
+from ..values.model import Changes, Transition
+from .monitor import Monitor
+from .sample_summary import PERIOD_S, SampleSummary
+from .saved_state import SavedSignal
+
+MAX_EVIDENCE = 300
+"""Most samples that are stored with a transition."""
+_SAME_TIME_S = 1.0
+"""The wall clock was set if it differs by more from the monitor's; saved times are corrected then."""
+
+
+class SignalHistory(Protocol):
+    """The part of a history that belongs to one robot. No method raises; all but `record` return at once.
+
+    The calls take effect in their order: a state from `save` never replaces a newer one from `record`. An empty state
+    means that its signal is no longer watched: the stored state is deleted.
+    """
+
+    @property
+    def is_kept(self) -> bool:
+        """Whether it is still there after a restart; False: it is in memory."""
+
+    def wall_s(self) -> float:
+        """Returns the time in seconds since 1970."""
+
+    def restore(self) -> Mapping[str, SavedSignal]:
+        """Returns the last state of each signal, by name; called once, before the first sample."""
+
+    def watched_until_s(self) -> Optional[float]:
+        """Returns when the robot was last watched before this run, in seconds since 1970; None if that is unknown."""
+
+    def record(self, transition: Transition, saved: SavedSignal, evidence: Sequence[Tuple[float, Any]]) -> None:
+        """Stores a transition and its signal's new state in one transaction; called before the outlets receive it.
+
+        The evidence is samples of its window as (seconds since 1970, value), oldest first, at most `MAX_EVIDENCE`;
+        where the statistic is one of arrivals, its values. Returns when it is committed, or after 0.2 s.
+        """
+
+    def save(self, states: Mapping[str, SavedSignal]) -> None:
+        """Stores the states that changed, by the names of their signals."""
+
+    @property
+    def keeps_samples(self) -> bool:
+        """Whether it stores samples."""
+
+    def record_samples(self, samples: Mapping[str, Sequence[SampleSummary]]) -> None:
+        """Stores what was collected of the samples of signals, by their names."""
+
+    def record_reset(self) -> None:
+        """Stores that latches were cleared."""
+
+    def record_configuration(self, configuration: Mapping[str, Mapping[str, Any]]) -> None:
+        """Stores the settings of each signal by its name, as a thresholds.yaml has them."""
+
+
+class Continuity:
+    """Stores the transitions and states of a monitor, and restores them at the start."""
+
+    def __init__(self, monitor: Monitor, history: SignalHistory) -> None:
+        """Starts without having saved anything."""
+        self._monitor = monitor
+        self._history = history
+        self._saved: Dict[str, SavedSignal] = {}
+        self._at_rest_since_s: Dict[str, float] = {}
+        self._offset_s = 0.0
+        self._period: Optional[float] = None
+        """The period in which samples were stored last."""
+
+    def restore(self, now_s: float, *, at_first_call: bool) -> Changes:
+        """Continues the previous run. `at_first_call`: no time is known before the first sample or tick."""
+        states = self._history.restore()
+        self._saved = dict(states)
+        stopped_s = self._history.watched_until_s()
+        self._offset_s = self._history.wall_s() - now_s
+        self.record_samples(now_s)
+        return self._monitor.restore(states, None if at_first_call else now_s, self._history.wall_s(), stopped_s)
+
+    def record(self, transition: Transition) -> None:
+        """Stores a transition with the state of its signal."""
+        name, now_s = transition.signal, transition.now_s
+        wall_s = self._history.wall_s()
+        saved = self._monitor.snapshot(name, now_s, wall_s)
+        samples = self._monitor.window_samples(name, MAX_EVIDENCE)
+        if transition.statistic in OF_ARRIVALS:  # the values say nothing: the statistic is the evidence
+            samples = self._monitor.shown_samples(name, MAX_EVIDENCE - 1)
+            if isinstance(transition.value, float):
+                samples = [*samples, (now_s, transition.value)]
+        self._keep({name: saved})
+        offset_s = wall_s - now_s
+        self._history.record(transition, saved, [(time_s + offset_s, value) for time_s, value in samples])
+
+    def save(self, now_s: float) -> None:
+        """Saves the states that changed since they were saved last, and every 10 s the samples; call at each tick."""
+        monitor, wall_s = self._monitor, self._history.wall_s()
+        if not monitor.signals():  # before the first call
+            return
+        if not abs(wall_s - now_s - self._offset_s) < _SAME_TIME_S:
+            self._offset_s = wall_s - now_s
+            self._at_rest_since_s = {}
+            self.record_samples(now_s)  # what comes belongs to other periods; simulated time comes here all the time
+        if wall_s // PERIOD_S != self._period:
+            self._period = wall_s // PERIOD_S
+            self._record_samples(now_s + _SAME_TIME_S, wall_s - now_s)
+        names = monitor.saved_signals()
+        changed: Dict[str, SavedSignal] = {
+            name: {} for name, saved in self._saved.items() if saved and name not in names
+        }
+        for name in names:
+            at_rest_since_s = monitor.at_rest_since_s(name)
+            if at_rest_since_s is not None:
+                if self._at_rest_since_s.get(name) == at_rest_since_s:
+                    continue
+                self._at_rest_since_s[name] = at_rest_since_s
+            else:
+                self._at_rest_since_s.pop(name, None)
+            saved = monitor.snapshot(name, now_s, wall_s)
+            if not _is_same(saved, self._saved.get(name, {})):
+                changed[name] = saved
+        if changed:
+            self._keep(changed)
+            self._history.save(changed)
+
+    def record_samples(self, now_s: float) -> None:
+        """Stores the samples of the open period too: the run ends, or a signal may leave the configuration."""
+        self._record_samples(math.inf, self._history.wall_s() - now_s)
+
+    def _record_samples(self, until_s: float, wall_offset_s: float) -> None:
+        samples = self._monitor.take_samples(until_s, wall_offset_s) if self._history.keeps_samples else {}
+        if samples:
+            self._history.record_samples(samples)
+
+    def _keep(self, states: Mapping[str, SavedSignal]) -> None:
+        self._saved.update(states)
+        for name in [name for name, saved in states.items() if not saved]:
+            del self._saved[name]
+            self._at_rest_since_s.pop(name, None)
+
+    def record_reset(self, now_s: float) -> None:
+        """Stores that latches were cleared, and the states without them."""
+        self._history.record_reset()
+        self.save(now_s)
+
+    def forget(self) -> None:
+        """Deletes the states: the robot is no longer watched."""
+        states: Dict[str, SavedSignal] = {name: {} for name, saved in self._saved.items() if saved}
+        self._saved = {}
+        if states:
+            self._history.save(states)
+
+    def record_configuration(self, config: MonitorConfig) -> None:
+        """Stores the configuration in force."""
+        self._history.record_configuration({name: settings_of(signal) for name, signal in config.signals.items()})
+
+
+def _is_same(state: SavedSignal, saved: SavedSignal) -> bool:
+    """Whether two states are equal, apart from the jitter between two clocks, and from old transitions (`storm`)."""
+    if {**state, "since": None, "storm": None} != {**saved, "since": None, "storm": None}:
+        return False
+    since, saved_since = state.get("since"), saved.get("since")
+    if not isinstance(since, Mapping) or not isinstance(saved_since, Mapping) or since.keys() != saved_since.keys():
+        return False
+    return all(abs(time - saved_since[key]) < _SAME_TIME_S for key, time in since.items())

@@ -1,0 +1,623 @@
+"""The monitor of one robot: samples and time in, transitions and reports out.
+
+It has no clock: every call takes the time. No sample and no time makes it raise.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from functools import partial
+from types import MappingProxyType
+from typing import AbstractSet, Callable, Counter, Dict, KeysView, List, Mapping, Optional, Sequence, Tuple
+
+from ..config.monitor_config import MonitorConfig
+from ..config.signal_config import CONDITIONS, LINK, LINK_CONFIG, SignalConfig, is_element_name, template_name
+from ..values.elements import Elements
+from ..values.formatting import printable
+from ..values.model import Changes, Level, Report, Sample, Status
+from . import wording
+from .causes import Causes, causes_of
+from .element_signals import ElementSignals, element_of, own_config
+from .restoration import Restoration
+from .sample_summary import SampleCollector, SampleSummary, WallClock
+from .saved_state import Downtime, SavedSignal
+from .signal_monitor import SignalMonitor
+from .sources import Source, Sources
+from .window import Samples
+from .wording import Judgement
+
+_LARGEST = sys.float_info.max
+_UNKNOWN = frozenset([""])
+"""No causes: those that are active have to be found."""
+_LINK_GRACE_S = 60.0
+"""A restored link of which nothing is reported for this long is no longer watched."""
+
+
+class Monitor:
+    """Watches the signals of one robot.
+
+    Times (`now_s`) are in seconds on any one clock. Calls return the transitions that they cause, in the order of the
+    configuration; `reset`, `end` and `configure` at the time of the last call.
+
+    Each topic that signals read is a source, once it is expected or observed: silence of several signals that has one
+    cause is one alert, whose name is a topic.
+
+    The signal `link` (1.0: the robot can be reached, 0.0: it cannot) needs no configuration. While the link is down,
+    the other signals are frozen: the link is the one alert.
+    """
+
+    def __init__(self, config: MonitorConfig, robot: str = "") -> None:
+        """Creates a monitor that has seen nothing; `robot` replaces the configuration's `robot_name`."""
+        self.robot = robot or config.robot_name
+        self.config = config
+        self._signals: Mapping[str, SignalMonitor] = {}
+        """All signals by name, in the order of the configuration; replaced, not changed, when elements come or go."""
+        self._single: Mapping[str, SignalMonitor] = {}
+        """All but templates and their elements."""
+        self._templates: Dict[str, ElementSignals] = {}
+        self._receivers: Dict[str, SignalMonitor] = {}
+        """Those that samples go to at once: all but templates, and signals whose source is not heard."""
+        # NaN is not smaller than any time, so that the first call goes through _unusual_time.
+        self._now_s = float("nan")
+        self._sources = Sources(self.robot)
+        self._causes = Causes({}, {})
+        self._ticked: Sequence[SignalMonitor] = ()
+        """All signals, causes before what they cause."""
+        self._active: AbstractSet[str] = frozenset()
+        """The causes that are not well."""
+        self._followers: Dict[str, List[SignalMonitor]] = {}
+        self._all_followers: List[SignalMonitor] = []
+        self._link_down = False
+        self._link_cause = ""
+        self._restoration: Optional[Restoration] = None
+        self._clock: Optional[WallClock] = None
+        """Wall time for the samples that `take_samples` returns; None before its first call."""
+        self._make_collector: Optional[Callable[[SignalMonitor], SampleCollector]] = None
+        """Returns what collects the samples of a signal; None: nothing does."""
+        self._link_restored_s = math.inf
+        """When the state of the link was restored, in seconds; infinite once it was observed."""
+
+    def observe(self, sample: Sample) -> Changes:
+        """Judges a sample; that of a signal that is not configured is ignored.
+
+        The transitions are of the signal itself, of signals with a condition on it, and, for `link`, of all signals.
+        """
+        name, value, now_s = sample
+        return self.observe_value(name, value, now_s)
+
+    def observe_value(self, name: str, value: object, now_s: float) -> Changes:
+        """As `observe` of a sample of these three; faster, for adapters with a message per call."""
+        changes = Changes()
+        if not self._now_s <= now_s <= _LARGEST:
+            now_s = self._unusual_time(now_s, changes)
+        self._now_s = now_s
+        signal = self._receivers.get(name)
+        if signal is None:
+            signal = self._receiver(name, value, now_s, changes)
+            if signal is None:
+                return changes
+        transition = signal.observe(value, now_s)
+        if transition is not None:
+            changes.append(transition)
+        if name == LINK:
+            self._link_restored_s = math.inf
+            self._follow_link(now_s, changes)
+        if name in self._followers:
+            self._follow(self._followers[name], now_s, changes)
+        return changes
+
+    def expect_sources(self, names: Mapping[str, str] = MappingProxyType({})) -> None:
+        """Lets each topic of a watched signal be a source; without it, those of `observe_source` are.
+
+        `names` are the resolved names of topics that the configuration writes otherwise. Call it before the first call
+        that has a time, and before `configure` if they change.
+        """
+        self._sources.expect(names)
+
+    def observe_source(self, topic: str, now_s: float) -> Changes:
+        """Notes that a message came on a topic, whatever it holds; its samples are for `observe`."""
+        changes = Changes()
+        if not self._now_s <= now_s <= _LARGEST:
+            now_s = self._unusual_time(now_s, changes)
+        self._now_s = now_s
+        source = self._sources.get(self._sources.resolved(topic))
+        if source is None:
+            source = self._sources.begin(self._sources.resolved(topic), now_s)
+            self._arrange(self._single)
+        if source is not None and source.is_heard:
+            source.staleness.arrive(now_s)
+        elif source is not None:
+            self._hear(source, now_s, changes)
+        return changes
+
+    def set_link(self, up: bool, cause: str, now_s: float) -> Changes:
+        """Judges a sample of the signal `link`: whether the robot can be reached, and why not (ignored while `up`)."""
+        self._link_cause = "" if up else printable(cause)
+        if LINK in self._signals:
+            self._signals[LINK].down_cause = self._link_cause
+        return self.observe(Sample(LINK, 1.0 if up else 0.0, now_s))
+
+    def tick(self, now_s: float) -> Changes:
+        """Advances the time."""
+        changes = Changes()
+        if not self._now_s <= now_s <= _LARGEST:
+            now_s = self._unusual_time(now_s, changes)
+        self._now_s = now_s
+        if self._templates:
+            self._tick_templates(now_s, changes)
+        if self._sources and not self._link_down:
+            self._tick_sources(now_s, changes)
+        for signal in self._ticked:
+            transition = signal.tick(now_s)
+            if transition is not None:
+                changes.append(transition)
+            if self._causes.names and signal.config.name in self._causes.names:
+                self._look_at_causes(now_s, changes)
+        self._follow(self._all_followers, now_s, changes)
+        if now_s - self._link_restored_s > _LINK_GRACE_S:
+            self._link_restored_s = math.inf
+            changes.add(self._signals[LINK].end(now_s))
+            self._arrange({name: signal for name, signal in self._single.items() if name != LINK})
+        return changes
+
+    def skip(self, since_s: float, until_s: float) -> Changes:
+        """Leaves the time from `since_s`, or the last call, out of durations and silences: nothing is known of it.
+
+        For the time between two recordings, or in which the process was stopped: it is no silence of the robot. Like
+        downtime of the link (step 8 of docs/rules.md), but without an alert. Samples can come again from `until_s` on.
+        """
+        changes = Changes()
+        if self._signals and self._now_s <= until_s <= _LARGEST and since_s <= until_s:
+            since_s = max(since_s, self._now_s)
+            for source in () if self._link_down else self._sources:
+                source.inhibit(since_s)
+                changes.add(source.release(until_s, is_link=False))
+            for name, signal in self._signals.items():
+                if name == LINK or not self._link_down:
+                    signal.inhibit(since_s)
+                    changes.add(signal.release(until_s, is_link=False))
+            self._now_s = until_s
+        return changes
+
+    def report(self, now_s: float) -> Report:
+        """Returns the whole state as of the last `observe` or `tick`, with ages at `now_s`. Reads only."""
+        now_s, signals = self._to_show(now_s)
+        affected = self._affected()
+        judgements = ((name, signal.judgement(now_s)) for name, signal in signals.items())
+        statuses = {name: wording.status(each._replace(affects=affected[name])) for name, each in judgements}
+        overall = Level.worst(status.level for status in statuses.values())
+        return Report(overall, statuses, now_s, self.robot)
+
+    def excess_elements(self) -> Mapping[str, int]:
+        """Returns how many elements beyond `max_elements` came lately, by signal; counted up to 1,000."""
+        return {name: template.excess for name, template in self._templates.items() if template.excess}
+
+    def judgements(self, now_s: float) -> Mapping[str, Judgement]:
+        """Returns the state of every signal, without the texts and statistics of `report`. Reads only."""
+        now_s, signals = self._to_show(now_s)
+        affected = self._affected()
+        judgements = ((name, signal.judgement(now_s, with_statistics=False)) for name, signal in signals.items())
+        return {name: each._replace(affects=affected[name]) for name, each in judgements}
+
+    @property
+    def link_up(self) -> Optional[bool]:
+        """Whether the robot can be reached; None: it is not watched over a link."""
+        return None if LINK not in self._signals else not self._link_down
+
+    def status(self, signal: str, now_s: float) -> Optional[Status]:
+        """Returns the status of one signal as in `report`; None for an unknown signal or before the first call."""
+        known = self._known(signal)
+        if known is None:
+            return None
+        judgement = known.judgement(self._to_show(now_s)[0])
+        return wording.status(judgement._replace(affects=self._affected()[signal]))
+
+    def levels(self) -> Mapping[str, Tuple[Level, str]]:
+        """Returns level and state of each signal, as in `report`, without the cost of texts."""
+        if not self._signals:
+            return dict.fromkeys(self.config.signals, (Level.STALE, "waiting"))
+        return {name: (signal.level, signal.state) for name, signal in self._shown().items()}
+
+    def without_samples(self, now_s: float) -> List[SignalConfig]:
+        """Returns the signals whose topic has brought no sample for half of the time allowed, while the link is up."""
+        signals = self._signals.values()
+        if not any(each.staleness.is_half_over(now_s, each.config.startup_grace_s) for each in signals):
+            return []  # nearly always
+        latest_s: Dict[str, float] = {}
+        for name, each in self._signals.items():
+            # A template counts its elements; it receives nothing itself.
+            if name not in self._templates and not each.staleness.waiting:
+                topic = each.config.topic
+                latest_s[topic] = max(each.staleness.silent_since_s, latest_s.get(topic, -math.inf))
+        configs = ((each.config, each.staleness) for each in signals)
+        return [
+            config
+            for config, staleness in configs
+            if staleness.is_half_over(now_s, config.startup_grace_s, latest_s.get(config.topic, -math.inf))
+        ]
+
+    def note_hint(self, signal: str, hint: str) -> None:
+        """Sets the hint of a signal without samples, until its next one (`Middleware.why_silent`); empty: unknown."""
+        if signal in self._signals:
+            self._signals[signal].staleness.note_hint(hint)
+            source = self._sources.of_signal(signal)
+            if source is not None and hint:
+                source.staleness.note_hint(hint)
+
+    def fresh_value(self, signal: str) -> Optional[float]:
+        """Returns a signal's latest value; None while there is none, or it is bad, stale or unreachable."""
+        known = self._signals.get(signal)
+        return None if known is None else known.latest_good
+
+    def judged_value(self, signal: str) -> Optional[float]:
+        """Returns the value of the statistic that a signal's bounds apply to; None while it is undefined."""
+        known = self._signals.get(signal)
+        return None if known is None else known.judged
+
+    def shown_value(self, signal: str) -> Optional[float]:
+        """Returns the value of a signal's statistic; None while there is none, or it is bad, stale or unreachable."""
+        return None if self.fresh_value(signal) is None else self.judged_value(signal)
+
+    def shown_samples(self, signal: str, limit: int = 300, since_s: float = -math.inf) -> Samples:
+        """As `window_samples`, of the judged statistic: its values at ticks, at most 300, unless it is `last`."""
+        known = self._signals.get(signal)
+        return () if known is None else known.shown_samples(limit, since_s)
+
+    def signals(self) -> KeysView[str]:
+        """Returns the names of the signals, with `link` once it was observed; none before the first call.
+
+        A source is among them while it is silent, unless its one signal is announced, and until its alert ends.
+        """
+        return self._shown().keys()
+
+    def saved_signals(self) -> Sequence[str]:
+        """Returns the names for `snapshot`: the signals, and the sources that were ever silent."""
+        return [*self._signals, *(source.name for source in self._sources if source.own or source.is_silent)]
+
+    def quiet_sources(self) -> Mapping[str, Judgement]:
+        """Returns the states of sources that are OK but were not once: they stay series of the metrics."""
+        quiet = (each.own for each in self._sources if each.own is not None and not each.is_shown)
+        return {own.config.name: own.judgement(self._now_s) for own in quiet}
+
+    def configs(self) -> Mapping[str, SignalConfig]:
+        """Returns the configuration of each of `signals()`, elements too; that of `link` is left out."""
+        return {name: signal.config for name, signal in self._shown().items() if name != LINK}
+
+    def window_samples(self, signal: str, limit: int = 300, since_s: float = -math.inf) -> Samples:
+        """Returns the samples after a time in a signal's window; see `Window.samples`. Empty if it is unknown."""
+        known = self._signals.get(signal)
+        return () if known is None else known.window.samples(limit, since_s)
+
+    def take_samples(self, now_s: float, wall_offset_s: float) -> Mapping[str, Sequence[SampleSummary]]:
+        """Returns the periods of each signal that have ended and were not taken yet; the first call begins to collect.
+
+        At an infinite time, the open period too: call it so before `configure` and `end`, since the samples of a signal
+        that is no longer watched are gone. `wall_offset_s` is the time in s since 1970 minus that of the calls.
+        """
+        if self._clock is None:
+            self._clock = clock = WallClock(wall_offset_s)
+            self.collect_samples(lambda signal: SampleCollector(clock))
+        self._clock.offset_s = wall_offset_s
+        taken = ((name, signal.take_samples(now_s)) for name, signal in self._signals.items())
+        return {name: summaries for name, summaries in taken if summaries}
+
+    def collect_samples(self, make: Callable[[SignalMonitor], SampleCollector]) -> None:
+        """Passes every sample to a collector of its signal, which `make` returns, now or when an element comes."""
+        self._make_collector = make
+        self._arrange(self._single)
+
+    def at_rest_since_s(self, signal: str) -> Optional[float]:
+        """Returns since when a signal is OK; None unless its state depends on nothing else."""
+        return self._signals[signal].at_rest_since_s if signal in self._signals else None
+
+    def snapshot(self, signal: str, now_s: float, wall_s: float) -> SavedSignal:
+        """Returns a state for `restore`, as JSON values; empty: not watched. `wall_s` is `now_s` in s since 1970."""
+        known = self._signals.get(signal) or self._sources.get(signal)
+        return {} if known is None else known.snapshot(now_s, wall_s)
+
+    def restore(
+        self,
+        states: Mapping[str, SavedSignal],
+        now_s: Optional[float],
+        wall_s: float,
+        stopped_s: Optional[float] = None,
+    ) -> Changes:
+        """Continues from the snapshots of an earlier run, by signal. To be called before any other method.
+
+        Nothing is announced again; a signal that was not OK and is no longer watched ends. A signal waits for its first
+        sample; until then its durations stand still. Windows are empty. A state that cannot be used is ignored, with a
+        notice. Without `now_s`, the time is that of the first call, which then returns the transitions. `wall_s` is the
+        time in seconds since 1970, as is `stopped_s`: when the earlier run was last known to watch (None: until now).
+        """
+        downtime = Downtime(wall_s if stopped_s is None else min(stopped_s, wall_s), wall_s)
+        self._restoration = Restoration(states, downtime)
+        changes = Changes()
+        if now_s is not None:
+            self._unusual_time(now_s, changes)
+        return changes
+
+    def reset(self) -> Changes:
+        """Clears every latch."""
+        if self._restoration is not None:
+            self._restoration.release_latches()
+        changes = Changes(filter(None, [signal.reset(self._now_s) for signal in self._signals.values()]))
+        self._look_at_causes(self._now_s, changes)
+        return changes
+
+    def end(self) -> Changes:
+        """Ends every alert, that of the link included: the robot is no longer watched."""
+        changes = Changes(filter(None, [signal.end(self._now_s) for signal in self._shown().values()]))
+        self._templates = {}
+        self._sources.configure((), self._now_s, Changes())
+        self._arrange({})
+        return changes
+
+    def configure(self, config: MonitorConfig) -> Changes:
+        """Applies a new configuration. Unchanged signals are not affected; alerts of removed signals end."""
+        self.config = config
+        changes = Changes()
+        if math.isnan(self._now_s):  # before the first call
+            return changes
+        now_s, known, templates = self._now_s, self._signals, self._templates
+        signals: Dict[str, SignalMonitor] = {}
+        self._templates = {}
+        for name, signal_config in config.signals.items():
+            if signal_config.is_template:
+                template = templates.pop(name, None) or ElementSignals(signal_config, self.robot, now_s)
+                template.configure(signal_config, now_s, changes)
+                self._templates[name] = template
+                continue
+            signal = None if name in templates else known.get(name)
+            if signal is None:
+                signal = SignalMonitor(signal_config, self.robot, now_s)
+            elif signal.config != signal_config:
+                changes.add(signal.configure(signal_config, now_s))
+            signals[name] = signal
+        for name, signal in known.items():
+            if name == LINK:
+                signals[LINK] = signal
+            elif name not in signals and name in self._single:
+                changes.add(signal.end(now_s))
+        for template in templates.values():
+            template.end(now_s, changes)
+        self._causes = causes_of(self.config.signals, self._sources.resolved)
+        self._sources.configure(config.signals.values(), now_s, changes)
+        self._arrange(signals)
+        self._inhibit_all(now_s)
+        self._follow(self._all_followers, now_s, changes)
+        return changes
+
+    def _to_show(self, now_s: float) -> Tuple[float, Mapping[str, SignalMonitor]]:
+        """Returns the time for ages, which is not before the last call, and the signals."""
+        if not self._signals:
+            now_s = now_s if -_LARGEST <= now_s <= _LARGEST else 0.0
+            configs = map(own_config, self.config.signals.values())
+            return now_s, {config.name: SignalMonitor(config, self.robot, now_s) for config in configs}
+        return now_s if self._now_s <= now_s <= _LARGEST else self._now_s, self._shown()
+
+    def _unusual_time(self, now_s: float, changes: Changes) -> float:
+        """Handles the first time, a time that went back, and an invalid time; returns the time to use."""
+        if not -_LARGEST <= now_s <= _LARGEST:
+            now_s = 0.0 if math.isnan(self._now_s) else self._now_s
+        if math.isnan(self._now_s):
+            self._start(now_s, changes)
+        elif now_s < self._now_s:
+            back_s = self._now_s - now_s
+            changes.notices = (f"time went back by {back_s:.3f} s: windows, pending timers and staleness restart",)
+            if self._clock is not None:
+                self._clock.offset_s += back_s
+            for signal in (*self._sources, *self._signals.values()):
+                signal.restart_time(now_s, back_s)
+            self._arrange(self._single)
+            for template in self._templates.values():
+                template.restart_time(now_s)
+        return float(now_s)
+
+    def _start(self, now_s: float, changes: Changes) -> None:
+        """Handles the first call: every signal begins to be watched."""
+        self._now_s = now_s
+        signals: Dict[str, SignalMonitor] = {}
+        for name, config in self.config.signals.items():
+            if config.is_template:
+                self._templates[name] = ElementSignals(config, self.robot, now_s)
+            else:
+                signals[name] = SignalMonitor(config, self.robot, now_s)
+        restoration, self._restoration = self._restoration, None
+        self._causes = causes_of(self.config.signals, self._sources.resolved)
+        self._sources.configure(self.config.signals.values(), now_s, changes)
+        if restoration is not None:
+            restored = restoration.restore(self.config, self.robot, now_s, signals, self._templates)
+            changes.extend(restored)
+            changes.notices = restored.notices
+            if LINK in signals:
+                self._link_restored_s = now_s
+        self._arrange(signals)
+        if restoration is not None:
+            restoration.restore_sources(self._sources, now_s, changes)
+        self._look_at_causes(now_s, changes)
+
+    def _arrange(self, single: Mapping[str, SignalMonitor]) -> None:
+        """Puts the signals in the order of the configuration; `single` are all but templates and their elements."""
+        self._single = self._signals = single
+        if self._templates:
+            self._signals = {}
+            for name in (*self.config.signals, LINK):
+                if name in self._templates:
+                    template = self._templates[name]
+                    self._signals[name] = template.own
+                    self._signals.update(template.signals)
+                elif name in single:
+                    self._signals[name] = single[name]
+        self._sources.arrange(self._signals_of)
+        self._receivers = {
+            name: signal
+            for name, signal in self._signals.items()
+            if name not in self._templates and self._is_heard(name)
+        }
+        self._ticked = [self._signals[name] for name in self._causes.first(self._signals)]
+        self._active = _UNKNOWN
+        if self._make_collector is not None:
+            for signal in self._signals.values():
+                signal.collect(self._make_collector)
+        self._find_followers()
+
+    def _is_active(self, name: str) -> bool:
+        """Whether a cause holds what depends on it: a signal is shown as ERROR or STALE, a source is silent."""
+        source, signal = self._sources.get(name), self._signals.get(name)
+        if source is not None:
+            return source.is_silent
+        return signal is not None and signal.level in (Level.ERROR, Level.STALE)
+
+    def _look_at_causes(self, now_s: float, changes: Changes) -> None:
+        """Holds what has a cause now, and lets settle what has none any more."""
+        active = frozenset(filter(self._is_active, self._causes.names))
+        if active != self._active:
+            self._active = active
+            for signal in self._ticked:
+                self._note_cause(signal, now_s, changes)
+
+    def _note_cause(self, signal: SignalMonitor, now_s: float, changes: Changes) -> None:
+        cause = self._causes.nearest(signal.config.name, self._active)
+        if cause != ("" if signal.held is None else signal.held.cause):
+            changes.add(signal.note_cause(cause, now_s))
+
+    def _affected(self) -> Counter[str]:
+        """Counts the signals that each alert keeps from being announced, directly or not."""
+        affected: Counter[str] = Counter()
+        if not self._active and not any(source.is_silent for source in self._sources):
+            return affected  # nearly always
+        for name, signal in self._signals.items():
+            if signal.is_withheld:
+                causes = {cause for cause in self._causes.of(name) if cause in self._active}
+                sources = filter(None, map(self._sources.get, causes))
+                affected.update({signal.cause, *causes, *(source.alert for source in sources)})
+        return affected
+
+    def _shown(self) -> Mapping[str, SignalMonitor]:
+        """Returns the signals, and before them the sources that are signals now."""
+        shown = {each.name: each.own for each in self._sources if each.own is not None and each.is_shown}
+        return {**shown, **self._signals} if shown else self._signals
+
+    def _known(self, name: str) -> Optional[SignalMonitor]:
+        return self._signals.get(name) or self._shown().get(name)
+
+    def _signals_of(self, name: str) -> Sequence[SignalMonitor]:
+        """Returns the signal of a name in the configuration; of a template its elements, or itself without any."""
+        template = self._templates.get(name)
+        if template is None:
+            return [self._single[name]] if name in self._single else ()
+        return list(template.signals.values()) or [template.own]
+
+    def _is_heard(self, name: str) -> bool:
+        source = self._sources.of_signal(name)
+        return source is None or source.is_heard
+
+    def _hear(self, source: Source, now_s: float, changes: Changes) -> None:
+        """Processes a message of a source that is not heard: from now on, samples go to its signals at once."""
+        self._sources.hear(source, now_s, changes)
+        signals = ((signal.config.name, signal) for signal in source.signals)
+        self._receivers.update((name, signal) for name, signal in signals if name not in self._templates)
+        self._look_at_causes(now_s, changes)
+
+    def _tick_sources(self, now_s: float, changes: Changes) -> None:
+        for source in self._sources.tick(now_s, changes):
+            for signal in source.signals:
+                self._receivers.pop(signal.config.name, None)
+        self._look_at_causes(now_s, changes)
+
+    def _receiver(self, name: str, value: object, now_s: float, changes: Changes) -> Optional[SignalMonitor]:
+        """Returns the signal that judges a sample which does not go to it at once.
+
+        None: it was of elements, which have judged it, or of no signal.
+        """
+        if name == LINK:
+            signal = SignalMonitor(LINK_CONFIG, self.robot, now_s)
+            signal.down_cause = self._link_cause
+            self._arrange({**self._single, LINK: signal})
+            return signal
+        source = self._sources.of_signal(name)
+        if source is not None and not source.is_heard:
+            self._hear(source, now_s, changes)
+            if name in self._receivers:
+                return self._receivers[name]
+        self._observe_elements(name, value, now_s, changes)
+        return None
+
+    def _observe_elements(self, name: str, value: object, now_s: float, changes: Changes) -> None:
+        """Judges the elements that a template received, or the first sample of one under its full name."""
+        template = self._templates.get(name)
+        if template is None:
+            template = self._templates.get(template_name(name))
+            if template is None or not is_element_name(name):
+                return
+            value = Elements([(element_of(name), value)])
+        number = len(template.signals)
+        observed = template.observe(value, now_s, partial(self._begin, now_s=now_s, changes=changes), changes)
+        if len(template.signals) > number:
+            self._arrange(self._single)
+        if len(template.signals) > number or template.own.staleness.waiting:
+            template.count(now_s, changes)
+        if self._followers:
+            for signal in observed:
+                if signal.config.name in self._followers:
+                    self._follow(self._followers[signal.config.name], now_s, changes)
+
+    def _begin(self, signal: SignalMonitor, now_s: float, changes: Changes) -> None:
+        """Brings a new signal to the state of the others: the link, and its conditions on other signals."""
+        if self._make_collector is not None:
+            signal.collect(self._make_collector)
+        if self._link_down:
+            signal.inhibit(now_s)
+        changes.add(signal.follow(self.fresh_value, now_s))
+        self._note_cause(signal, now_s, changes)
+
+    def _tick_templates(self, now_s: float, changes: Changes) -> None:
+        """Ends silent elements and counts the others."""
+        ended = [template.forget_silent(now_s, changes) for template in self._templates.values()]
+        if not self._link_down:
+            for template in self._templates.values():
+                template.count(now_s, changes)
+        if any(ended):
+            self._arrange(self._single)
+
+    def _find_followers(self) -> None:
+        """Collects the signals that have a condition on another one."""
+        self._followers = {cause: [] for cause in self._causes.names}
+        self._all_followers = []
+        for signal in self._signals.values():
+            followed = {getattr(signal.config, key).signal for key in CONDITIONS if getattr(signal.config, key)}
+            if followed:
+                self._all_followers.append(signal)
+            for name in followed:
+                self._followers.setdefault(name, []).append(signal)
+
+    def _follow(self, followers: Sequence[SignalMonitor], now_s: float, changes: Changes) -> None:
+        for follower in followers:
+            changes.add(follower.follow(self.fresh_value, now_s))
+        self._look_at_causes(now_s, changes)
+
+    def _follow_link(self, now_s: float, changes: Changes) -> None:
+        """Freezes the other signals while the link is down, whether or not its alert is held or withheld."""
+        up = self.fresh_value(LINK)
+        down = up is None or up < 1.0
+        if down is self._link_down:
+            return
+        self._link_down = down
+        self._inhibit_all(now_s)
+        if not down:
+            for source in self._sources:
+                changes.add(source.release(now_s, is_link=True))
+            for name, signal in self._signals.items():
+                if name != LINK:
+                    changes.add(signal.release(now_s))
+        self._follow(self._all_followers, now_s, changes)
+
+    def _inhibit_all(self, now_s: float) -> None:
+        """Freezes the signals that are not frozen yet, while the link is down."""
+        if self._link_down:
+            for source in self._sources:
+                source.inhibit(now_s)
+            for name, signal in self._signals.items():
+                if name != LINK:
+                    signal.inhibit(now_s)

@@ -1,0 +1,370 @@
+"""The rules of a signal: values, bounds and time decide which rules fire; with the latch they give the level.
+
+Theory of operation. A signal has a WARN and an ERROR rule, and one for invalid data, whose condition quality.py judges.
+A rule is two steps of docs/rules.md:
+
+* Its *condition* (step 3) says whether the judged statistic is beyond a bound. Bounds are strict, and with a
+  hysteresis a condition that is true stays true until the value is back by that much on the healthy side. While
+  `only_if` does not hold, the condition is false whatever the value.
+* Its *state* (step 4) follows Prometheus's alerting rules: `for_s` is `for`, `keep_firing_for_s` is
+  `keep_firing_for`.
+
+A rule advances when its value is judged (`judge`) and when time passes (`advance`). Each time it takes one row of
+this table, then, in a waiting state, ends the wait when its time is up:
+
+    state     | condition true | condition false | waits for           | then
+    ----------|----------------|-----------------|---------------------|---------
+    INACTIVE  | PENDING        | INACTIVE        |                     |
+    PENDING   | PENDING        | INACTIVE        | for_s               | FIRING
+    FIRING    | FIRING         | KEEPING         |                     |
+    KEEPING   | FIRING         | KEEPING         | keep_firing_for_s   | INACTIVE
+
+A wait of 0 ends in the call that began it. FIRING and KEEPING fire. While a rule is frozen (the signal is stale, the
+link is down, or the statistic is undefined), it takes no row, and the time does not count.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+from typing import Any, Dict, NamedTuple, Optional, Tuple
+
+from ..config.signal_config import SignalConfig
+from ..values.formatting import datum_text
+from ..values.model import Level
+from .saved_state import Saved, UnusableStateError
+
+TIME_TOLERANCE_S = 1e-6
+"""Two times closer than this are the same: a double of seconds since 1970 resolves 0.24 microseconds."""
+
+
+class State(enum.Enum):
+    """State of a rule; the values are the words in a status."""
+
+    INACTIVE = "inactive"
+    """The condition is false."""
+    PENDING = "pending"
+    """The condition is true, not yet for long enough."""
+    FIRING = "firing"
+    """The condition has been true for long enough."""
+    KEEPING = "keeps firing"
+    """The condition is false again, not yet for long enough."""
+
+
+# Globals are faster than members of an enumeration, above all in Python 3.11, and these are used per sample.
+_OK, _WARN, _ERROR, _STALE = Level
+_INACTIVE, _PENDING, _FIRING, _KEEPING = State
+
+_NEXT_IF_TRUE = {_INACTIVE: _PENDING, _PENDING: _PENDING, _FIRING: _FIRING, _KEEPING: _FIRING}
+_NEXT_IF_FALSE = {_INACTIVE: _INACTIVE, _PENDING: _INACTIVE, _FIRING: _KEEPING, _KEEPING: _KEEPING}
+_AFTER_WAIT = {_PENDING: _FIRING, _KEEPING: _INACTIVE}
+_STATE_OF_WORD = {state.value: state for state in State}
+
+
+class RuleConfig(NamedTuple):
+    """Bounds and durations of one rule; the fields are those of `SignalConfig`."""
+
+    below: Optional[float] = None
+    above: Optional[float] = None
+    hysteresis: float = 0.0
+    for_s: float = 0.0
+    keep_firing_for_s: float = 0.0
+
+    @property
+    def has_bounds(self) -> bool:
+        """Whether a value can be beyond a bound."""
+        return self.below is not None or self.above is not None
+
+
+class Rule:
+    """One rule of one signal. Times (`now_s`) are in seconds, values in the unit of the judged statistic."""
+
+    __slots__ = (
+        "_above", "_above_clear", "_below", "_below_clear", "_crossed", "_for_s", "_frozen_since_s",
+        "_keep_firing_for_s", "allowed", "bound", "condition", "fires", "is_below", "since_s", "state",
+    )  # fmt: skip
+
+    def __init__(self, config: RuleConfig) -> None:
+        """Creates an inactive rule."""
+        self.state = _INACTIVE
+        self.since_s = 0.0
+        """When the state began; moved forward by the time for which the rule was frozen."""
+        self.fires = False
+        """Whether the rule is firing, or still firing until keep_firing_for_s has passed."""
+        self.condition = False
+        """Whether the value last judged was beyond a bound, and `only_if` holds."""
+        self._crossed = False
+        self.allowed = True
+        """Whether `only_if` holds, or there is none."""
+        self._frozen_since_s: Optional[float] = None
+        self.bound: Optional[float] = None
+        """The bound that the condition crossed last, None before the first time."""
+        self.is_below = False
+        """Whether `bound` is a lower one."""
+        self.configure(config)
+
+    def configure(self, config: RuleConfig) -> None:
+        """Takes new bounds and durations; the state stays until the rule advances."""
+        infinity = float("inf")
+        self._below = -infinity if config.below is None else config.below
+        self._above = infinity if config.above is None else config.above
+        self._below_clear = self._below + config.hysteresis
+        self._above_clear = self._above - config.hysteresis
+        self._for_s = config.for_s
+        self._keep_firing_for_s = config.keep_firing_for_s
+        if self._crossed and self.bound not in (config.below, config.above):
+            self._crossed = self.condition = False
+
+    @property
+    def held_back(self) -> bool:
+        """Whether the value last judged was beyond a bound, but `only_if` does not hold."""
+        return self._crossed and not self.allowed
+
+    @property
+    def is_at_rest(self) -> bool:
+        """Whether it is inactive and stays so as long as no value is beyond a bound."""
+        return self.state is _INACTIVE and not self._crossed
+
+    def judge(self, value: float, now_s: float) -> None:
+        """Judges a new value, then advances."""
+        below, above = self._below, self._above
+        if self._crossed:
+            if self.is_below:
+                below = self._below_clear
+            else:
+                above = self._above_clear
+        if value < below:
+            self.bound = self._below
+            self._crossed = self.is_below = True
+        elif value > above:
+            self.bound = self._above
+            self._crossed = True
+            self.is_below = False
+        else:
+            self._crossed = False
+        condition = self.condition = self._crossed and self.allowed
+        if self.state is not (_FIRING if condition else _INACTIVE):
+            self.advance(now_s)
+
+    def judge_condition(self, condition: bool, now_s: float) -> None:
+        """Takes a condition that is not about a bound, then advances."""
+        self._crossed = condition
+        self.condition = condition and self.allowed
+        self.advance(now_s)
+
+    def allow(self, allowed: bool) -> None:
+        """Says whether `only_if` holds; counts when the rule advances."""
+        self.allowed = allowed
+        self.condition = self._crossed and allowed
+
+    def clear(self) -> None:
+        """Makes the rule inactive."""
+        self._crossed = self.condition = self.fires = False
+        self.state = _INACTIVE
+
+    def advance(self, now_s: float) -> None:
+        """Advances the time."""
+        if self._frozen_since_s is not None or self.state is (_FIRING if self.condition else _INACTIVE):
+            return  # nothing can change
+        state = (_NEXT_IF_TRUE if self.condition else _NEXT_IF_FALSE)[self.state]
+        if state is not self.state:
+            self._enter(state, now_s)
+        if state in _AFTER_WAIT:
+            wait_s = self._for_s if state is _PENDING else self._keep_firing_for_s
+            if now_s - self.since_s >= wait_s - TIME_TOLERANCE_S:
+                self._enter(_AFTER_WAIT[state], now_s)
+
+    def freeze(self, now_s: float) -> None:
+        """Neither fires nor clears from `now_s` on, until `thaw`."""
+        if self._frozen_since_s is None:
+            self._frozen_since_s = now_s
+
+    def thaw(self, now_s: float) -> None:
+        """Continues where `freeze` stopped."""
+        if self._frozen_since_s is not None:
+            self.since_s += now_s - self._frozen_since_s
+            self._frozen_since_s = None
+
+    def restart(self, now_s: float) -> None:
+        """Restarts a running wait: time went back to `now_s`."""
+        self.since_s = now_s
+        if self._frozen_since_s is not None:
+            self._frozen_since_s = now_s
+
+    def snapshot(self, now_s: float) -> Dict[str, Any]:
+        """Returns the state as JSON values; empty if it is that of a new rule."""
+        if self.state is _INACTIVE and self.bound is None and not self.condition:
+            return {}
+        state: Dict[str, Any] = {"state": self.state.value, "condition": self.condition}
+        if self.state in _AFTER_WAIT:
+            state["waited_s"] = self.waited_s(now_s)
+        if self.bound is not None:
+            state.update(bound=self.bound, is_below=self.is_below, crossed=self._crossed, allowed=self.allowed)
+        return state
+
+    def restore(self, saved: Saved, now_s: float) -> None:
+        """Continues from a snapshot, frozen until `thaw`; raises UnusableStateError."""
+        word = saved.text("state", _INACTIVE.value)
+        state = _STATE_OF_WORD.get(word)
+        if state is None:
+            words = ", ".join(_STATE_OF_WORD)
+            raise UnusableStateError(f"state of a rule: expected one of {words}, got {datum_text(word)}")
+        self.freeze(now_s)
+        self.condition = saved.flag("condition")
+        is_below, crossed, allowed = saved.flag("is_below"), saved.flag("crossed"), saved.flag("allowed")
+        bound = saved.number("bound")
+        if bound is not None:
+            self.bound, self.is_below, self.allowed = bound, is_below, allowed
+            self._crossed = crossed and bound == (self._below if is_below else self._above)  # else it was changed
+            self.condition = self._crossed and allowed
+        self._enter(state, now_s - saved.duration_s("waited_s"))
+
+    def waited_s(self, now_s: float) -> float:
+        """Returns for how long the state has lasted, without frozen time, in seconds."""
+        return (now_s if self._frozen_since_s is None else self._frozen_since_s) - self.since_s
+
+    def _enter(self, state: State, now_s: float) -> None:
+        self.state = state
+        self.since_s = now_s
+        self.fires = state is _FIRING or state is _KEEPING
+
+
+class SignalRules:
+    """Steps 3 to 6 of docs/rules.md without flapping: the rules of one signal, and its latch."""
+
+    __slots__ = ("_config", "_latched", "bounds", "error", "invalid", "warn")
+
+    def __init__(self, config: SignalConfig) -> None:
+        """Starts with inactive rules."""
+        self._config = config
+        self._latched = _OK
+        self.warn, self.error, self.invalid = map(Rule, rule_configs(config))
+        self.bounds: Tuple[Rule, ...] = (self.warn, self.error)
+        """The rules with bounds; `invalid` has none and fires after invalid data."""
+
+    def configure(self, config: SignalConfig) -> None:
+        """Applies a new configuration; states stay where they still have a meaning."""
+        self._config = config
+        *bounds, invalid = rule_configs(config)
+        for rule, rule_config in zip(self.bounds, bounds):
+            rule.configure(rule_config)
+            if not rule_config.has_bounds:
+                rule.clear()
+            if config.only_if is None:
+                rule.allow(True)
+        self.invalid.configure(invalid)
+        if not config.latch:
+            self._latched = _OK
+
+    def judge(self, value: float, now_s: float) -> None:
+        """Judges a value of the statistic."""
+        self.warn.judge(value, now_s)
+        self.error.judge(value, now_s)
+
+    def note_quality(self, *, good: bool, now_s: float) -> None:
+        """Notes whether a datum was valid."""
+        invalid = self.invalid
+        if good is invalid.condition or invalid.state is not _INACTIVE:
+            invalid.condition = not good
+            invalid.advance(now_s)
+
+    def advance(self, now_s: float) -> None:
+        """Advances the time."""
+        self.warn.advance(now_s)
+        self.error.advance(now_s)
+        self.invalid.advance(now_s)
+
+    def allow(self, allowed: bool) -> None:
+        """Says whether `only_if` holds; counts when the rules advance."""
+        for rule in self.bounds:
+            rule.allow(allowed)
+
+    def freeze_or_thaw(self, now_s: float, *, unknown: bool, undefined: bool) -> None:
+        """Freezes all rules while the level is `unknown`, those with bounds while the statistic is `undefined`."""
+        for rule in self.bounds:
+            (rule.freeze if unknown or undefined else rule.thaw)(now_s)
+        (self.invalid.freeze if unknown else self.invalid.thaw)(now_s)
+
+    def restart(self, now_s: float) -> None:
+        """Restarts running waits: time went back to `now_s`."""
+        for rule in (*self.bounds, self.invalid):
+            rule.restart(now_s)
+
+    def release_latch(self) -> None:
+        """Clears the latch: the level is what the rules give now."""
+        self._latched = _OK
+
+    def level(self, *, stale: bool) -> Level:
+        """Returns the true level, and latches it; `stale`: the signal was silent for too long."""
+        level = _ERROR if self.error.fires else _WARN if self.warn.fires else _OK
+        if self._config.latch:
+            if level > self._latched:
+                self._latched = level
+            level = self._latched
+        if level is not _ERROR:
+            if self.invalid.fires:
+                return _ERROR
+            if stale:
+                return _STALE
+        return level
+
+    @property
+    def state(self) -> str:
+        """The state to show of a signal with samples: invalid, latched, or that of the rule."""
+        warn, error = self.warn, self.error
+        fired = _ERROR if error.fires else _WARN if warn.fires else _OK
+        if self.invalid.fires:
+            return "invalid"
+        if self._latched > fired:
+            return "latched"
+        return (warn if fired is _WARN or error.state is _INACTIVE else error).state.value
+
+    @property
+    def is_at_rest(self) -> bool:
+        """Whether all are inactive and stay so as long as no value is beyond a bound."""
+        return self.warn.is_at_rest and self.error.is_at_rest and self.invalid.state is _INACTIVE
+
+    def explaining(self, level: Level, announced: Optional[Rule]) -> Optional[Rule]:
+        """Returns the rule that explains a level; for OK the one that is pending, held back, or was left last.
+
+        `announced` is the rule of an announced level that is not OK. A value that was beyond the ERROR bound left the
+        WARN bound of the same side last.
+        """
+        if level is not _OK:
+            return self.error if level is _ERROR else self.warn
+        for rule in (self.error, self.warn):
+            if rule.state is _PENDING or rule.held_back:
+                return rule
+        if announced is None:
+            return None
+        bounds, warn = self._config.bounds, self.warn
+        side = "warn_below" if announced.is_below else "warn_above"
+        if announced is self.error and warn.is_below is announced.is_below and warn.bound == bounds.get(side, math.nan):
+            return warn
+        return announced if announced.bound in bounds.values() else None
+
+    def snapshot(self, now_s: float) -> Dict[str, Any]:
+        """Returns the state as JSON values."""
+        rules = {name: getattr(self, name).snapshot(now_s) for name in ("warn", "error", "invalid")}
+        state: Dict[str, Any] = {name: saved for name, saved in rules.items() if saved}
+        return state if self._latched is _OK else {**state, "latched": self._latched.name}
+
+    def restore(self, saved: Saved, now_s: float) -> None:
+        """Continues from a snapshot of the signal, frozen at `now_s`; raises UnusableStateError."""
+        warn, error, _ = rule_configs(self._config)
+        for name, counts in (("warn", warn.has_bounds), ("error", error.has_bounds), ("invalid", True)):
+            if counts:
+                getattr(self, name).restore(saved.section(name), now_s)
+        latched = saved.level("latched")
+        if self._config.latch and latched is not _STALE:
+            self._latched = latched
+
+
+def rule_configs(signal: SignalConfig) -> Tuple[RuleConfig, RuleConfig, RuleConfig]:
+    """Returns the configurations of the rules for WARN, ERROR and invalid data."""
+    hysteresis, error_keep_s = signal.hysteresis, signal.error_keep_firing_for_s
+    return (
+        RuleConfig(signal.warn_below, signal.warn_above, hysteresis, signal.for_s, signal.keep_firing_for_s),
+        RuleConfig(signal.error_below, signal.error_above, hysteresis, signal.error_for_s, error_keep_s),
+        RuleConfig(for_s=signal.invalid_for_s),
+    )

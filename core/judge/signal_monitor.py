@@ -1,0 +1,542 @@
+"""One signal, judged in the order of docs/rules.md: quality, window, condition, duration, latch, flapping, staleness.
+
+`observe`, `tick`, `follow`, `release`, `reset` and `configure` return the one transition that they cause, or None.
+
+Three levels are kept apart:
+
+* the true level (`_level`) follows from the samples and rules;
+* the announced level is that of the last transition. It differs from the true one while the signal flaps, is unknown,
+  or has a cause (causes.py);
+* the shown level is the true one, or STALE while it is unknown: before the first sample and while the link is down.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from typing import Any, Callable, Dict, List, Optional, Tuple
+
+from ..config.signal_config import SignalConfig
+from ..values.elements import DriverStatus
+from ..values.formatting import fingerprint
+from ..values.model import Level, Transition
+from .announcer import Announcer
+from .causes import Held, await_s, settle_s
+from .forecast import ForecastWindow, window_for
+from .quality import Quality
+from .rule import SignalRules
+from .sample_summary import SampleCollector, SampleSummary
+from .saved_state import Downtime, Saved, SavedSignal, age_s
+from .staleness import LONG_DOWNTIME_S, Staleness
+from .status_rules import StatusRules, rules_for
+from .window import Samples, Window
+from .wording import Judgement
+
+# Globals are faster than members of an enumeration, above all in Python 3.11, and these are used per sample.
+_OK, _WARN, _ERROR, _STALE = Level
+
+MOST_STATISTICS = 300
+"""Most values of a statistic that are kept to be shown."""
+
+
+_WINDOW_KEYS = ("statistic", "window_s", "window_samples", "window_min_s", "forecast_s", "bounds")
+"""Properties of a configuration that its window depends on."""
+
+
+class SignalMonitor:
+    """State and judgement of one signal. Times (`now_s`) are in seconds."""
+
+    __slots__ = (
+        "_announcer", "_calm_max", "_calm_min", "_fingerprint", "_healthy_max", "_level", "_level_since_s", "_quality",
+        "_robot", "_rules", "_samples", "_statistics", "config", "down_cause", "held", "judged", "staleness", "window",
+    )  # fmt: skip
+
+    def __init__(self, config: SignalConfig, robot: str, now_s: float) -> None:
+        """Starts before the first sample: the startup grace counts from `now_s`."""
+        self._robot = robot
+        self._fingerprint = fingerprint(robot, config.name)
+        self._quality = Quality(config)
+        self.window = window_for(config)
+        self.config = config
+        self.judged: Optional[float] = None
+        """The value of the statistic that the bounds apply to; None while it is undefined."""
+        self._statistics: Optional[Window] = None
+        """The values of the judged statistic at ticks, to show; None: the window is shown."""
+        self._samples: Optional[SampleCollector] = None
+        """Collects the values of the judged statistic for a history; None: nothing stores them."""
+        self._rules = SignalRules(config)
+        self._announcer = Announcer(config, now_s)
+        self.staleness = Staleness(config, now_s)
+        self._level = Level.OK
+        self._level_since_s = now_s
+        self.down_cause = ""
+        """Why the link is down, for the signal `link`."""
+        self.held: Optional[Held] = None
+        """Why worse levels are not announced; None: nothing holds them back."""
+        self._use_config(config)
+
+    @property
+    def level(self) -> Level:
+        """The level to show: the true one, STALE while it is unknown."""
+        if self.staleness.unreachable_since_s is not None:
+            return Level.STALE
+        return Level.worst((self._level, Level.STALE)) if self.staleness.waiting else self._level
+
+    @property
+    def _shown_since_s(self) -> float:
+        """Since when the level to show has lasted, in seconds."""
+        staleness = self.staleness
+        if staleness.unreachable_since_s is not None:
+            return staleness.unreachable_since_s
+        # Before the first sample after a restart, the true level may be older than the monitor.
+        return self._level_since_s if self.level is self._level else staleness.last_seen_s
+
+    @property
+    def state(self) -> str:
+        """The state to show: waiting, unreachable, stale, invalid, latched, or that of the rule."""
+        staleness = self.staleness
+        if staleness.unreachable_since_s is not None:
+            return "unreachable"
+        if staleness.waiting:
+            return "waiting"
+        if staleness.stale:
+            return "stale"
+        return self._rules.state
+
+    @property
+    def sample_s(self) -> float:
+        """When the latest sample came, in seconds; minus infinity before the first."""
+        return self.staleness.last_seen_s if self._quality.seen else -math.inf
+
+    @property
+    def cause(self) -> str:
+        """Name of the alert that this signal suffers from; empty without one."""
+        return "" if self.held is None else self.held.silence or self.held.cause
+
+    @property
+    def is_announced(self) -> bool:
+        """Whether an alert of it is open."""
+        return self._announcer.level is not _OK
+
+    @property
+    def is_withheld(self) -> bool:
+        """Whether it has a cause, and its level is worse than the announced one."""
+        return bool(self.cause) and self.level.severity > self._announcer.level.severity
+
+    @property
+    def latest_good(self) -> Optional[float]:
+        """Value of the latest sample; None while there is none, it is bad, or the signal is stale or unreachable."""
+        return None if self.staleness.frozen or self._rules.invalid.condition else self.window.last()
+
+    def observe(self, value: object, now_s: float) -> Optional[Transition]:
+        """Processes a sample that arrived at `now_s`, not before the previous call."""
+        if type(value) is float and self._calm_min < value <= self._calm_max:
+            staleness = self.staleness
+            if now_s - staleness.silent_since_s <= staleness.limit_s:
+                # Most samples of a healthy robot: they change no rule, no level and no suspicion (_use_config).
+                self.window.add(value, now_s)
+                self.judged = value
+                staleness.last_seen_s = staleness.silent_since_s = now_s
+                quality = self._quality
+                quality.latest = value
+                quality.good_samples += 1
+                if self._samples is not None:
+                    self._samples.note(value, now_s)
+                return None
+        if type(value) is DriverStatus and self._note_calm_status(value, now_s):
+            return None
+        return self._judge(value, now_s)
+
+    def tick(self, now_s: float) -> Optional[Transition]:
+        """Advances the time."""
+        staleness = self.staleness
+        if self._calm_max > -math.inf and now_s - staleness.silent_since_s <= staleness.limit_s:
+            if self._samples is not None:
+                self._samples.note_level(_OK, now_s)
+            return None  # everything is at rest, and stays so until a sample comes
+        if staleness.is_due(now_s):
+            self._freeze_or_thaw(self._fall_silent())
+        self._rules.advance(now_s)
+        if self._statistics is not None:
+            self._note_statistic(self._statistics, now_s)
+        transition = self._settle(now_s)
+        announcer = self._announcer
+        if transition is not None or self._level is not announcer.level or staleness.unknown:
+            return transition
+        return announcer.announce(self.judgement(now_s)) if announcer.is_repeat_due(now_s) else None
+
+    def follow(self, latest_good: Callable[[str], Optional[float]], now_s: float) -> Optional[Transition]:
+        """Judges the conditions on other signals; `latest_good` returns the value of one, None while it is unknown."""
+        if self.staleness.unreachable_since_s is not None:
+            return None
+        only_if, release_if = self.config.only_if, self.config.latch_release_if
+        if only_if is not None:
+            value = latest_good(only_if.signal)
+            self._rules.allow(value is None or only_if.holds(value))
+        if release_if is not None:
+            value = latest_good(release_if.signal)
+            if value is not None and release_if.holds(value):
+                self._rules.release_latch()
+        self._rules.advance(now_s)
+        return self._settle(now_s)
+
+    def fall_silent(self, now_s: float) -> Optional[Transition]:
+        """Makes it stale, whatever its limit is: for sources."""
+        self._freeze_or_thaw(self._fall_silent())
+        return self._settle(now_s)
+
+    def hold(self, alert: str) -> None:
+        """Holds worse levels back: its source is silent, which is an alert of this name."""
+        self._held().silence = alert
+
+    def let_go(self) -> None:
+        """Ends `hold`; a worse level is announced at the next tick."""
+        if self.held is not None:
+            self.held.silence, self.held.awaits_until_s = "", None
+
+    def await_sample(self, now_s: float, *, is_heard: bool) -> None:
+        """Ends `hold`, but waits for its own sample: messages came again at `now_s`, or (`is_heard` False) may come."""
+        held = self.held
+        if held is not None and (held.silence or held.awaits_until_s is not None):
+            held.silence, held.awaits_until_s = "", now_s + await_s(self.config) if is_heard else math.inf
+
+    def note_cause(self, cause: str, now_s: float) -> Optional[Transition]:
+        """Notes the nearest of its causes by `depends_on`; empty: none, or no longer."""
+        if cause:
+            held = self._held()
+            held.cause = cause
+            if held.caused_s is None:
+                held.caused_s = now_s
+        elif self.held is not None and self.held.cause:
+            self.held.ended(now_s, settle_s(self.config))
+            return self._settle(now_s)
+        return None
+
+    def _held(self) -> Held:
+        if self.held is None:
+            self.held = Held()
+            self._calm_max = -math.inf
+        return self.held
+
+    def inhibit(self, now_s: float) -> None:
+        """Freezes the signal: from `now_s` on, the robot cannot be reached."""
+        if self.staleness.unreachable_since_s is None:
+            self.staleness.unreachable_since_s = now_s
+            self._announcer.note_unknown(now_s)
+            self._freeze_or_thaw(now_s)
+
+    def release(self, now_s: float, *, is_link: bool = True) -> Optional[Transition]:
+        """Ends `inhibit`: durations and the time without samples continue where they stopped.
+
+        `is_link`: the link was down; otherwise nothing watched the robot.
+        """
+        downtime_s = self.staleness.end_downtime(now_s, is_link=is_link)
+        self.window.leave_out(downtime_s)
+        if self.held is not None:
+            self.held.leave_out(downtime_s)
+            if is_link and downtime_s > LONG_DOWNTIME_S and self.held.awaits_until_s is not None:
+                self.held.awaits_until_s = max(self.held.awaits_until_s, now_s + self.config.startup_grace_s)
+        self._freeze_or_thaw(now_s)
+        self._judge_rules(now_s)  # samples that arrived while the link was down
+        return self._settle(now_s)
+
+    def restart_time(self, now_s: float, back_s: float) -> None:
+        """Restarts window, pending timers and staleness: time went back to `now_s` by `back_s`. Latches stay."""
+        self.window.clear()
+        if self._statistics is not None:
+            self._statistics.clear()
+        if self.config.statistic != "last":
+            self.judged = None
+        self._level_since_s = min(self._level_since_s, now_s)
+        self._announcer.restart(now_s, back_s)
+        self._rules.restart(now_s)
+        self.staleness.restart(now_s)
+        if self.held is not None:
+            self.held.restart(now_s, settle_s(self.config))
+        self._freeze_or_thaw(now_s)
+
+    def reset(self, now_s: float) -> Optional[Transition]:
+        """Clears the latch: the level is what the rules give now."""
+        self._rules.release_latch()
+        return self._settle(now_s)
+
+    def configure(self, config: SignalConfig, now_s: float) -> Optional[Transition]:
+        """Applies a new configuration of the same signal and judges by it at once; samples and durations stay."""
+        self._announcer.configure(config, now_s)
+        if any(getattr(config, key) != getattr(self.config, key) for key in _WINDOW_KEYS):
+            window = window_for(config)
+            window.take_over(self.window)
+            self.window = window
+        if isinstance(self._rules, StatusRules) and _source(config) != _source(self.config):
+            self._rules = SignalRules(config)
+        else:
+            self._rules.configure(config)
+        self._quality.configure(config)
+        self.staleness.configure(config, seen=self._quality.seen)
+        if self.staleness.stale and not self.staleness.is_silent(now_s):
+            self.staleness.stale, self.staleness.waiting = False, not self._quality.seen
+        self._use_config(config)
+        self.judged = self.window.statistic(config.statistic)
+        self._freeze_or_thaw(now_s)
+        if not self.staleness.frozen:
+            self._judge_rules(now_s)
+            self._rules.advance(now_s)
+        return self._settle(now_s)
+
+    def note_unknown_since(self, since_s: float) -> None:
+        """Notes since when the level was unknown before the first sample, if that is longer than it was watched."""
+        self._announcer.since_s = since_s
+
+    def judgement(self, now_s: float, *, with_statistics: bool = True) -> Judgement:
+        """Returns the state after the last call, as of `now_s`; without statistics in half the time. Reads only."""
+        level, staleness, quality, announcer = self.level, self.staleness, self._quality, self._announcer
+        is_invalid = level is _ERROR and self._rules.invalid.fires
+        is_silent = level is _STALE and staleness.frozen  # else its driver reports that it is stale
+        announced = announcer.rule if announcer.level is not _OK else None
+        window, latest_good = self.window, self.latest_good
+        statistics = window.statistics() if with_statistics else {}
+        if self.judged is None:
+            statistics.pop(self.config.statistic, None)
+        elif with_statistics:
+            statistics[self.config.statistic] = self.judged
+        forecast = window.forecast() if latest_good is not None and isinstance(window, ForecastWindow) else None
+        if forecast is not None and with_statistics:
+            statistics["trend_per_min"] = forecast.slope_per_s * 60.0
+        return Judgement(
+            config=self.config,
+            robot=self._robot,
+            fingerprint=self._fingerprint,
+            now_s=now_s,
+            level=level,
+            state=self.state,
+            announced=announcer.level,
+            since_s=self._shown_since_s,
+            latest=quality.latest,
+            latest_good=latest_good,
+            judged=self.judged,
+            rule=None if is_silent or is_invalid else self._rules.explaining(level, announced),
+            is_invalid=is_invalid,
+            is_bad=self._rules.invalid.condition,
+            is_stale=staleness.stale,
+            good_samples=quality.good_samples,
+            bad_samples=quality.bad_samples,
+            last_seen_s=staleness.last_seen_s,
+            silence_s=staleness.silence_s(now_s),
+            statistics=statistics,
+            forecast=forecast,
+            window_samples=len(self.window),
+            window_is_long_enough=self.window.is_long_enough,
+            suspicion=quality.suspicion.text,
+            flapping=announcer.flaps.flapping,
+            state_change_percent=announcer.flaps.percent,
+            down_cause=self.down_cause,
+            cause=self.cause,
+            without_link_s=staleness.without_link_s,
+            limit_s=staleness.counted_limit_s,
+            hint=staleness.hint,
+        )
+
+    @property
+    def at_rest_since_s(self) -> Optional[float]:
+        """Since when the signal is OK; None unless its state depends on nothing else."""
+        # `_calm_max` is above minus infinity only while it is at rest.
+        return self._announcer.since_s if self._calm_max > -math.inf or self._is_at_rest else None
+
+    def shown_samples(self, limit: int, since_s: float) -> Samples:
+        """Returns the values of the statistic that the bounds apply to; see `Monitor.shown_samples`."""
+        return (self.window if self._statistics is None else self._statistics).samples(limit, since_s)
+
+    def collect(self, make: Callable[[SignalMonitor], SampleCollector]) -> None:
+        """Begins to collect samples with what `make` returns; does nothing if it does so already."""
+        if self._samples is None:
+            self._samples = make(self)
+
+    def take_samples(self, now_s: float) -> List[SampleSummary]:
+        """Returns the periods that have ended; see `SampleCollector.take`. None unless samples are collected."""
+        return [] if self._samples is None else self._samples.take(now_s)
+
+    def snapshot(self, now_s: float, wall_s: float) -> Dict[str, Any]:
+        """Returns the state as JSON values; see `Monitor.snapshot`. Reads only."""
+        state = {**self._announcer.snapshot(self._rules.bounds, now_s, wall_s), **self._rules.snapshot(now_s)}
+        state["since"]["level"] = wall_s - (now_s - self._level_since_s)
+        if self.held is not None and self.held.caused_s is not None:
+            state["since"]["caused"] = wall_s - (now_s - self.held.caused_s)
+            state["cause"] = self.held.last_cause
+        # A silence that is announced as its source's is found again after a restart, by itself or with its source.
+        is_told = self._announcer.level.severity >= _STALE.severity
+        return {**state, "stale": True} if self.staleness.stale and is_told else state
+
+    def restore(self, state: SavedSignal, now_s: float, downtime: Downtime) -> None:
+        """Continues from a snapshot, before the first sample; after an UnusableStateError it must not be used."""
+        saved = Saved(state)
+        self._rules = rules_for(saved, self.config)
+        self._rules.restore(saved, now_s)
+        self._announcer.restore(saved, self._rules.bounds, now_s, downtime)
+        if saved.flag("stale"):
+            self.staleness.fall_silent()
+        self._level = self._rules.level(stale=self.staleness.stale)
+        self._level_since_s = now_s - age_s(saved.section("since").number("level"), downtime.end_s)
+        if saved.has("cause"):
+            held = self._held()
+            held.cause = saved.text("cause")
+            held.caused_s = now_s - age_s(saved.section("since").number("caused"), downtime.end_s)
+
+    def end(self, now_s: float) -> Optional[Transition]:
+        """Returns the transition with which a signal that is not OK leaves the configuration."""
+        if self._announcer.level is _OK:
+            return None
+        ended = self.judgement(now_s)._replace(level=_OK, rule=None, is_invalid=False, flapping=False, hint="")
+        return self._announcer.announce(ended, "no longer watched")
+
+    def _note_calm_status(self, status: DriverStatus, now_s: float) -> bool:
+        """Processes the status of a driver that is OK while everything is at rest; returns False if it is not."""
+        staleness = self.staleness
+        is_ok = type(status.level) is int and status.level == 0 and self._calm_min < 0.0 <= self._calm_max
+        if not is_ok or now_s - staleness.silent_since_s > staleness.limit_s:
+            return False
+        self.window.add(0.0, now_s)
+        self.judged = 0.0
+        staleness.last_seen_s = staleness.silent_since_s = now_s
+        self._quality.latest = status
+        self._quality.good_samples += 1
+        if self._samples is not None:
+            self._samples.note(0.0, now_s)
+        return True
+
+    def _judge(self, value: object, now_s: float) -> Optional[Transition]:
+        self._calm_max = -math.inf
+        staleness, window, config, rules = self.staleness, self.window, self.config, self._rules
+        if staleness.is_due(now_s):
+            self._freeze_or_thaw(self._fall_silent())  # no tick noticed
+        thaws = staleness.stale or staleness.waiting
+        if thaws:
+            self._begin_window_anew()
+        if config.statistic == "largest_gap_s":
+            window.arrive(staleness.silence_s(now_s), now_s)
+        staleness.arrive(now_s)
+        if self.held is not None:
+            self.held.awaits_until_s = None
+        number = self._quality.judge(value)
+        if type(value) is DriverStatus:
+            rules = self._use_status_rules(now_s)
+        good = not math.isnan(number)
+        judged = None
+        if good:
+            window.add(number, now_s)
+            judged = number if config.statistic == "last" else window.statistic(config.statistic)
+            thaws = thaws or (judged is None) is not (self.judged is None)
+            self.judged = judged
+        if thaws:
+            self._freeze_or_thaw(now_s)
+        if judged is not None:
+            rules.judge(judged, now_s)
+        else:
+            rules.advance(now_s)
+        rules.note_quality(good=good, now_s=now_s)
+        if self._samples is not None:
+            self._samples.note(judged, now_s, good=good)
+        level = rules.level(stale=staleness.stale)
+        if good:
+            self._announcer.note_sample(level, now_s)
+        transition = self._enter(level, now_s)
+        if self._calm_min < number <= self._healthy_max and self._is_at_rest:
+            self._calm_max = self._healthy_max
+        return transition
+
+    def _begin_window_anew(self) -> None:
+        self.window.begin_anew()
+        if self.config.statistic != "last":
+            self.judged = None
+
+    def _use_status_rules(self, now_s: float) -> SignalRules:
+        """Returns the rules of a signal that receives the statuses of a driver."""
+        if not self.config.bounds and not isinstance(self._rules, StatusRules):
+            allowed = self._rules.warn.allowed
+            self._rules = StatusRules(self.config)
+            self._rules.allow(allowed)
+            self._freeze_or_thaw(now_s)
+        return self._rules
+
+    def _use_config(self, config: SignalConfig) -> None:
+        """Takes a configuration, and from it the values from which nothing can follow while everything is at rest.
+
+        They are valid, plausible, and beyond no bound. `_calm_max` is `_healthy_max` while everything is at rest, and
+        below every value otherwise.
+        """
+        before, self.config = self.config, config
+        if config.statistic in ("last", "forecast"):
+            self._statistics = None
+        elif self._statistics is None or (config.statistic, config.window_s) != (before.statistic, before.window_s):
+            self._statistics = Window(config.window_s, MOST_STATISTICS)
+        suspicion = self._quality.suspicion
+        lows = (config.valid_min, suspicion.ordinary_min, config.warn_below, config.error_below)
+        highs = (config.valid_max, suspicion.ordinary_max, config.warn_above, config.error_above, sys.float_info.max)
+        self._calm_min = max((low for low in lows if low is not None), default=-math.inf)
+        self._healthy_max = min(high for high in highs if high is not None)
+        if config.statistic != "last" or config.scale != 1.0 or config.placeholders:
+            self._healthy_max = -math.inf
+        self._calm_max = -math.inf
+
+    def _note_statistic(self, statistics: Window, now_s: float) -> None:
+        spacing_s = self.config.window_s / MOST_STATISTICS
+        if self.judged is not None and not self.staleness.frozen and not now_s - statistics.last_s() < spacing_s:
+            statistics.add(self.judged, now_s)
+
+    @property
+    def _is_at_rest(self) -> bool:
+        return (
+            self._level is self._announcer.level is _OK
+            and self.held is None
+            and not self.staleness.unknown
+            and self._rules.is_at_rest
+            and self._announcer.flaps.is_at_rest
+            and not self._quality.suspicion.watching
+        )
+
+    def _fall_silent(self) -> float:
+        """Marks the signal stale as of the moment at which the limit was reached; returns that moment."""
+        due_s = self.staleness.fall_silent()
+        self._rules.advance(due_s)
+        return due_s
+
+    def _freeze_or_thaw(self, now_s: float) -> None:
+        """Freezes what cannot be judged now, and lets the rest continue."""
+        self._rules.freeze_or_thaw(now_s, unknown=self.staleness.frozen, undefined=self.judged is None)
+        self._calm_max = -math.inf
+
+    def _judge_rules(self, now_s: float) -> None:
+        if self.judged is not None:
+            self._rules.judge(self.judged, now_s)
+
+    def _settle(self, now_s: float) -> Optional[Transition]:
+        return self._enter(self._rules.level(stale=self.staleness.stale), now_s)
+
+    def _enter(self, level: Level, now_s: float) -> Optional[Transition]:
+        """Announces the true level unless it is announced already, unknown, or withheld by flapping."""
+        if level is not self._level:
+            self._level = level
+            self._level_since_s = now_s
+        if self.staleness.unknown:
+            return None
+        if self._samples is not None:
+            self._samples.note_level(level, now_s)
+        announcer, held, caused = self._announcer, self.held, ""
+        if held is not None:
+            if held.holds(now_s):
+                if level.severity > announcer.level.severity:
+                    announcer.note_known(now_s)
+                    return None
+            else:
+                self.held, caused = None, held.text
+        is_news = self.staleness.stale if level is _STALE else level is _ERROR and self._rules.invalid.fires
+        if level is announcer.level or not announcer.is_due(level, is_news=is_news):
+            announcer.note_known(now_s)
+            return None
+        return announcer.announce(
+            self.judgement(now_s), caused=caused if level.severity > announcer.level.severity else ""
+        )
+
+
+def _source(config: SignalConfig) -> Tuple[object, ...]:
+    """Returns what decides which kind of value a signal receives, and whether it has bounds."""
+    return config.topic, config.type, config.field, config.reduce, bool(config.bounds)

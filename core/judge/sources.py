@@ -1,0 +1,384 @@
+"""Sources (docs/rules.md, "Silence"): the topics that watched signals read. One that falls silent is one alert.
+
+Theory of operation. Every message on a topic is a sign of life of its source: each sample of a signal that reads it,
+and what `Monitor.observe_source` says. A source is *heard* from a message on, until it is *silent*: from the tick on at
+which its silence is too long. Others may fall silent with it. One of them, the *head*, gives the alert its name, and
+speaks for itself or, if it has a single signal and is alone, through that. The signals of all others are held
+(causes.py). When the head is heard again, the others are *parted*: neither heard nor silent, until their limit has
+passed once more.
+
+A source that is heard costs nothing per sample: when its last message came follows at the tick from its signals. Only
+while it is not do samples pass through `Sources.hear`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import lru_cache
+from typing import Any, Callable, Dict, Iterable, Iterator, List, Mapping, Optional, Sequence, Tuple
+
+from ..config.signal_config import SignalConfig, read_signal, template_name
+from ..values.model import Changes, Transition
+from .rule import TIME_TOLERANCE_S
+from .saved_state import Downtime, Saved, SavedSignal, age_s
+from .signal_monitor import SignalMonitor
+from .staleness import Staleness
+from .wording import Judgement
+
+TOGETHER_S = 2.0
+"""Sources whose last messages are no further apart may fall silent together."""
+SHARE = 0.6
+"""Part of its limit for which a source has been silent that falls silent with another one."""
+
+_CONFIG = read_signal("source", {"field": ""})
+
+
+def is_source(name: str) -> bool:
+    """Whether a name is that of a source: a resolved topic."""
+    return name.startswith("/")
+
+
+class SourceMonitor(SignalMonitor):
+    """The alert of a source, judged as a signal that gets a sample when messages come again."""
+
+    __slots__ = ("source",)
+
+    source: Source
+    """The source that it is the alert of."""
+
+    def judgement(self, now_s: float, *, with_statistics: bool = True) -> Judgement:
+        """Returns the state, as of a signal, with the number of signals and the other topics."""
+        judgement = super().judgement(now_s, with_statistics=False)
+        return judgement._replace(source_signals=len(self.source.signals), with_topics=self.source.with_topics)
+
+
+class Source:
+    """One topic that watched signals read. Times are in seconds."""
+
+    __slots__ = (
+        "_start_s", "config", "head", "is_heard", "known_since_s", "own", "robot", "signals", "speaks", "staleness",
+        "with_topics",
+    )  # fmt: skip
+
+    def __init__(self, config: SignalConfig, robot: str, now_s: float) -> None:
+        """Begins to exist; the startup grace counts from `now_s`."""
+        self.config = config
+        self.robot = robot
+        self._start_s = now_s
+        self.staleness = Staleness(config, now_s)
+        self.signals: Sequence[SignalMonitor] = ()
+        """Those that read the topic; a template only while it has no elements."""
+        self.is_heard = False
+        """Whether messages come; False before the first, and from a silence on."""
+        self.known_since_s: Optional[float] = None
+        """Since when messages came, moved forward by downtime of the link; None before the first."""
+        self.own: Optional[SourceMonitor] = None
+        """Its alert; None while it was never announced, nor silent with another one."""
+        self.head: Optional[Source] = None
+        """The source that it is silent with, which gives the alert its name; None: itself."""
+        self.speaks = False
+        """Whether its silence is announced under its own name."""
+        self.with_topics: Tuple[str, ...] = ()
+        """The others of its alert, when it was announced."""
+
+    @property
+    def name(self) -> str:
+        """The resolved topic."""
+        return self.config.name
+
+    @property
+    def is_silent(self) -> bool:
+        """Whether its silence is too long."""
+        return self.staleness.stale
+
+    @property
+    def is_shown(self) -> bool:
+        """Whether it is a signal among the others: its alert is open, or it is silent with another one."""
+        return self.own is not None and (self.own.is_announced or (self.is_silent and self.head is not None))
+
+    @property
+    def alert(self) -> str:
+        """Name of the alert of its silence."""
+        head = self.head or self
+        return head.name if head.speaks or not head.signals else head.signals[0].config.name
+
+    def listen(self) -> None:
+        """Notes the latest message, by the samples of its signals."""
+        if self.is_heard:
+            heard_s = max((each.sample_s for each in self.signals), default=-math.inf)
+            if heard_s > self.staleness.last_seen_s:
+                self.staleness.arrive(heard_s)
+
+    def hear(self, now_s: float) -> Optional[Transition]:
+        """Processes a message while it is not heard."""
+        self.is_heard = True
+        if self.known_since_s is None:
+            self.known_since_s = now_s
+        for signal in self.signals:
+            signal.await_sample(now_s, is_heard=True)
+        if self.own is None:
+            self.staleness.arrive(now_s)
+            return None
+        self.own.let_go()
+        return self.own.observe(1.0, now_s)
+
+    def part(self, now_s: float) -> None:
+        """The alert that it is silent with has ended: its own limit counts from now."""
+        self.head = None
+        self.staleness.stale = False
+        self.staleness.count_anew(self.staleness.first_limit_s, now_s)
+        for signal in (*self.signals, *filter(None, [self.own])):
+            signal.await_sample(now_s, is_heard=False)
+
+    def fall_silent(self, now_s: float) -> Optional[Transition]:
+        """Makes it silent, with its `head` or by itself."""
+        self.is_heard = False
+        self.hold()
+        if self.own is None:
+            self.staleness.fall_silent()
+            return None
+        return self.own.fall_silent(now_s)
+
+    def hold(self) -> None:
+        """Holds what another name speaks for: its signals, and itself if it has a `head`; what speaks is let go."""
+        if self.own is None and (self.speaks or self.head is not None):
+            since_s = self._start_s if self.known_since_s is None else self.known_since_s
+            own = SourceMonitor(self.config, self.robot, since_s)
+            own.source = self
+            if self.known_since_s is not None:
+                own.observe(1.0, since_s)
+            own.staleness = self.staleness
+            self.own = own
+        is_quiet = self.head is None and not self.speaks
+        for signal in self.signals:
+            _hold(signal, "" if is_quiet else self.alert)
+        if self.own is not None:
+            _hold(self.own, "" if self.speaks else self.alert)
+
+    def configure(self, config: SignalConfig, now_s: float) -> Optional[Transition]:
+        """Applies the limits of its signals."""
+        if config == self.config:
+            return None
+        self.config = config
+        if self.own is not None:
+            return self.own.configure(config, now_s)
+        self.staleness.configure(config, seen=self.known_since_s is not None)
+        if self.is_silent and not self.staleness.is_silent(now_s):
+            self.staleness.stale, self.staleness.waiting = False, self.known_since_s is None
+        return None
+
+    def inhibit(self, now_s: float) -> None:
+        """The robot cannot be reached from `now_s` on."""
+        self.listen()
+        if self.own is not None:
+            self.own.inhibit(now_s)
+        elif self.staleness.unreachable_since_s is None:
+            self.staleness.unreachable_since_s = now_s
+
+    def release(self, now_s: float, *, is_link: bool) -> Optional[Transition]:
+        """Ends `inhibit`."""
+        self.listen()
+        if self.own is not None:
+            return self.own.release(now_s, is_link=is_link)
+        downtime_s = self.staleness.end_downtime(now_s, is_link=is_link)
+        if self.known_since_s is not None:
+            self.known_since_s += downtime_s
+        return None
+
+    def restart_time(self, now_s: float, back_s: float) -> None:
+        """Time went back to `now_s` by `back_s`."""
+        self.is_heard = False
+        if self.known_since_s is not None:
+            self.known_since_s = min(self.known_since_s, now_s)
+        if self.own is not None:
+            self.own.restart_time(now_s, back_s)
+        else:
+            self.staleness.restart(now_s)
+
+    def snapshot(self, now_s: float, wall_s: float) -> SavedSignal:
+        """Returns its state as `Monitor.snapshot` does; empty while it has none to continue from."""
+        state: Dict[str, Any] = {} if self.own is None else self.own.snapshot(now_s, wall_s)
+        if self.is_silent:
+            state.setdefault("since", {})["silent"] = wall_s - (now_s - self.staleness.counts_from_s)
+            state["silence"] = {"head": "" if self.head is None else self.head.name, "speaks": self.speaks}
+        return state
+
+    def restore(self, saved: Saved, own: SourceMonitor, now_s: float, downtime: Downtime) -> None:
+        """Continues with a restored alert; `Sources.relate` must follow."""
+        own.configure(self.config, now_s)
+        self.own, own.staleness = own, self.staleness
+        if saved.has("silence"):
+            since, silence = saved.section("since").number("silent"), saved.section("silence")
+            silence.text("head")
+            self.staleness.silent_since_s = now_s - age_s(since, downtime.begin_s)
+            self.speaks = silence.flag("speaks")
+            self.staleness.fall_silent()
+
+
+def _hold(signal: SignalMonitor, alert: str) -> None:
+    if alert:
+        signal.hold(alert)
+    else:
+        signal.let_go()
+
+
+class Sources:
+    """The sources of one robot."""
+
+    def __init__(self, robot: str) -> None:
+        """Starts without sources; they come with `expect` or with their first message."""
+        self._robot = robot
+        self._names: Mapping[str, str] = {}
+        self._are_expected = False
+        self._by_name: Dict[str, Source] = {}
+        self._topics: Dict[str, List[SignalConfig]] = {}
+        """The configured signals of each resolved topic."""
+        self._by_signal: Dict[str, Source] = {}
+
+    def __iter__(self) -> Iterator[Source]:
+        return iter(self._by_name.values())
+
+    def __len__(self) -> int:
+        return len(self._by_name)
+
+    def expect(self, names: Mapping[str, str]) -> None:
+        """Lets every topic have a source; `names` are the resolved names of topics that are written otherwise."""
+        self._names, self._are_expected = names, True
+
+    def resolved(self, topic: str) -> str:
+        """Returns the name of the source of a topic as it is configured; in no namespace if its name is not known."""
+        return self._names.get(topic) or (topic if topic.startswith("/") else f"/{topic}")
+
+    def of_signal(self, name: str) -> Optional[Source]:
+        """Returns the source of a signal or element; None: it has none."""
+        return self._by_signal.get(name) or self._by_signal.get(template_name(name))
+
+    def get(self, name: str) -> Optional[Source]:
+        """Returns a source by its name."""
+        return self._by_name.get(name)
+
+    def configure(self, configs: Iterable[SignalConfig], now_s: float, changes: Changes) -> None:
+        """Follows the topics of the configured signals; the alert of a topic that none reads any more ends."""
+        self._topics = {}
+        for config in configs:
+            self._topics.setdefault(self.resolved(config.topic), []).append(config)
+        before, self._by_name, self._by_signal = self._by_name, {}, {}
+        for name, of_topic in self._topics.items():
+            source, config = before.pop(name, None), _config(name, of_topic)
+            if source is not None:
+                was_silent = source.is_silent
+                self._add(source)
+                changes.add(source.configure(config, now_s))
+                if was_silent and not source.is_silent:
+                    self._end(source, now_s)
+            elif self._are_expected:
+                self._add(Source(config, self._robot, now_s))
+        for source in before.values():
+            if source.own is not None:
+                changes.add(source.own.end(now_s))
+            self._end(source, now_s)
+
+    def _add(self, source: Source) -> None:
+        self._by_name[source.name] = source
+        for config in self._topics[source.name]:
+            self._by_signal[config.name] = source
+
+    def arrange(self, signals_of: Callable[[str], Sequence[SignalMonitor]]) -> None:
+        """Finds the signals of each source: `signals_of` returns those of a configured one, which may be a template."""
+        for name, source in self._by_name.items():
+            source.signals = [signal for config in self._topics[name] for signal in signals_of(config.name)]
+            if source.is_silent:
+                source.hold()
+
+    def begin(self, topic: str, now_s: float) -> Optional[Source]:
+        """Returns the source of a topic, which may begin to exist; None: no signal reads it."""
+        if topic not in self._by_name and topic in self._topics:
+            self._add(Source(_config(topic, self._topics[topic]), self._robot, now_s))
+        return self._by_name.get(topic)
+
+    def hear(self, source: Source, now_s: float, changes: Changes) -> None:
+        """Processes a message of a source that is not heard."""
+        changes.add(source.hear(now_s))
+        self._end(source, now_s)
+
+    def _end(self, source: Source, now_s: float) -> None:
+        """Ends the silence of a source: those that are silent with it are parted."""
+        source.head = None
+        for other in self:
+            if other.head is source:
+                other.part(now_s)
+
+    def tick(self, now_s: float, changes: Changes) -> List[Source]:
+        """Finds the sources that are silent for too long; returns those that were not before."""
+        fallen: List[Source] = []
+        for source in self:
+            source.listen()
+        for source in self:
+            if source.staleness.is_due(now_s):
+                fallen += self._fall_silent(source, now_s, changes)
+        return fallen
+
+    def _fall_silent(self, due: Source, now_s: float, changes: Changes) -> List[Source]:
+        due.head = next((each for each in self if each.is_silent and not each.head and _are_together(each, due)), None)
+        others: List[Source] = []
+        if due.head is None:
+            others = [each for each in self if each is not due and _falls_with(each, due, now_s)]
+        due.speaks = due.head is None and bool(others or len(due.signals) > 1)
+        due.with_topics = tuple(each.name for each in others)
+        for other in others:
+            other.head, other.speaks, other.with_topics = due, False, ()
+        for each in (due, *others):
+            changes.add(each.fall_silent(now_s))
+        return [due, *others]
+
+    def restore(self, name: str, state: SavedSignal, now_s: float, downtime: Downtime) -> Optional[Transition]:
+        """Continues from a snapshot; the alert of a topic that is no longer watched ends.
+
+        Raises UnusableStateError. `relate` must follow.
+        """
+        source = self._by_name.get(name)
+        own = SourceMonitor(replace(_CONFIG, name=name, topic=name), self._robot, now_s)
+        own.source = source or Source(own.config, self._robot, now_s)
+        own.restore(state, now_s, downtime)
+        if source is None:
+            return own.end(now_s)
+        source.restore(Saved(state), own, now_s, downtime)
+        return None
+
+    def relate(self, states: Mapping[str, SavedSignal], now_s: float, changes: Changes) -> None:
+        """Lets restored sources be silent together again; `states` are those that were restored."""
+        for name, state in states.items():
+            source = self._by_name.get(name)
+            if source is not None and source.is_silent:
+                head = self._by_name.get(Saved(state).section("silence").text("head"))
+                source.head = head if head is not None and head.is_silent else None
+                changes.add(source.fall_silent(now_s))
+
+
+def _config(name: str, of_topic: Sequence[SignalConfig]) -> SignalConfig:
+    """Returns how a source is judged: its limits are the smallest of its signals that have any."""
+    limited = [each for each in of_topic if each.stale_after_s > 0.0]
+    stale_after_s = min((each.stale_after_s for each in limited), default=0.0)
+    grace_s = min((each.startup_grace_s for each in limited), default=0.0)
+    return _shared_config(name, stale_after_s, grace_s)
+
+
+@lru_cache(maxsize=10_000)
+def _shared_config(name: str, stale_after_s: float, grace_s: float) -> SignalConfig:
+    """Returns the same object for the same topic of many robots: each takes a kilobyte."""
+    return replace(_CONFIG, name=name, topic=name, stale_after_s=stale_after_s, startup_grace_s=grace_s)
+
+
+def _are_together(one: Source, other: Source) -> bool:
+    apart_s = one.staleness.counts_from_s - other.staleness.counts_from_s
+    return abs(apart_s) <= TOGETHER_S + TIME_TOLERANCE_S
+
+
+def _falls_with(source: Source, due: Source, now_s: float) -> bool:
+    """Whether a source falls silent together with one that is due."""
+    staleness = source.staleness
+    if source.is_silent or math.isinf(staleness.limit_s) or staleness.unreachable_since_s is not None:
+        return False
+    silent_s = now_s - staleness.counts_from_s
+    return silent_s >= SHARE * staleness.counted_limit_s - TIME_TOLERANCE_S and _are_together(source, due)

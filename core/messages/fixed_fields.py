@@ -1,0 +1,156 @@
+"""Numbers in serialized messages, read without deserializing.
+
+Most of what a monitor watches is such a number: `data` of a Float32, `percentage` of a BatteryState, or any number that
+only numbers, arrays of fixed size and strings precede. Formats: CDR (OMG DDS-XTypes 1.3, section 7.4, encapsulations
+CDR_BE and CDR_LE) and ROS 1's, which has no padding.
+"""
+
+from __future__ import annotations
+
+import itertools
+import struct
+from typing import Any, Callable, Iterator, List, Mapping, Optional, Sequence, Tuple
+
+from ..values.elements import TIME_TYPES, stamp_of
+from ..values.errors import MessageError
+from .definitions import NUMBERS
+from .dialect import FieldType
+
+Getter = Callable[[bytes], Any]
+"""Returns the number or the stamp in a serialized message; raises MessageError if the message is too short."""
+
+FieldTypes = Callable[[Any], Mapping[str, FieldType]]
+"""Returns the type of every field of a message class, by name."""
+
+Place = Tuple[str, int]
+"""struct's letter, and how many of them: an array of fixed size has several. A string: `STRING`, 1."""
+
+STRING = "s"
+_LETTERS: Mapping[str, str] = {**NUMBERS, "octet": "B", "string": STRING}
+_CDR_HEADER = 4
+"""Bytes before a CDR message, to which its alignment does not refer; the second is its byte order."""
+_MOST_FIELDS = 4096
+"""Plain fields of a type that are looked at."""
+_DEEPEST = 32
+"""Types that a plain field may be in; a damaged definition may contain itself."""
+
+
+def number_getter(field_types: FieldTypes, native_class: Any, field: str, *, is_cdr: bool) -> Optional[Getter]:
+    """Returns a getter of a number (`orientation.x`) or a time in serialized messages: CDR with its header, or ROS 1's.
+
+    None if something of variable size, other than strings, precedes it.
+    """
+    parts = _time_parts(field_types, native_class, field)
+    if parts is not None:
+        get_parts = [number_getter(field_types, native_class, f"{field}.{part}", is_cdr=is_cdr) for part in parts]
+        seconds, nanoseconds = get_parts
+        return seconds and nanoseconds and (lambda data: stamp_of(seconds(data), nanoseconds(data)))
+    before: List[Place] = []
+    for path, place in plain_fields(field_types, native_class):
+        if place is None:
+            return None
+        if path == field:
+            return None if place[0] == STRING else _getter(before, place[0], is_cdr)
+        before.append(place)
+    return None
+
+
+def _time_parts(field_types: FieldTypes, native_class: Any, field: str) -> Optional[Sequence[str]]:
+    """Returns the names of the seconds and nanoseconds of a field that is a time; None for other fields."""
+    found: Optional[FieldType] = None
+    for name in field.split("."):
+        types = {} if native_class is None else field_types(native_class)
+        found = types.get(name)
+        if found is None:
+            return None
+        native_class = None if found.is_array else found.message
+    is_time = native_class is not None and found is not None and found.element in TIME_TYPES
+    return tuple(field_types(native_class))[:2] if is_time else None
+
+
+def plain_fields(field_types: FieldTypes, native_class: Any) -> Iterator[Tuple[str, Optional[Place]]]:
+    """Yields path (of an array with `[]`) and place (None: of variable size) of each plain field, in their order."""
+    return itertools.islice(_plain_fields(field_types, native_class, "", 0), _MOST_FIELDS)
+
+
+def _plain_fields(
+    field_types: FieldTypes, native_class: Any, prefix: str, depth: int
+) -> Iterator[Tuple[str, Optional[Place]]]:
+    fields = {} if depth > _DEEPEST else field_types(native_class)
+    if not fields:
+        yield "", None
+    for name, field_type in fields.items():
+        path = f"{prefix}{name}"
+        letter = None if field_type.message is not None else _LETTERS.get(field_type.kind)
+        if field_type.is_array:
+            is_fixed = field_type.size and letter and letter != STRING
+            yield f"{path}[]", (letter, field_type.size) if is_fixed else None  # type: ignore[misc]
+        elif field_type.message is not None:
+            yield from _plain_fields(field_types, field_type.message, f"{path}.", depth + 1)
+        else:
+            yield path, (letter, 1) if letter else None
+
+
+def _getter(before: Sequence[Place], letter: str, is_cdr: bool) -> Getter:
+    """Returns a getter for a number after places.
+
+    The places up to a string have a fixed size except for their alignment, which depends on where the string before
+    them ended: a table per string gives the bytes up to the next string for each of the eight alignments.
+    """
+    steps: List[List[Place]] = [[]]
+    for place in before:
+        if place[0] == STRING:
+            steps[-1].append(("I", 1))
+            steps.append([])
+        else:
+            steps[-1].append(place)
+    steps[-1].append((letter, 1))
+    first, *tables = (_distances(step, is_cdr) for step in steps)
+    header = _CDR_HEADER if is_cdr else 0
+    start = header + first[0]
+    numbers = [struct.Struct(f"{order}{letter}").unpack_from for order in "><"]
+    lengths = [struct.Struct(f"{order}I").unpack_from for order in "><"]
+    little = numbers[1]
+
+    def get_fixed_ros1(data: bytes) -> Any:
+        try:
+            return little(data, start)[0]
+        except struct.error as error:
+            raise MessageError(f"too short: {error}") from None
+
+    def get_fixed_cdr(data: bytes) -> Any:
+        try:
+            return numbers[data[1]](data, start)[0]
+        except (struct.error, IndexError) as error:
+            raise MessageError(f"too short, or not CDR: {error}") from None
+
+    def get(data: bytes) -> Any:
+        try:
+            order = data[1] if is_cdr else 1
+            length = lengths[order]
+            offset = start
+            for table in tables:
+                offset += 4 + length(data, offset)[0]
+                offset += table[(offset - header) & 7]
+            return numbers[order](data, offset)[0]
+        except (struct.error, IndexError) as error:
+            raise MessageError(f"too short, or not CDR: {error}") from None
+
+    if tables:
+        return get
+    return get_fixed_cdr if is_cdr else get_fixed_ros1
+
+
+def _distances(places: Sequence[Place], is_aligned: bool) -> Tuple[int, ...]:
+    """Returns, for each alignment of the start, the bytes from there to the last of the places."""
+    distances = []
+    for start in range(8):
+        offset = size = 0
+        for letter, count in places:
+            offset += size
+            item = struct.calcsize(f"<{letter}")
+            if is_aligned:
+                offset += -(start + offset) % item
+            size = item * count
+        distances.append(offset)
+    return tuple(distances)

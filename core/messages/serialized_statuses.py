@@ -1,0 +1,96 @@
+"""The statuses of a serialized DiagnosticArray, read without making messages of them.
+
+Robots have hundreds of statuses with several values each. A message of them is a thousand objects, which cost several
+times what level and message of each status do. Formats as in `fixed_fields.py`.
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import Any, Optional
+
+from ..values.elements import MOST_ELEMENTS, OWN_KEY, STATUS_TYPE, DriverStatus, Elements, is_own_status, too_many
+from ..values.errors import MessageError
+from ..values.field_path import ABSENT, Every, parse_field_path
+from ..values.patterns import matches_pattern
+from .fixed_fields import FieldTypes, Getter, number_getter
+
+_ARRAY = {"header": "std_msgs/Header", "status": STATUS_TYPE}
+_STATUS = {"level", "name", "message", "hardware_id", "values"}
+_OWN = OWN_KEY.encode()
+
+
+def serialized_getter(field_types: FieldTypes, native_class: Any, field: str, *, is_cdr: bool) -> Optional[Getter]:
+    """Returns a getter of a number, a time or several statuses in serialized messages; None if it needs messages."""
+    get = number_getter(field_types, native_class, field, is_cdr=is_cdr)
+    return get or statuses_getter(field_types, native_class, field, is_cdr=is_cdr)
+
+
+def statuses_getter(field_types: FieldTypes, native_class: Any, field: str, *, is_cdr: bool) -> Optional[Getter]:
+    """Returns a getter of `status["pattern"]` in serialized messages, as `field_getter` is for others.
+
+    It raises MessageError for what is no DiagnosticArray. None for other types and fields.
+    """
+    types = field_types(native_class)
+    path = parse_field_path(field)
+    pattern = path[1].pattern if len(path) == 2 and path[0] == "status" and isinstance(path[1], Every) else None
+    if pattern is None or {name: found.element for name, found in types.items()} != _ARRAY:
+        return None
+    if set(field_types(types["status"].message)) != _STATUS:
+        return None
+    read = _reader(pattern, is_cdr=is_cdr)
+
+    def get(data: bytes) -> Any:
+        try:
+            return read(data)
+        except (struct.error, IndexError) as error:
+            raise MessageError(f"too short, or no DiagnosticArray: {error}") from None
+
+    return get
+
+
+def _reader(pattern: str, *, is_cdr: bool) -> Getter:
+    lengths = [struct.Struct(f"{order}I").unpack_from for order in "><"]
+    # CDR: its own header and a stamp; texts end with a zero, and lengths begin at multiples of four. ROS 1: number and
+    # stamp.
+    after_stamp, zero, padding = (12, 1, 3) if is_cdr else (12, 0, 0)
+
+    def read(data: bytes) -> Any:
+        length = lengths[data[1] if is_cdr else 1]
+        at = after_stamp + 4 + length(data, after_stamp)[0]
+        at += -at & padding
+        count = length(data, at)[0]
+        if count > MOST_ELEMENTS:
+            return too_many(count)
+        at += 4
+        found = Elements()
+        for _ in range(count):
+            level = data[at]
+            at += 1
+            begin = at + (-at & padding) + 4
+            at = begin + length(data, begin - 4)[0]
+            name = data[begin : at - zero].decode("utf-8", "replace")
+            begin = at + (-at & padding) + 4
+            at = begin + length(data, begin - 4)[0]
+            message = data[begin : at - zero]
+            at += -at & padding
+            at += 4 + length(data, at)[0]  # hardware_id
+            at += -at & padding
+            values = length(data, at)[0]
+            at += 4
+            is_own = is_own_status(name, ())
+            for _ in range(values):
+                begin = at + (-at & padding) + 4
+                at = begin + length(data, begin - 4)[0]
+                if data[begin : at - zero] == _OWN:
+                    is_own = True
+                at += -at & padding
+                at += 4 + length(data, at)[0]
+            if not is_own and matches_pattern(name, pattern):
+                signed = level if is_cdr or level < 128 else level - 256
+                found.append((name, DriverStatus(signed, message.decode("utf-8", "replace"))))
+        if at > len(data):
+            raise IndexError(f"{len(data)} bytes")
+        return found or ABSENT
+
+    return read

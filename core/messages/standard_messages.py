@@ -1,0 +1,264 @@
+"""Definitions of the messages and services of std_msgs, std_srvs, sensor_msgs and diagnostic_msgs, for use without ROS.
+
+The definitions are those of ROS 1 (Noetic), without comments, with every type spelt `package/Type`, and with the types
+of geometry_msgs that they contain. `ROS2_FIELDS` has the fields that only ROS 2 (Jazzy) has.
+"""
+
+from __future__ import annotations
+
+import functools
+import operator
+from typing import Any, Dict, Mapping, Sequence, Tuple
+
+from ..values.names import canonical_type, split_type_name
+from .definitions import ROS1_KINDS, SEQUENCE, Field, parse_msg
+from .dialect import Dialect, FieldType, Message
+from .native_fields import as_it_is
+from .native_messages import NativeMessages, bytes_as_text
+
+PACKAGES = ("std_msgs", "std_srvs", "sensor_msgs", "diagnostic_msgs")
+"""Packages of which every type is known here."""
+
+_ARRAYS = ("Byte", "Float32", "Float64", "Int16", "Int32", "Int64", "Int8", "UInt16", "UInt32", "UInt64", "UInt8")
+"""Types of std_msgs with an array of the plain type of this name."""
+_SINGLE = (*_ARRAYS, "Bool", "Char", "Duration", "String", "Time")
+"""Types of std_msgs with one value of the plain type of this name."""
+
+_MESSAGES = """
+std_msgs/ColorRGBA: float32 r; float32 g; float32 b; float32 a
+std_msgs/Empty:
+std_msgs/Header: uint32 seq; time stamp; string frame_id
+std_msgs/MultiArrayDimension: string label; uint32 size; uint32 stride
+std_msgs/MultiArrayLayout: std_msgs/MultiArrayDimension[] dim; uint32 data_offset
+geometry_msgs/Point32: float32 x; float32 y; float32 z
+geometry_msgs/Quaternion: float64 x; float64 y; float64 z; float64 w
+geometry_msgs/Transform: geometry_msgs/Vector3 translation; geometry_msgs/Quaternion rotation
+geometry_msgs/Twist: geometry_msgs/Vector3 linear; geometry_msgs/Vector3 angular
+geometry_msgs/Vector3: float64 x; float64 y; float64 z
+geometry_msgs/Wrench: geometry_msgs/Vector3 force; geometry_msgs/Vector3 torque
+sensor_msgs/BatteryState:
+  uint8 POWER_SUPPLY_STATUS_UNKNOWN=0; uint8 POWER_SUPPLY_STATUS_CHARGING=1; uint8 POWER_SUPPLY_STATUS_DISCHARGING=2
+  uint8 POWER_SUPPLY_STATUS_NOT_CHARGING=3; uint8 POWER_SUPPLY_STATUS_FULL=4; uint8 POWER_SUPPLY_HEALTH_UNKNOWN=0
+  uint8 POWER_SUPPLY_HEALTH_GOOD=1; uint8 POWER_SUPPLY_HEALTH_OVERHEAT=2; uint8 POWER_SUPPLY_HEALTH_DEAD=3
+  uint8 POWER_SUPPLY_HEALTH_OVERVOLTAGE=4; uint8 POWER_SUPPLY_HEALTH_UNSPEC_FAILURE=5; uint8 POWER_SUPPLY_HEALTH_COLD=6
+  uint8 POWER_SUPPLY_HEALTH_WATCHDOG_TIMER_EXPIRE=7; uint8 POWER_SUPPLY_HEALTH_SAFETY_TIMER_EXPIRE=8
+  uint8 POWER_SUPPLY_TECHNOLOGY_UNKNOWN=0; uint8 POWER_SUPPLY_TECHNOLOGY_NIMH=1; uint8 POWER_SUPPLY_TECHNOLOGY_LION=2
+  uint8 POWER_SUPPLY_TECHNOLOGY_LIPO=3; uint8 POWER_SUPPLY_TECHNOLOGY_LIFE=4; uint8 POWER_SUPPLY_TECHNOLOGY_NICD=5
+  uint8 POWER_SUPPLY_TECHNOLOGY_LIMN=6; std_msgs/Header header; float32 voltage; float32 temperature; float32 current
+  float32 charge; float32 capacity; float32 design_capacity; float32 percentage; uint8 power_supply_status
+  uint8 power_supply_health; uint8 power_supply_technology; bool present; float32[] cell_voltage
+  float32[] cell_temperature; string location; string serial_number
+sensor_msgs/CameraInfo:
+  std_msgs/Header header; uint32 height; uint32 width; string distortion_model; float64[] D; float64[9] K; float64[9] R
+  float64[12] P; uint32 binning_x; uint32 binning_y; sensor_msgs/RegionOfInterest roi
+sensor_msgs/ChannelFloat32: string name; float32[] values
+sensor_msgs/CompressedImage: std_msgs/Header header; string format; uint8[] data
+sensor_msgs/FluidPressure: std_msgs/Header header; float64 fluid_pressure; float64 variance
+sensor_msgs/Illuminance: std_msgs/Header header; float64 illuminance; float64 variance
+sensor_msgs/Image:
+  std_msgs/Header header; uint32 height; uint32 width; string encoding; uint8 is_bigendian; uint32 step; uint8[] data
+sensor_msgs/Imu:
+  std_msgs/Header header; geometry_msgs/Quaternion orientation; float64[9] orientation_covariance
+  geometry_msgs/Vector3 angular_velocity; float64[9] angular_velocity_covariance
+  geometry_msgs/Vector3 linear_acceleration; float64[9] linear_acceleration_covariance
+sensor_msgs/JointState: std_msgs/Header header; string[] name; float64[] position; float64[] velocity; float64[] effort
+sensor_msgs/Joy: std_msgs/Header header; float32[] axes; int32[] buttons
+sensor_msgs/JoyFeedback:
+  uint8 TYPE_LED=0; uint8 TYPE_RUMBLE=1; uint8 TYPE_BUZZER=2; uint8 type; uint8 id; float32 intensity
+sensor_msgs/JoyFeedbackArray: sensor_msgs/JoyFeedback[] array
+sensor_msgs/LaserEcho: float32[] echoes
+sensor_msgs/LaserScan:
+  std_msgs/Header header; float32 angle_min; float32 angle_max; float32 angle_increment; float32 time_increment
+  float32 scan_time; float32 range_min; float32 range_max; float32[] ranges; float32[] intensities
+sensor_msgs/MagneticField:
+  std_msgs/Header header; geometry_msgs/Vector3 magnetic_field; float64[9] magnetic_field_covariance
+sensor_msgs/MultiDOFJointState:
+  std_msgs/Header header; string[] joint_names; geometry_msgs/Transform[] transforms; geometry_msgs/Twist[] twist
+  geometry_msgs/Wrench[] wrench
+sensor_msgs/MultiEchoLaserScan:
+  std_msgs/Header header; float32 angle_min; float32 angle_max; float32 angle_increment; float32 time_increment
+  float32 scan_time; float32 range_min; float32 range_max; sensor_msgs/LaserEcho[] ranges
+  sensor_msgs/LaserEcho[] intensities
+sensor_msgs/NavSatFix:
+  std_msgs/Header header; sensor_msgs/NavSatStatus status; float64 latitude; float64 longitude; float64 altitude
+  float64[9] position_covariance; uint8 COVARIANCE_TYPE_UNKNOWN=0; uint8 COVARIANCE_TYPE_APPROXIMATED=1
+  uint8 COVARIANCE_TYPE_DIAGONAL_KNOWN=2; uint8 COVARIANCE_TYPE_KNOWN=3; uint8 position_covariance_type
+sensor_msgs/NavSatStatus:
+  int8 STATUS_NO_FIX=-1; int8 STATUS_FIX=0; int8 STATUS_SBAS_FIX=1; int8 STATUS_GBAS_FIX=2; int8 status
+  uint16 SERVICE_GPS=1; uint16 SERVICE_GLONASS=2; uint16 SERVICE_COMPASS=4; uint16 SERVICE_GALILEO=8; uint16 service
+sensor_msgs/PointCloud: std_msgs/Header header; geometry_msgs/Point32[] points; sensor_msgs/ChannelFloat32[] channels
+sensor_msgs/PointCloud2:
+  std_msgs/Header header; uint32 height; uint32 width; sensor_msgs/PointField[] fields; bool is_bigendian
+  uint32 point_step; uint32 row_step; uint8[] data; bool is_dense
+sensor_msgs/PointField:
+  uint8 INT8=1; uint8 UINT8=2; uint8 INT16=3; uint8 UINT16=4; uint8 INT32=5; uint8 UINT32=6; uint8 FLOAT32=7
+  uint8 FLOAT64=8; string name; uint32 offset; uint8 datatype; uint32 count
+sensor_msgs/Range:
+  std_msgs/Header header; uint8 ULTRASOUND=0; uint8 INFRARED=1; uint8 radiation_type; float32 field_of_view
+  float32 min_range; float32 max_range; float32 range
+sensor_msgs/RegionOfInterest: uint32 x_offset; uint32 y_offset; uint32 height; uint32 width; bool do_rectify
+sensor_msgs/RelativeHumidity: std_msgs/Header header; float64 relative_humidity; float64 variance
+sensor_msgs/Temperature: std_msgs/Header header; float64 temperature; float64 variance
+sensor_msgs/TimeReference: std_msgs/Header header; time time_ref; string source
+diagnostic_msgs/DiagnosticArray: std_msgs/Header header; diagnostic_msgs/DiagnosticStatus[] status
+diagnostic_msgs/DiagnosticStatus:
+  byte OK=0; byte WARN=1; byte ERROR=2; byte STALE=3; byte level; string name; string message; string hardware_id
+  diagnostic_msgs/KeyValue[] values
+diagnostic_msgs/KeyValue: string key; string value
+"""
+
+_SERVICES = """
+diagnostic_msgs/AddDiagnostics: string load_namespace; ---; bool success; string message
+diagnostic_msgs/SelfTest: ---; string id; byte passed; diagnostic_msgs/DiagnosticStatus[] status
+sensor_msgs/SetCameraInfo: sensor_msgs/CameraInfo camera_info; ---; bool success; string status_message
+std_srvs/Empty: ---
+std_srvs/SetBool: bool data; ---; bool success; string message
+std_srvs/Trigger: ---; bool success; string message
+"""
+
+
+def _definitions(text: str) -> Dict[str, str]:
+    """Returns the definition of each type: `package/Type:` and its lines, with a semicolon between them."""
+    found: Dict[str, str] = {}
+    name = ""
+    for row in text.strip().splitlines():
+        if not row.startswith(" "):
+            name, _, row = row.partition(":")
+            found[name] = ""
+        found[name] += "".join(f"{line.strip()}\n" for line in row.split(";") if line.strip())
+    return found
+
+
+MESSAGES: Mapping[str, str] = {
+    **{f"std_msgs/{name}": f"{name.lower()} data\n" for name in _SINGLE},
+    **{f"std_msgs/{name}MultiArray": f"std_msgs/MultiArrayLayout layout\n{name.lower()}[] data\n" for name in _ARRAYS},
+    **_definitions(_MESSAGES),
+}
+"""Definition of each message, by type."""
+
+SERVICES: Mapping[str, Tuple[str, str]] = {
+    name: (request, response)
+    for name, text in _definitions(_SERVICES).items()
+    for request, _, response in (text.partition("---\n"),)
+}
+"""Definitions of the request and the response of each service, by type."""
+
+ROS2_FIELDS: Mapping[str, str] = {
+    "sensor_msgs/CameraInfo": "float64[] d\nfloat64[9] k\nfloat64[9] r\nfloat64[12] p\n",
+    "sensor_msgs/Range": "float32 variance\n",
+}
+"""Fields that only ROS 2 has, by type."""
+
+_ROSGRAPH: Mapping[str, str] = {
+    "rosgraph_msgs/Clock": "time clock\n",
+    "rosgraph_msgs/Log": "byte DEBUG=1\nbyte INFO=2\nbyte WARN=4\nbyte ERROR=8\nbyte FATAL=16\n"
+    "std_msgs/Header header\nbyte level\nstring name\nstring msg\nstring file\nstring function\nuint32 line\n"
+    "string[] topics\n",
+}
+"""Definitions for clients that ask for them; these messages are not checked."""
+
+_TIME = "time"
+_DEFAULTS = {"bool": False, "string": "", "float32": 0.0, "float64": 0.0}
+_TIME_FIELDS = {"secs": FieldType("int32", "int32"), "nsecs": FieldType("int32", "int32")}
+
+
+@functools.lru_cache(maxsize=None)
+def _field_types(type_name: Any) -> Mapping[str, FieldType]:
+    """Returns the fields of a message; `time` stands for the types time and duration."""
+    if type_name == _TIME:
+        return _TIME_FIELDS
+    types: Dict[str, FieldType] = {}
+    for name, kind, size in _parsed(type_name, MESSAGES[type_name] + ROS2_FIELDS.get(type_name, "")):
+        message = kind if kind in MESSAGES else _TIME if kind in ("time", "duration") else None
+        count = None if size == SEQUENCE else size
+        types[name] = FieldType(kind, ROS1_KINDS.get(kind, kind), message, size is not None, count)
+    return types
+
+
+def _parsed(type_name: str, text: str) -> Sequence[Field]:
+    return parse_msg(type_name, text)[type_name].fields
+
+
+def _find_class(package: str, kind: str, name: str) -> Any:
+    type_name = f"{package}/{name}"
+    return type_name if type_name in (MESSAGES if kind == "msg" else SERVICES) else None
+
+
+def _new(type_name: Any) -> Dict[str, Any]:
+    """Returns a message with default values: zeros, empty texts and empty lists."""
+    return {name: _default(field) for name, field in _field_types(type_name).items() if not _is_ros2(type_name, name)}
+
+
+def _default(field: FieldType) -> Any:
+    if field.is_array:
+        if field.kind == "uint8":
+            return bytes_as_text(bytes(field.size or 0))
+        return [_default(field._replace(is_array=False)) for _ in range(field.size or 0)]
+    if field.message is not None:
+        return _new(field.message)
+    return _DEFAULTS.get(field.kind, 0)
+
+
+def _is_ros2(type_name: str, field: str) -> bool:
+    return f" {field}\n" in ROS2_FIELDS.get(type_name, "")
+
+
+messages = NativeMessages(
+    Dialect(
+        find_class=_find_class,
+        type_name=str,
+        field_types=_field_types,
+        other_names={"sec": "secs", "nanosec": "nsecs"},
+        byte_array=bytes_as_text,
+        plain=as_it_is,
+        new=_new,
+        assign=operator.setitem,
+    )
+)
+"""Looks up types, binds field paths and checks messages, as the adapters of ROS do.
+
+A message class is the name of a type, and a native message is a mapping with all fields of its type.
+"""
+
+
+@functools.lru_cache(maxsize=1000)
+def check_type(type_name: str) -> str:
+    """Returns a message type as `package/Type` if its definition is known here; empty for types of other packages.
+
+    Raises ConfigError for what is no name of a type, and for a type that a package of `PACKAGES` does not have.
+    """
+    split = split_type_name(type_name)
+    if split is None or split[0] in PACKAGES:
+        messages.message_class(type_name)  # raises
+    name = canonical_type(type_name)
+    return name if name in MESSAGES else ""
+
+
+def check_field(topic: str, type_name: str, field: str) -> None:
+    """Checks a field of a type whose definition is known here; raises ConfigError if there is no such field or type."""
+    if check_type(type_name):
+        messages.field_getter(topic, type_name, field)
+
+
+def complete(type_name: str, message: Message) -> Dict[str, Any]:
+    """Returns a message with all fields, where its type is known here; raises MessageError if it does not match."""
+    known = check_type(type_name)
+    completed: Dict[str, Any] = messages.to_native(known, message) if known else dict(message)
+    return completed
+
+
+def is_stamped(type_name: str) -> bool:
+    """Returns whether messages of a type are known to have a header, and so a stamp."""
+    known = check_type(type_name)
+    return bool(known) and messages.is_stamped(known)
+
+
+@functools.lru_cache(maxsize=1000)
+def definition(type_name: str) -> str:
+    """Returns a type's definition and those of the types it contains, as from `gendeps --cat`; empty if unknown."""
+    texts, names, parts = {**MESSAGES, **_ROSGRAPH}, [canonical_type(type_name)], []
+    for name in names:  # grows while it runs
+        text = texts.get(name, "")
+        parts.append(text if name == names[0] else f"{'=' * 80}\nMSG: {name}\n{text}")
+        names += dict.fromkeys(field.kind for field in _parsed(name, text) if field.kind in {*MESSAGES} - {*names})
+    return "".join(parts)

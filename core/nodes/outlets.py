@@ -1,0 +1,151 @@
+"""Outlets: everything that receives what the monitor announces, such as the log, topics, a terminal or a history.
+
+Each event goes to every outlet. An outlet that raises affects no other outlet; it is reported as a fault. `event_text`
+and `json_line` give the forms in which most outlets write an event: on stdout, in webhooks, on the stdin of commands.
+`alert_message` and `status_message` give diagnostic_msgs messages, in the mappings that the port carries (REP-107).
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Any, Callable, Dict, Iterable, Mapping, NamedTuple, Optional, Union
+
+from ..messages.dialect import Message
+from ..port.middleware import Severity
+from ..values.elements import OWN_KEY
+from ..values.faults import Faults
+from ..values.formatting import datum_text, fingerprint, with_hint
+from ..values.model import Level, Status, Transition
+
+FIELDS = tuple(name for name in Transition.__dataclass_fields__ if name != "status")
+"""The fields of a transition in JSON. Its status is left out: it repeats them as text."""
+
+_LARGE = 10**1000
+_MOST_VALUE_CHARS = 2_000
+"""Longest value that is written in full: a robot may send a text of a megabyte where a number belongs."""
+_SEVERITY_OF_LEVEL = {
+    Level.OK: Severity.INFO, Level.WARN: Severity.WARN, Level.ERROR: Severity.ERROR, Level.STALE: Severity.WARN,
+}  # fmt: skip
+
+
+class Notice(NamedTuple):
+    """An event of the monitor itself, not of a signal: time went back, a part failed or works again."""
+
+    now_s: float
+    """When, in seconds on the node's clock."""
+    severity: Severity
+    """INFO, WARN or ERROR."""
+    text: str
+    """One line."""
+    part: str = ""
+    """The part of the monitor whose fault begins or ends (see `faults.py`); empty for any other notice."""
+
+
+Event = Union[Transition, Notice]
+"""What an outlet receives."""
+
+Outlet = Callable[[Event], None]
+"""Receives one event. It must return quickly: the events of all signals wait for it."""
+
+
+class Outlets:
+    """Passes each event to every outlet, in the order in which they were added."""
+
+    def __init__(self, faults: Faults) -> None:
+        """Starts without outlets; one that fails is reported to `faults` as `outlet <name>`."""
+        self._faults = faults
+        self._outlets: Dict[str, Outlet] = {}
+
+    def add(self, name: str, outlet: Outlet) -> None:
+        """Adds an outlet, in place of an earlier one of the same name."""
+        self._outlets[name] = outlet
+
+    def emit(self, event: Event) -> None:
+        """Passes an event to every outlet; never raises."""
+        for name, outlet in tuple(self._outlets.items()):
+            self._faults.guard(f"outlet {name}", outlet, event)
+
+
+def event_text(event: Event) -> str:
+    """Returns the line that people read about an event: a transition with its hint."""
+    return with_hint(event.text, event.hint) if isinstance(event, Transition) else event.text
+
+
+def event_severity(event: Event) -> Severity:
+    """Returns the severity of the log line about an event."""
+    return _SEVERITY_OF_LEVEL[event.to_level] if isinstance(event, Transition) else event.severity
+
+
+def json_line(transition: object, **further: object) -> str:
+    """Formats a transition as one JSON object: levels by name, NaN and infinities as null, ASCII only.
+
+    A value longer than 2,000 characters, which is not a measurement, is truncated. `transition` may be another object
+    with the fields of a Transition; `further` fields are added.
+    """
+    fields: Dict[str, Any] = {**{name: getattr(transition, name) for name in FIELDS}, **further}
+    written = {name: _as_json(value) for name, value in fields.items()}
+    if not isinstance(fields["value"], float) and len(json.dumps(written["value"])) > _MOST_VALUE_CHARS:
+        written["value"] = datum_text(fields["value"])
+    return json.dumps(written)
+
+
+def _as_json(value: object) -> object:
+    if isinstance(value, Level):
+        return value.name
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, Mapping):
+        return {str(key): _as_json(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_as_json(item) for item in value]
+    if value is None or isinstance(value, (str, bool)) or (isinstance(value, int) and abs(value) < _LARGE):
+        return value
+    return datum_text(value)  # such as an integer of 5,000 digits, which Python does not convert to text
+
+
+def status_message(status: Status, node: str) -> Message:
+    """Returns a DiagnosticStatus named `node: signal`, as tools expect.
+
+    Every one has a fingerprint, which keeps it from being watched by `*`, here or by another monitor.
+    """
+    name = f"{node}: {status.name}"
+    values = status.values
+    if OWN_KEY not in values:
+        values = {**values, OWN_KEY: fingerprint(status.hardware_id, name)}
+    return {
+        "level": int(status.level),
+        "name": name,
+        "message": with_hint(status.message, status.hint),
+        "hardware_id": status.hardware_id,
+        "values": [{"key": key, "value": value} for key, value in values.items()],
+    }
+
+
+def array_message(statuses: Iterable[Status], node: str) -> Message:
+    """Returns a DiagnosticArray; the adapter stamps its header."""
+    return {"status": [status_message(status, node) for status in statuses]}
+
+
+def alert_message(transition: Transition, node: str, silence: Optional[str] = None) -> Message:
+    """Returns the DiagnosticStatus of one transition: its message is the alert line.
+
+    `node` is the base name of the node that judged it, `silence` the text of its signal's silence, None without one.
+    """
+    value = "" if transition.value is None else datum_text(transition.value)
+    if isinstance(transition.value, float):  # in full
+        value = repr(transition.value)
+    values: Dict[str, str] = {
+        "from_level": transition.from_level.name,
+        "to_level": transition.to_level.name,
+        "value": value,
+        "statistic": transition.statistic,
+        "bound": "" if transition.bound is None else str(transition.bound),
+        "now_s": str(transition.now_s),
+        "since_s": str(transition.since_s),
+        "fingerprint": transition.fingerprint,
+    }
+    if silence is not None:
+        values["silenced"] = silence
+    status = Status(transition.signal, transition.to_level, transition.text, transition.robot, values, transition.hint)
+    return status_message(status, node)

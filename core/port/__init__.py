@@ -1,0 +1,1 @@
+"""The port: what a node needs from a middleware, and the in-process implementation."""

@@ -1,0 +1,269 @@
+"""The in-process middleware, for the embedded monitor, tests and virtual time.
+
+A `LocalBus` connects nodes inside one process. It has no thread: messages are delivered within `publish`, timers are
+called within `run_due(now_s)`, which the owner calls: `robot-health run` with the monotonic clock, a test with
+numbers. Simulated time comes from the bus's topic `/clock`, as on a robot.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+from typing import Any, Callable, Dict, Iterable, List, Mapping, NamedTuple, Optional, Tuple, Union
+
+from ..messages.dialect import Message
+from ..messages.standard_messages import check_type, definition
+from ..values.errors import ConfigError, ServiceError
+from ..values.names import split_type_name
+from .hints import Answer, explain, similar_topics
+from .mapping_node import CLOCK, MappingNode, MappingSubscription, RawSubscription
+from .middleware import Callback, Graph, NodeInfo, RawCallback, RawFormat, Severity
+from .raw_messages import json_format
+
+
+class LogLine(NamedTuple):
+    """One line in the log."""
+
+    now_s: float
+    node: str
+    severity: Severity
+    text: str
+
+
+class LocalBus:
+    """Topics, services and time shared by the nodes of one process."""
+
+    def __init__(
+        self,
+        start_s: float = 0.0,
+        on_log: Optional[Callable[[LogLine], None]] = None,
+        wall_time_s: Optional[Callable[[], float]] = None,
+        clock: Optional[Callable[[], float]] = None,
+    ) -> None:
+        """Creates a bus without nodes, whose time begins at `start_s`, in s.
+
+        `on_log` is called with every log line; None: they are appended to `log_lines`. `wall_time_s` returns seconds
+        since 1970, for the stamps of messages; None: the time of the bus. `clock` returns monotonic seconds, also
+        between two calls of `run_due`; None: time changes only in `run_due`.
+        """
+        self._now_s = start_s
+        self._clock = clock
+        self.wall_time_s: Callable[[], float] = wall_time_s or (lambda: self.now_s)
+        self.log_lines: List[LogLine] = []
+        self._on_log: List[Callable[[LogLine], None]] = [on_log or self.log_lines.append]
+        self.types: Dict[str, str] = {}
+        """Type name per topic, of topics that are advertised or subscribed to."""
+        self.nodes: List[LocalMiddleware] = []
+        """The nodes that are not closed."""
+        self._listeners: Dict[str, List[Callable[[Message], None]]] = {}
+        self._services: Dict[str, Tuple[str, Callable[[Message], Message]]] = {}
+        """Type and handler of each service."""
+
+    @property
+    def now_s(self) -> float:
+        """The time in seconds."""
+        return self._now_s if self._clock is None else self._clock()
+
+    def node(
+        self,
+        name: str,
+        *,
+        namespace: str = "",
+        parameters: Optional[Mapping[str, Any]] = None,
+        remap: Optional[Mapping[str, str]] = None,
+        use_sim_time: bool = False,
+    ) -> LocalMiddleware:
+        """Adds a node by its base name, in a namespace such as `robot1`, `/fleet/robot1` or, empty, in none.
+
+        `parameters` is its configuration, nested as in the file under `ros__parameters`. `remap` maps names as the node
+        uses them (relative or absolute) to the names to use instead. With `use_sim_time`, its time is that of `/clock`.
+        """
+        namespace = namespace.strip("/")
+        full_name = f"/{namespace}/{name}" if namespace else f"/{name}"
+        node = LocalMiddleware(self, full_name, parameters or {}, remap or {}, use_sim_time)
+        self.nodes.append(node)
+        return node
+
+    def log(self, line: LogLine) -> None:
+        """Writes a line to the log."""
+        for receive in tuple(self._on_log):
+            receive(line)
+
+    def add_log(self, on_log: Callable[[LogLine], None]) -> None:
+        """Calls a further function with every log line from now on."""
+        self._on_log.append(on_log)
+
+    def graph(self) -> Graph:
+        """Returns the nodes that are not closed, with their topics and services."""
+        nodes = {}
+        for node in self.nodes:
+            subscribed = tuple(subscription.topic for subscription in node._subscriptions)
+            nodes[node.name] = NodeInfo(tuple(node._advertised), subscribed, tuple(node._services))
+        used = {topic for node in nodes.values() for topic in (*node.publishes, *node.subscribes)}
+        topics = {topic: type_name for topic, type_name in self.types.items() if topic in used}
+        services = {service: type_name for service, (type_name, _) in self._services.items()}
+        return Graph(topics, services, nodes)
+
+    def next_due_s(self) -> Optional[float]:
+        """Returns when the next timer is due, in s; None without timers."""
+        due_s = min(map(_next_due_s, self.nodes), default=math.inf)
+        return None if due_s == math.inf else due_s
+
+    def run_due(self, now_s: float) -> None:
+        """Moves time to `now_s` and calls every timer that is due, once; if time goes back, every period restarts."""
+        self._now_s = now_s
+        for node in sorted(self.nodes, key=_next_due_s):
+            node.run_steady_timers()
+
+    def run_until(self, now_s: float) -> None:
+        """Moves virtual time to `now_s` from one due timer to the next, so that no period is skipped.
+
+        For tests and replays. A real clock that jumps ahead must not be followed like this: use `run_due`.
+        """
+        due_s = self.next_due_s()
+        while due_s is not None and due_s <= now_s:
+            self.run_due(due_s)
+            due_s = self.next_due_s()
+        self.run_due(now_s)
+
+    def call_service(self, service: str, request: Optional[Message] = None) -> Message:
+        """Calls a service by its absolute name; raises ServiceError if it does not exist, or if it failed."""
+        if service not in self._services:
+            available = ", ".join(sorted(self._services)) or "none"
+            raise ServiceError(f"there is no service {service}; available: {available}")
+        _, handler = self._services[service]
+        return handler(request or {})
+
+    def _add_listener(self, topic: str, deliver: Callable[[Message], None], *, is_first: bool = False) -> None:
+        listeners = self._listeners.setdefault(topic, [])
+        listeners.insert(0 if is_first else len(listeners), deliver)
+
+    def _remove_listener(self, topic: str, deliver: Callable[[Message], None]) -> None:
+        self._listeners[topic].remove(deliver)
+        self._forget_unused([topic])
+
+    def _forget_unused(self, topics: Iterable[str]) -> None:
+        """Forgets topics without publishers and subscribers: the clients of a server may invent any number of names."""
+        for topic in topics:
+            if not self._listeners.get(topic) and not any(topic in node._advertised for node in self.nodes):
+                self._listeners.pop(topic, None)
+                self.types.pop(topic, None)
+
+
+class LocalMiddleware(MappingNode):
+    """One node on a `LocalBus`; implements `core.middleware.ServedMiddleware`."""
+
+    def __init__(
+        self, bus: LocalBus, name: str, parameters: Mapping[str, Any], remap: Mapping[str, str], use_sim_time: bool
+    ) -> None:
+        """Use `LocalBus.node`."""
+        clocks: Dict[str, Callable[[], float]] = {"clock": lambda: bus.now_s, "wall_clock": lambda: bus.wall_time_s()}
+        super().__init__(name, parameters, remap, **clocks, use_sim_time=use_sim_time)
+        self._bus = bus
+        self._subscriptions: List[Union[MappingSubscription, RawSubscription]] = []
+        self._services: List[str] = []
+        self._latched: Dict[str, Optional[Message]] = {}
+        if use_sim_time:
+            bus._add_listener(CLOCK, self.take_clock)
+
+    def advertise(self, topic: str, type_name: str, *, latched: bool = False) -> str:
+        resolved = self.resolve(topic)
+        check_type(type_name)
+        self._bus.types.setdefault(resolved, type_name)
+        self._advertised[resolved] = type_name
+        if latched:
+            self._latched.setdefault(resolved, None)
+        return resolved
+
+    def publish(self, topic: str, message: Message) -> None:
+        resolved = self.require_advertised(topic)
+        transported = self.transported(self._advertised[resolved], message)
+        if resolved in self._latched:
+            self._latched[resolved] = transported
+        for deliver in tuple(self._bus._listeners.get(resolved, ())):
+            deliver(transported)
+
+    def has_listeners(self, topic: str) -> bool:
+        return bool(self._bus._listeners.get(self.require_advertised(topic)))
+
+    def subscribe(
+        self, topic: str, type_name: str, callback: Callback, *, field: Optional[str] = "", latched: bool = False
+    ) -> MappingSubscription:
+        subscription = MappingSubscription(self, self.resolve(topic), type_name, field, callback)
+        self._add(subscription, type_name)
+        if latched:
+            for message in filter(None, [node._latched.get(subscription.topic) for node in self._bus.nodes]):
+                subscription.deliver(message)
+        return subscription
+
+    def subscribe_raw(self, topic: str, type_name: str, callback: RawCallback) -> RawSubscription:
+        subscription = RawSubscription(self, self.resolve(topic), type_name, callback)
+        self._add(subscription, type_name)
+        return subscription
+
+    def look_up_silence(self, topic: str, type_name: str, answer: Answer) -> None:
+        published = {name: kind for node in self._bus.nodes for name, kind in node._advertised.items()}
+        own = {*self._advertised, *(subscription.topic for subscription in self._subscriptions)}
+        types = [published[topic]] if topic in published else []
+        answer(explain(topic, type_name, types, similar_topics(topic, type_name, published, own)))
+
+    def unsubscribe(self, subscription: Any) -> None:
+        if subscription in self._subscriptions:
+            subscription.active = False
+            self._subscriptions.remove(subscription)
+            self._bus._remove_listener(subscription.topic, subscription.deliver)
+
+    def advertise_service(self, service: str, type_name: str, handler: Callable[[Message], Message]) -> None:
+        if split_type_name(type_name) is None:
+            raise ConfigError(f"expected a type such as std_srvs/Trigger, got {type_name!r}")
+        resolved = self.resolve(service)
+        self._bus._services[resolved] = type_name, partial(self.answer, handler)
+        self._services.append(resolved)
+
+    def graph(self) -> Graph:
+        return self._bus.graph()
+
+    def call_service(self, service: str, type_name: str, request: Message, timeout_s: float) -> Message:
+        return self._bus.call_service(self.resolve(service), request)
+
+    def type_of(self, topic: str) -> str:
+        return self._bus.types.get(topic, "")
+
+    def topic_types(self) -> Mapping[str, str]:
+        return self._bus.graph().topics
+
+    def raw_format(self, type_name: str) -> RawFormat:
+        check_type(type_name)
+        return json_format(type_name, definition(type_name))
+
+    def log(self, severity: Severity, text: str) -> None:
+        self.faults.guard("log", self._bus.log, LogLine(self._bus.now_s, self.name, severity, text))
+
+    def _add(self, subscription: Union[MappingSubscription, RawSubscription], type_name: str) -> None:
+        if type_name:
+            self._bus.types.setdefault(subscription.topic, type_name)
+        # What is captured comes first: its time must not include that which an alert takes.
+        is_first = isinstance(subscription, RawSubscription)
+        self._bus._add_listener(subscription.topic, subscription.deliver, is_first=is_first)
+        self._subscriptions.append(subscription)
+
+    def close(self) -> None:
+        if self.closed:
+            return
+        self.closed = True
+        self.cancel_timers()
+        for subscription in tuple(self._subscriptions):
+            self.unsubscribe(subscription)
+        if self._sim_time_s is not None:
+            self._bus._remove_listener(CLOCK, self.take_clock)
+        for service in self._services:
+            self._bus._services.pop(service, None)
+        self._services.clear()
+        self._bus.nodes.remove(self)
+        self._bus._forget_unused(self._advertised)
+        self._advertised.clear()
+
+
+def _next_due_s(node: LocalMiddleware) -> float:
+    due_s = node.next_steady_s()
+    return math.inf if due_s is None else due_s

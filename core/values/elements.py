@@ -1,0 +1,154 @@
+"""What a field brings besides a plain number: the elements of an array, a time stamp, a driver's status, a bad datum.
+
+Getters of native messages (`native_fields.py`) and of mappings (`field_path.py`) both return these, so that a field
+means the same on every middleware.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Callable, Iterable, List, NamedTuple, Sequence, Tuple, Union
+
+from .formatting import datum_text, number_text
+
+MOST_ELEMENTS = 10_000
+"""Largest number of elements of an array that are read; a longer array is invalid data."""
+
+STAMP_LIMIT = 2**32
+"""The seconds of a stamp are an unsigned number of 32 bits in ROS 1 and a signed one in ROS 2."""
+
+NAME_ARRAYS = ("name", "names", "joint_names", "interface_names")
+"""Fields with the names of the elements of the arrays beside them: `name` in JointState."""
+
+TIME_TYPES = ("time", "builtin_interfaces/Time")
+"""Types of stamps: that of ROS 1, and that of ROS 2."""
+
+STATUS_TYPE = "diagnostic_msgs/DiagnosticStatus"
+ARRAY_TYPE = "diagnostic_msgs/DiagnosticArray"
+
+
+OWN_NAMES = ("alert_system: ", "aggregator: ", "battery_sensor: ", "connect: ")
+"""How the names of statuses of this package's nodes begin, unless a node was renamed."""
+OWN_KEY = "fingerprint"
+"""Key of a value in every status of this package's nodes."""
+OWN_TOPICS = "published_topics"
+"""Key of the topics that a node of this package publishes, separated by commas: nothing proposes to watch these."""
+
+
+_OLDEST_S = 1e9
+"""An age above this, 31 years, is that of a stamp that counts from the start of a machine."""
+
+
+class BadDatum(str):
+    """A datum that is invalid whatever the configuration says; its text is the reason."""
+
+    __slots__ = ()
+
+    def __repr__(self) -> str:
+        return str(self)
+
+
+class Stamp(float):
+    """A time stamp, in seconds since 1970."""
+
+    __slots__ = ()
+
+
+class Age(float):
+    """Time between a stamp and its arrival, in seconds; negative where the clocks of two machines differ."""
+
+    __slots__ = ()
+
+    @property
+    def remark(self) -> str:
+        """What an odd age says of the clocks; empty: it is not odd."""
+        if self < 0.0:
+            return "clocks differ"
+        return "the stamp does not count from 1970" if self > _OLDEST_S else ""
+
+
+class DriverStatus(NamedTuple):
+    """A DiagnosticStatus as a whole. Fields are as received: nothing is judged yet."""
+
+    level: Any
+    """0 OK, 1 WARN, 2 ERROR, 3 STALE; anything else is invalid."""
+    message: Any
+
+    @property
+    def number(self) -> float:
+        """The level as a number; NaN if it is none."""
+        level = self.level[0] if type(self.level) is bytes and len(self.level) == 1 else self.level
+        return float(level) if type(level) is int and 0 <= level <= 3 else math.nan
+
+
+class Elements(List[Tuple[str, Any]]):
+    """Name and value, as received, of each element that a path with `[*]` or a pattern selects."""
+
+
+NOT_A_NUMBER = BadDatum("a message or a list, not a number")
+
+
+def is_own_status(name: object, keys: Iterable[object]) -> bool:
+    """Returns whether a DiagnosticStatus is one of this package's nodes, by its name and the keys of its values."""
+    return (isinstance(name, str) and name.startswith(OWN_NAMES)) or OWN_KEY in keys
+
+
+def stamp_of(seconds: Any, nanoseconds: Any) -> Union[Stamp, BadDatum]:
+    """Returns a stamp from its two parts; neither need be a number in JSON.
+
+    >>> stamp_of(1700000000, 500000000)
+    1700000000.5
+    """
+    for part in (seconds, nanoseconds):
+        if type(part) is not int and (isinstance(part, bool) or not isinstance(part, (int, float))):
+            return BadDatum(f"not a time stamp: {datum_text(part)}")
+        if not 0 <= part < STAMP_LIMIT:
+            shown = number_text(part) if isinstance(part, float) or abs(part) < 1e300 else datum_text(part)
+            return BadDatum(f"not a time stamp: {shown} s" if part is seconds else f"not a time stamp: {shown} ns")
+    return Stamp(seconds + nanoseconds / 1e9)
+
+
+def with_ages(value: Any, stamp_s: Callable[[], float]) -> Any:
+    """Returns a value with the age of each stamp in its place; `stamp_s` is that of the middleware."""
+    if type(value) is Stamp:
+        return _age(value, stamp_s())
+    if type(value) is Elements and any(type(each) is Stamp for _, each in value):
+        now_s = stamp_s()
+        return Elements((name, _age(each, now_s) if type(each) is Stamp else each) for name, each in value)
+    return value
+
+
+def _age(stamp: Stamp, now_s: float) -> Union[Age, BadDatum]:
+    return Age(now_s - stamp) if stamp else BadDatum("no time stamp")
+
+
+def numbered(values: Sequence[Any]) -> Union[Elements, BadDatum]:
+    """Returns all elements of an array, named by their index."""
+    if len(values) > MOST_ELEMENTS:
+        return too_many(len(values))
+    return Elements(zip(_index_names(len(values)), values))
+
+
+def too_many(number: int) -> BadDatum:
+    """Returns the datum for an array that is too long to be read."""
+    return BadDatum(f"{number} elements (limit {MOST_ELEMENTS})")
+
+
+def unequal(array: str, names_field: str, elements: int, names: int) -> BadDatum:
+    """Returns the datum for an array whose length is not that of the names beside it."""
+    return BadDatum(f"{array} has {elements} elements, {names_field} has {names}")
+
+
+def unnamed(place: str, name: Any) -> BadDatum:
+    """Returns the datum for an element whose name is not a text."""
+    return BadDatum(f"{place} is not a text: {datum_text(name)}")
+
+
+_index_texts: List[str] = []
+
+
+def _index_names(number: int) -> Sequence[str]:
+    """Returns at least this many names of elements: "0", "1", ..."""
+    if len(_index_texts) < number:
+        _index_texts[:] = map(str, range(number))
+    return _index_texts

@@ -1,0 +1,339 @@
+"""The path of a value inside a message: `data`, `battery.percentage`, `cell_voltage[0]`, `status["motor"].level`.
+
+A name selects a field, a number in brackets an element by its index, a quoted text in brackets the element with that
+name. The name of an element is its own field `name` or `key`: it selects a status in /diagnostics, and a value in a
+status. Elements without one have their names in an array beside theirs: `effort["wheel_left"]` in a JointState.
+
+A path of a single message with a name begins with that name: `["motor: left"]` for a topic of DiagnosticStatus.
+
+`[*]` selects all elements, by index, and a quoted text with `*` or `?` those whose names match: `effort["wheel_*"]`.
+"""
+
+from __future__ import annotations
+
+import base64
+import re
+from functools import lru_cache
+from operator import itemgetter
+from typing import Any, Callable, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Tuple, Union
+
+from .elements import (
+    MOST_ELEMENTS,
+    NAME_ARRAYS,
+    NOT_A_NUMBER,
+    BadDatum,
+    DriverStatus,
+    Elements,
+    is_own_status,
+    numbered,
+    stamp_of,
+    too_many,
+    unequal,
+    unnamed,
+)
+from .errors import ConfigError
+from .formatting import describe
+from .patterns import matches_pattern
+
+
+class Keyed(NamedTuple):
+    """A step to the element with this name."""
+
+    key: str
+
+
+class Every(NamedTuple):
+    """A step to all elements by index, or to those whose names match a pattern."""
+
+    pattern: Optional[str] = None
+    """With `*` for any text and `?` for any character; None: all elements, by index."""
+
+    def element(self, name: str) -> str:
+        """Returns the step to one element as it is written in a path."""
+        if self.pattern is None:
+            return f"[{name}]"
+        return f"['{name}']" if '"' in name else f'["{name}"]'
+
+
+Step = Union[str, int, Keyed, Every]
+"""A field's name, an element's index or name, or several elements."""
+
+Getter = Callable[[Any], Any]
+
+_PART = re.compile(
+    r"""(?P<dot>\.)?(?P<name>[A-Za-z_]\w*)  # data, .percentage
+    |   \[(?P<index>\d{1,9}|\*)\]           # [0], [*]
+    |   \[(?P<quote>["'])(?P<key>.*?)(?P=quote)\]  # ["motor: left"], ["motor: *"]
+    """,
+    re.ASCII | re.VERBOSE,
+)
+_KEY_FIELDS = ("name", "key")
+_BOOLEANS = {"true": 1.0, "false": 0.0}
+_TIME_FIELDS = (("secs", "nsecs"), ("sec", "nanosec"))
+_STATUS_FIELDS = {"level", "name", "message"}
+
+
+class _Absent:
+    """Type of `ABSENT`."""
+
+    def __repr__(self) -> str:
+        return "ABSENT"
+
+
+ABSENT = _Absent()
+"""Result of a path whose keyed element is not in the message: the message does not concern the signal."""
+
+
+def parse_field_path(path: str) -> Tuple[Step, ...]:
+    """Splits a path into its steps; the empty path has none. Raises ValueError for what is no path.
+
+    >>> parse_field_path('status["motor: left"].values[0]')
+    ('status', Keyed(key='motor: left'), 'values', 0)
+    """
+    steps: List[Step] = []
+    position = 0
+    while position < len(path):
+        part = _PART.match(path, position)
+        # Every name but the first follows a dot, and nothing else does.
+        if part is None or (part["name"] is not None and (part["dot"] is None) != (position == 0)):
+            rest = describe(path[position:])
+            raise ValueError(f'{rest} is not a name, an index such as [0] or a key such as ["motor"]')
+        if part["name"] is not None:
+            steps.append(part["name"])
+        elif part["index"] is not None:
+            steps.append(Every() if part["index"] == "*" else int(part["index"]))
+        else:
+            steps.append(Every(part["key"]) if "*" in part["key"] or "?" in part["key"] else Keyed(part["key"]))
+        position = part.end()
+    if steps and (isinstance(steps[0], int) or steps[0] == Every()):
+        raise ValueError('a path starts with the name of a field, or with the name of the message as in ["motor"]')
+    if sum(isinstance(step, Every) for step in steps) > 1:
+        raise ValueError("only one part of a path may select several elements")
+    return tuple(steps)
+
+
+@lru_cache(maxsize=1000)  # asked for each signal of each report
+def every_step(path: str) -> Optional[Every]:
+    """Returns the step that selects several elements; None: there is none, or the text is no path."""
+    try:
+        return next((step for step in parse_field_path(path) if isinstance(step, Every)), None)
+    except ValueError:
+        return None
+
+
+def element_path(path: str, name: str) -> str:
+    """Returns a path to several elements as that to the one with a name.
+
+    >>> element_path("status[*].level", "7")
+    'status[7].level'
+    """
+    texts: List[str] = []
+    for step in parse_field_path(path):
+        if isinstance(step, str):
+            texts.append(f".{step}" if texts else step)
+        elif isinstance(step, int):
+            texts.append(f"[{step}]")
+        else:
+            texts.append(step.element(name) if isinstance(step, Every) else Every("").element(step.key))
+    return "".join(texts)
+
+
+def mapping_getter(field: str) -> Getter:
+    """Returns a function that reads the path `field` from a message that is a mapping.
+
+    The function returns the whole message for an empty path, None for an index beyond the end, and ABSENT if no
+    element has the key. A path that selects several elements returns `Elements`, a time a `Stamp`, a DiagnosticStatus
+    a `DriverStatus`, and what cannot be any of these a `BadDatum`. It raises KeyError, TypeError or AttributeError if
+    the message has no such field. What is not a path is a ConfigError.
+    """
+    try:
+        steps = parse_field_path(field)
+    except ValueError as error:
+        raise ConfigError(f"field {describe(field)}: {error}") from None
+    if not steps:
+        return lambda message: message
+    if not isinstance(steps[0], str):
+        get = _bind(steps)
+        return lambda message: get([message])
+    if len(steps) == 1:
+        read = itemgetter(steps[0])
+
+        def get_field(message: Any) -> Any:
+            value = read(message)
+            return _whole(value) if type(value) is dict else value
+
+        return get_field
+    return _bind(steps)
+
+
+def key_field(fields: Iterable[str]) -> Optional[str]:
+    """Returns the field of an element that a key is compared with: `name` or `key`, None if it has neither."""
+    present = set(fields)
+    return next((name for name in _KEY_FIELDS if name in present), None)
+
+
+def number_of_text(text: Any) -> Any:
+    """Returns the number in the text of a key-value (True: 1, False: 0); what is not a number is returned as it is."""
+    if not isinstance(text, str):
+        return text
+    boolean = _BOOLEANS.get(text.lower())
+    if boolean is not None:
+        return boolean
+    try:
+        return text if "_" in text else float(text)  # float() would accept 1_000
+    except ValueError:
+        return text
+
+
+def named_element(elements: Sequence[Any], names: Sequence[str], key: str, array: str, names_array: str) -> Any:
+    """Returns the element at the place of a name in the array beside; ABSENT for an empty array: not measured."""
+    if len(elements) != len(names):
+        return unequal(array, names_array, len(elements), len(names)) if len(elements) else ABSENT
+    try:
+        return elements[names.index(key)]
+    except ValueError:
+        return _unnamed_among(names, names_array) or ABSENT
+
+
+def named_elements(elements: Sequence[Any], names: Sequence[Any], place: str, pattern: str, read: Getter) -> Any:
+    """Returns the values of the elements whose names match; ABSENT if there are none. `place` is that of the names.
+
+    `read` returns ABSENT for an element that is left out.
+    """
+    if len(elements) > MOST_ELEMENTS:
+        return too_many(len(elements))
+    chosen = ((name, element) for name, element in zip(names, elements) if matches_pattern(name, pattern))
+    return _unnamed_among(names, place) or _read_all(chosen, read) or ABSENT
+
+
+def _unnamed_among(names: Sequence[Any], place: str) -> Optional[BadDatum]:
+    """Returns the datum for the first name that is not a text; None: all are."""
+    return next((unnamed(f"{place}[{at}]", name) for at, name in enumerate(names) if type(name) is not str), None)
+
+
+def numbered_elements(elements: Sequence[Any], read: Optional[Getter]) -> Any:
+    """Returns the values of all elements, named by their index; without `read`, the elements are the values."""
+    found = numbered(elements)
+    return _read_all(found, read) if isinstance(found, Elements) and read is not None else found
+
+
+def _read_all(elements: Iterable[Tuple[str, Any]], read: Getter) -> Elements:
+    """Reads the rest of the path from each element; those that lack a keyed element there are left out."""
+    found = Elements()
+    for name, element in elements:
+        try:
+            value = read(element)
+        except IndexError:
+            value = None
+        if value is not ABSENT:
+            found.append((name, value))
+    return found
+
+
+def _bind(steps: Sequence[Step]) -> Getter:
+    at = next((number for number, step in enumerate(steps) if isinstance(step, Every)), len(steps))
+    before, after = steps[:at], steps[at + 1 :]
+    every: Any = steps[at] if at < len(steps) else None
+    read = _element_reader(after)
+
+    def get(message: Any) -> Any:
+        above: Any = None
+        array = ""
+        for step in before:
+            if isinstance(step, str):
+                above, array, message = message, step, message[step]
+            elif isinstance(step, int):
+                elements = _listed(message)
+                if step >= len(elements):
+                    return None
+                above, message = None, elements[step]
+            else:
+                message = _keyed(_listed(message), step.key, above, array)  # type: ignore[union-attr]
+                if message is ABSENT or type(message) is BadDatum:
+                    return message
+                above = None
+        if every is None:
+            return _whole(message) if isinstance(steps[-1], str) else _element_value(message)
+        elements = _listed(message)
+        if every.pattern is None:
+            is_plain = not after and elements and type(elements[0]) not in (dict, list)
+            return numbered_elements(elements, None if is_plain else read)
+        beside = _names_beside(elements, above, array)
+        if beside is None:
+            names = [element[key_field(element)] for element in elements]
+            return named_elements(elements, names, array, every.pattern, read)
+        names = above[beside]
+        if len(names) != len(elements):
+            return unequal(array, beside, len(elements), len(names)) if elements else ABSENT
+        return named_elements(elements, names, beside, every.pattern, read)
+
+    return get
+
+
+def _element_reader(steps: Sequence[Step]) -> Getter:
+    """Returns a function that reads the rest of a path from one of several elements."""
+    read_rest = _bind(steps) if steps else _element_value
+
+    def read(element: Any) -> Any:
+        if type(element) is dict and _is_own(element):
+            return ABSENT
+        value = read_rest(element)
+        return NOT_A_NUMBER if type(value) in (dict, list) else value
+
+    return read
+
+
+def _is_own(element: Any) -> bool:
+    """Returns whether an element is a status of this package's nodes."""
+    if not element.keys() >= _STATUS_FIELDS:
+        return False
+    values = element.get("values")
+    pairs = values if isinstance(values, list) else ()
+    return is_own_status(element["name"], (pair.get("key") for pair in pairs if type(pair) is dict))
+
+
+def _listed(message: Any) -> Sequence[Any]:
+    """Returns an array; bytes are base64 text in a mapping."""
+    if isinstance(message, (list, tuple)):
+        return message
+    if not isinstance(message, str):
+        raise TypeError("not a list")
+    try:
+        return base64.b64decode(message, validate=True)
+    except ValueError:
+        raise TypeError("a text has no elements") from None
+
+
+def _keyed(elements: Sequence[Any], key: str, above: Any, array: str) -> Any:
+    """Returns the element with a name: its own, or that in the array of names beside `array` in the message above."""
+    beside = _names_beside(elements, above, array)
+    if beside is not None:
+        return named_element(elements, above[beside], key, array, beside)
+    names = [element.get(key_field(element)) for element in elements]
+    return elements[names.index(key)] if key in names else _unnamed_among(names, array) or ABSENT
+
+
+def _names_beside(elements: Sequence[Any], above: Any, array: str) -> Optional[str]:
+    """Returns the field above that has the names of elements without a name of their own; None if there is none."""
+    if above is None or (elements and isinstance(elements[0], Mapping) and key_field(elements[0])):
+        return None
+    return next((name for name in NAME_ARRAYS if name != array and isinstance(above.get(name), list)), None)
+
+
+def _element_value(element: Any) -> Any:
+    """Returns the value of an element: of a KeyValue its number, of another message what `_whole` makes of it."""
+    if type(element) is not dict:
+        return element
+    return number_of_text(element["value"]) if "key" in element and "value" in element else _whole(element)
+
+
+def _whole(value: Any) -> Any:
+    """Returns a stamp or a driver's status for a mapping that is one; anything else unchanged."""
+    if type(value) is dict:
+        fields = value.keys()
+        for seconds, nanoseconds in _TIME_FIELDS:
+            if fields == {seconds, nanoseconds}:
+                return stamp_of(value[seconds], value[nanoseconds])
+        if fields >= _STATUS_FIELDS:
+            return DriverStatus(value["level"], value["message"])
+    return value

@@ -1,0 +1,44 @@
+"""Names of types, topics and nodes, as ROS writes them."""
+
+from __future__ import annotations
+
+import re
+from typing import Optional, Sequence
+
+_LONG_TYPE = re.compile(r"\A(\w+)/(?:msg|srv|action)/(\w+)\Z")
+_NAMESPACE = re.compile(r"/?([A-Za-z_]\w*(/[A-Za-z_]\w*)*/?)?", re.ASCII)
+
+
+def split_type_name(type_name: str) -> Optional[Sequence[str]]:
+    """Splits `pkg/Type`, `pkg/msg/Type` or `pkg/srv/Type` into (package, type); None for other texts."""
+    parts = type_name.split("/")
+    if len(parts) == 3 and parts[1] in ("msg", "srv"):
+        del parts[1]
+    if len(parts) != 2 or not all(part.isidentifier() for part in parts):
+        return None
+    return parts
+
+
+def canonical_type(type_name: str) -> str:
+    """Returns `pkg/Type` for `pkg/msg/Type`, `pkg/srv/Type` and `pkg/action/Type`; another text as it is."""
+    return _LONG_TYPE.sub(r"\1/\2", type_name)
+
+
+def is_namespace(text: str) -> bool:
+    """Returns whether a text is a namespace: `carter`, `/fleet/carter`, or empty for none."""
+    return _NAMESPACE.fullmatch(text) is not None
+
+
+def resolve_name(name: str, node_name: str) -> str:
+    """Resolves a ROS graph name against the fully qualified `node_name`.
+
+    >>> resolve_name("alerts", "/robot1/alert_system")
+    '/robot1/alerts'
+    >>> resolve_name("~reset", "/robot1/alert_system")
+    '/robot1/alert_system/reset'
+    """
+    if name.startswith("/"):
+        return name
+    if name.startswith("~"):
+        return f"{node_name}/{name[1:].lstrip('/')}"
+    return f"{node_name.rpartition('/')[0]}/{name}"

@@ -1,0 +1,187 @@
+"""What a server offers, and the subscriptions to it. Only channels of topics that are watched are subscribed to."""
+
+from __future__ import annotations
+
+import itertools
+import threading
+from typing import Callable, Dict, Iterable, Mapping, Optional, Protocol, Sequence, Tuple
+
+from ..core.messages.fixed_fields import Getter
+from ..core.messages.serialized import SerializedType, json_getter
+from ..core.port.hints import explain, similar_topics
+from ..core.values.formatting import printable
+from .protocol import LARGEST_ID, Channel, subscribe, unsubscribe
+
+MOST_CHANNELS = 10_000
+"""Of one server; further ones are not known."""
+MOST_OF_TOPIC = 100
+"""Channels of one topic; further ones are not known. A bridge has one, other servers one per publisher."""
+_MOST_SCHEMA_CHARS = 20_000_000
+"""Characters of all different schemas of a server; of further ones nothing is read."""
+
+
+class Receiver(Protocol):
+    """Receives the messages of one topic, in the event loop."""
+
+    topic: str
+
+    def bind(self, channel: Channel, messages: Messages) -> Optional[Callable[[bytes], None]]:
+        """Returns what is called with each message of a channel; None if it cannot read them, after one log line."""
+
+
+class Messages:
+    """Makes the getters of one channel's messages, which deserialize each message at most once."""
+
+    def __init__(self, channel: Channel) -> None:
+        """Parses nothing yet."""
+        self._channel = channel
+        self._type: Optional[SerializedType] = None
+
+    def getter(self, field: str) -> Getter:
+        """Returns a getter of a field; empty: of the whole message. Raises ConfigError if there is no such field."""
+        channel = self._channel
+        if channel.encoding == "json":
+            return json_getter(channel.topic, channel.type_name, field)
+        if self._type is None:
+            encoding, form = channel.encoding, channel.form
+            self._type = SerializedType(channel.topic, channel.type_name, encoding, channel.schema, form)
+        return self._type.field_getter(field)
+
+
+class Channels:
+    """The channels of one connection, and who receives their messages. `add` and `remove` may be called anywhere."""
+
+    def __init__(self, send: Callable[[str], None], warn: Callable[[str], object]) -> None:
+        """Knows no channel; `send` drops messages while the connection is down."""
+        self._send = send
+        self._warn = warn
+        self._lock = threading.RLock()
+        self._receivers: Dict[str, Tuple[Receiver, ...]] = {}
+        self._channels: Dict[int, Channel] = {}
+        self._by_topic: Dict[str, Tuple[int, ...]] = {}
+        self._schemas: Dict[str, str] = {}
+        self._schema_chars = 0
+        self._subscribed: Dict[int, int] = {}
+        """Subscription by channel."""
+        self._delivered: Dict[int, Tuple[Callable[[bytes], None], ...]] = {}
+        """What is called with each message, by subscription."""
+        self._ids = itertools.count()
+
+    def begin(self) -> None:
+        """Forgets what an earlier connection offered."""
+        with self._lock:
+            self.end()
+            self._ids = itertools.count()
+
+    def end(self) -> None:
+        """Forgets what the server offered; what is received stays."""
+        with self._lock:
+            for known in (self._channels, self._by_topic, self._schemas, self._subscribed, self._delivered):
+                known.clear()
+            self._schema_chars = 0
+
+    def add(self, receiver: Receiver) -> None:
+        """Passes the messages of a topic on, from now and after every reconnection."""
+        with self._lock:
+            self._receivers[receiver.topic] = (*self._receivers.get(receiver.topic, ()), receiver)
+            self._update(receiver.topic)
+
+    def remove(self, receiver: Receiver) -> None:
+        """Ends an `add`."""
+        with self._lock:
+            left = tuple(other for other in self._receivers.get(receiver.topic, ()) if other is not receiver)
+            if left:
+                self._receivers[receiver.topic] = left
+            else:
+                self._receivers.pop(receiver.topic, None)
+            self._update(receiver.topic)
+
+    def advertise(self, channels: Iterable[Channel]) -> None:
+        """Takes channels that the server offers; one with a known id replaces that one."""
+        with self._lock:
+            for channel in channels:
+                if channel.id in self._channels:
+                    self.unadvertise([channel.id])
+                if len(self._channels) >= MOST_CHANNELS:
+                    self._warn(f"the server offers more than {MOST_CHANNELS} channels; further ones are not watched")
+                    return
+                others = self._by_topic.get(channel.topic, ())
+                if len(others) >= MOST_OF_TOPIC:
+                    self._warn(f"the server offers more than {MOST_OF_TOPIC} channels of one topic")
+                    continue
+                self._channels[channel.id] = channel._replace(schema=self._known_schema(channel))
+                self._by_topic[channel.topic] = (*others, channel.id)
+                self._serve(channel.id)
+
+    def unadvertise(self, channel_ids: Sequence[int]) -> None:
+        """Forgets channels that the server no longer offers."""
+        with self._lock:
+            for id in channel_ids:  # noqa: A001 - the protocol's own word
+                channel = self._channels.pop(id, None)
+                if channel is None:
+                    continue
+                left = tuple(other for other in self._by_topic[channel.topic] if other != id)
+                if left:
+                    self._by_topic[channel.topic] = left
+                else:
+                    del self._by_topic[channel.topic]
+                self._unsubscribe(id)
+
+    def deliver(self, subscription: int, data: bytes) -> None:
+        """Passes a message on to those who read it; a subscription that has ended is ignored."""
+        for take in self._delivered.get(subscription, ()):
+            take(data)
+
+    def topics(self) -> Mapping[str, Channel]:
+        """Returns a channel of each topic that the server offers."""
+        with self._lock:
+            return {topic: self._channels[ids[0]] for topic, ids in self._by_topic.items()}
+
+    def why_silent(self, topic: str, type_name: str, own: Sequence[str]) -> Optional[str]:
+        """Returns why a topic brings no samples, None if nothing is known; see `core/port/hints.py`."""
+        with self._lock:
+            offered = [self._channels[id] for id in self._by_topic.get(topic, ())]  # noqa: A001
+            types = {name: channel.type_name for name, channel in self.topics().items()}
+        problems = [channel.problem for channel in offered]
+        if offered and all(problems):
+            return printable(problems[0])
+        similar = () if offered else similar_topics(topic, type_name, types, own)
+        return explain(topic, type_name, [channel.type_name for channel in offered], similar)
+
+    def _known_schema(self, channel: Channel) -> str:
+        """Returns a schema, the same object for all channels that have it; empty once they take too much memory."""
+        text = self._schemas.get(channel.schema)
+        if text is None:
+            if self._schema_chars + len(channel.schema) > _MOST_SCHEMA_CHARS:
+                self._warn("the server's schemas take too much memory; some messages cannot be read")
+                return ""
+            text = self._schemas[channel.schema] = channel.schema
+            self._schema_chars += len(text)
+        return text
+
+    def _update(self, topic: str) -> None:
+        for channel_id in self._by_topic.get(topic, ()):
+            self._serve(channel_id)
+
+    def _serve(self, channel_id: int) -> None:
+        """Subscribes to a channel, or ends that; binds those who read it."""
+        channel = self._channels[channel_id]
+        receivers = () if channel.problem else self._receivers.get(channel.topic, ())
+        messages = Messages(channel)
+        bound = (receiver.bind(channel, messages) for receiver in receivers)
+        takers = tuple(take for take in bound if take is not None)
+        if not takers:
+            self._unsubscribe(channel_id)
+        elif channel_id in self._subscribed:
+            self._delivered[self._subscribed[channel_id]] = takers
+        else:
+            subscription = self._subscribed[channel_id] = next(self._ids) % LARGEST_ID
+            self._delivered[subscription] = takers
+            self._send(subscribe(subscription, channel_id))
+
+    def _unsubscribe(self, channel_id: int) -> None:
+        subscription = self._subscribed.pop(channel_id, None)
+        if subscription is not None:
+            del self._delivered[subscription]
+            if channel_id in self._channels:
+                self._send(unsubscribe(subscription))

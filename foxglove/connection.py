@@ -1,0 +1,97 @@
+"""One connection to a foxglove_bridge, or to another server of Foxglove's protocol, re-established whenever it ends.
+
+runtime/bridge/connection.py connects, reads and waits; channels.py has what the server offers and who reads it.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import functools
+import json
+from typing import Any, Awaitable, Optional
+
+from ..core.port.middleware import Severity
+from ..core.values.formatting import printable
+from ..runtime.bridge.cause import Cause
+from ..runtime.bridge.connection import LONGEST_TEXT, BridgeConnection
+from ..runtime.bridge.websocket import Wire
+from ..runtime.event_loops import run_in_daemon_thread
+from ..runtime.sockets import ignore_result, within
+from .channels import Channels
+from .protocol import SUBPROTOCOLS, Advertise, ServerMessage, Status, Unadvertise, read_message, read_text
+
+_LARGE_TEXT = 200_000
+"""Characters of a text above which it is parsed in a thread."""
+_STATUS_ERROR = 2
+_ANSWER_S = 2.0
+"""How long a server may take to prove that it is a rosbridge server, in s."""
+
+
+class FoxgloveConnection(BridgeConnection):
+    """A connection to one server, kept up."""
+
+    subprotocols = SUBPROTOCOLS
+    server_kind = "foxglove server"
+
+    def __init__(self, url: str, **options: Any) -> None:
+        """Creates a connection that is down, with the `options` of `BridgeConnection`; `run` connects."""
+        super().__init__(url, **options)
+        self.channels = Channels(self.send_wire, functools.partial(self._log.write, "channels", Severity.WARN))
+        self._is_refused = False
+        self._answered: Optional[asyncio.Event] = None
+
+    def _begin(self, subprotocol: Optional[str]) -> None:
+        self.channels.begin()
+        self._is_refused = subprotocol is None
+        if self._is_refused:
+            self.send_wire(json.dumps({"op": "call_service", "id": "a", "service": "/rosapi/get_time", "args": {}}))
+
+    def _went_down(self) -> None:
+        self.channels.end()
+
+    async def _refusal(self) -> Cause:
+        """A server that speaks the protocol chooses a subprotocol; a rosbridge server answers a call."""
+        if not self._is_refused:
+            return await super()._refusal()
+        answered = self._answered = asyncio.Event()
+        with contextlib.suppress(asyncio.TimeoutError):
+            await within(_ANSWER_S, answered.wait())
+        if answered.is_set():
+            return Cause(f"this is a rosbridge server: ws{self.address[self.address.index(':') :]}")
+        return Cause("not a foxglove server: it does not speak Foxglove's protocol")
+
+    def _report(self, up: bool, cause: Cause) -> None:
+        if not (up and self._is_refused):
+            super()._report(up, cause)
+
+    def _receive(self, data: Wire, now_s: float) -> Optional[Awaitable[None]]:
+        if isinstance(data, bytes):
+            found = read_message(data)
+            if found is not None:
+                self.channels.deliver(*found)
+            return None
+        if self._is_refused:
+            if self._answered is not None and '"service_response"' in data[:_LARGE_TEXT]:
+                self._answered.set()
+        elif len(data) > _LARGE_TEXT:
+            return self._receive_large(data)
+        else:
+            self._process(read_text(data))
+        return None
+
+    async def _receive_large(self, text: str) -> None:
+        """Parses in a thread: a list of many channels takes as long as a second."""
+        parsing = asyncio.ensure_future(run_in_daemon_thread(functools.partial(read_text, text)))
+        parsing.add_done_callback(ignore_result)
+        await asyncio.wait({parsing})
+        self._process(parsing.result())
+
+    def _process(self, message: ServerMessage) -> None:
+        if isinstance(message, Advertise):
+            self.channels.advertise(message.channels)
+        elif isinstance(message, Unadvertise):
+            self.channels.unadvertise(message.channel_ids)
+        elif isinstance(message, Status) and message.level >= _STATUS_ERROR:
+            text = printable(message.message)[:LONGEST_TEXT]
+            self._log.write("status", Severity.WARN, f"{self.address} reports: {text}")

@@ -1,0 +1,169 @@
+"""Foxglove's WebSocket protocol as pure code: what a server says, and how channels are subscribed to.
+
+Source: the protocol's specification, versions `foxglove.websocket.v1` (github.com/foxglove/ws-protocol) and
+`foxglove.sdk.v1` (github.com/foxglove/foxglove-sdk), which are alike in what is used here: `serverInfo`, `advertise`,
+`unadvertise`, `status`, messages of channels, `subscribe` and `unsubscribe`.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+from typing import Any, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Tuple, Union
+
+from ..core.port.middleware import RawFormat
+from ..core.values.errors import MessageError
+from ..core.values.names import canonical_type, split_type_name
+
+SUBPROTOCOLS = ("foxglove.sdk.v1", "foxglove.websocket.v1")
+"""WebSocket subprotocols, the current one first; a server answers with the one that it speaks."""
+LARGEST_ID = 2**32 - 1
+"""Of a subscription, which has four bytes in messages."""
+
+_MESSAGE_DATA = 1
+_MESSAGE_HEAD = struct.Struct("<BIQ")
+"""Opcode, id of the subscription, time of the log in ns since 1970."""
+_LONGEST_NAME = 1_000
+_LARGEST_CHANNEL_ID = 2**64 - 1
+_SCHEMA_ENCODINGS = {"cdr": ("ros2msg", "ros2idl"), "ros1": ("ros1msg",), "json": ("jsonschema", "")}
+"""By encoding of messages: those of schemas that can be read, first the one that servers mean who name none."""
+_PROFILES = {"cdr": "ros2", "ros1": "ros1", "json": ""}
+
+
+class ProtocolError(MessageError):
+    """A message that is not valid in the protocol."""
+
+
+class Channel(NamedTuple):
+    """A topic that the server offers. Several channels may have one topic."""
+
+    id: int
+    topic: str
+    encoding: str
+    """Of messages: `cdr`, `ros1`, `json`, or another."""
+    schema_name: str
+    """The type of messages, as the server spells it."""
+    schema_encoding: str
+    schema: str
+    """The definition of the type; empty if the server sends none."""
+
+    @property
+    def type_name(self) -> str:
+        """The type as `package/Type`; empty if the name of the schema is no type of ROS, as JSON may have it."""
+        return canonical_type(self.schema_name) if split_type_name(self.schema_name) else ""
+
+    @property
+    def form(self) -> str:
+        """The format of the schema, `msg` or `idl`."""
+        return "idl" if self.schema_encoding == "ros2idl" else "msg"
+
+    @property
+    def problem(self) -> str:
+        """Why its messages cannot be read, empty if they can."""
+        if self.encoding not in _SCHEMA_ENCODINGS:
+            return f"its messages have the encoding {self.encoding or 'of no name'}, which is not supported"
+        if self.schema_encoding not in _SCHEMA_ENCODINGS[self.encoding]:
+            return f"its schema has the encoding {self.schema_encoding}, which is not supported"
+        return ""
+
+    @property
+    def raw_format(self) -> RawFormat:
+        """The format of its messages as bytes."""
+        profile = _PROFILES.get(self.encoding, "")
+        return RawFormat(self.encoding, self.schema_name, self.schema_encoding, self.schema, profile)
+
+
+class Advertise(NamedTuple):
+    """The server offers channels."""
+
+    channels: Sequence[Channel]
+
+
+class Unadvertise(NamedTuple):
+    """The server no longer offers channels."""
+
+    channel_ids: Sequence[int]
+
+
+class Status(NamedTuple):
+    """The server reports on itself."""
+
+    level: int
+    """0 info, 1 warning, 2 error."""
+    message: str
+
+
+class Other(NamedTuple):
+    """An operation that is not used here."""
+
+    op: str
+
+
+ServerMessage = Union[Advertise, Unadvertise, Status, Other]
+
+
+def read_text(text: str) -> ServerMessage:
+    """Returns what a text message of the server says.
+
+    Raises ProtocolError if it is not valid. Of the channels in an `advertise`, those that are not valid are left out.
+    """
+    try:
+        found = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise ProtocolError(f"not JSON: {type(error).__name__}") from None
+    op = found.get("op") if isinstance(found, dict) else None
+    if not isinstance(op, str):
+        raise ProtocolError("expected an object with op")
+    if op == "advertise":
+        return Advertise(list(_channels(_list_of(found, "channels"))))
+    if op == "unadvertise":
+        return Unadvertise([each for each in _list_of(found, "channelIds") if _is_id(each)])
+    if op == "status":
+        level, message = found.get("level"), found.get("message")
+        return Status(level if type(level) is int else 0, message if isinstance(message, str) else "")
+    return Other(op)
+
+
+def read_message(data: bytes) -> Optional[Tuple[int, bytes]]:
+    """Returns a subscription's id and the message that came for it; None for a binary message that is not used here.
+
+    Raises ProtocolError if it is shorter than its head. The log time is not returned: it is the server's business.
+    """
+    if data[0] != _MESSAGE_DATA:
+        return None
+    if len(data) < _MESSAGE_HEAD.size:
+        raise ProtocolError(f"expected a message of at least {_MESSAGE_HEAD.size} bytes, got {len(data)}")
+    _, subscription, _ = _MESSAGE_HEAD.unpack_from(data)
+    return subscription, data[_MESSAGE_HEAD.size :]
+
+
+def subscribe(subscription: int, channel_id: int) -> str:
+    """Returns the message that subscribes to a channel."""
+    return json.dumps({"op": "subscribe", "subscriptions": [{"id": subscription, "channelId": channel_id}]})
+
+
+def unsubscribe(subscription: int) -> str:
+    """Returns the message that ends a subscription."""
+    return json.dumps({"op": "unsubscribe", "subscriptionIds": [subscription]})
+
+
+def _list_of(found: Mapping[str, Any], key: str) -> List[Any]:
+    value = found.get(key)
+    if not isinstance(value, list):
+        raise ProtocolError(f"{found['op']}: expected a list as {key}")
+    return value
+
+
+def _channels(found: Sequence[Any]) -> Iterator[Channel]:
+    for each in found:
+        if not isinstance(each, dict) or not _is_id(each.get("id")):
+            continue
+        texts = [each.get(key) or "" for key in ("topic", "encoding", "schemaName", "schemaEncoding", "schema")]
+        topic, encoding, schema_name, schema_encoding, schema = texts
+        if all(isinstance(text, str) for text in texts) and topic and max(map(len, texts[:4])) <= _LONGEST_NAME:
+            known = _SCHEMA_ENCODINGS.get(encoding, ("",))
+            yield Channel(each["id"], topic, encoding, schema_name, schema_encoding or known[0], schema)
+
+
+def _is_id(value: object) -> bool:
+    return type(value) is int and 0 <= value <= _LARGEST_CHANNEL_ID

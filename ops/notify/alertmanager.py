@@ -1,0 +1,82 @@
+"""Target `alertmanager`: posts alerts to the API of Prometheus's Alertmanager, version 2.
+
+An alert there is identified by its labels, the level among them. So a change of level ends one alert and begins
+another, in one request. An open alert carries no end: Alertmanager ends it by its own clock, `resolve_timeout` (by
+default 5 min) after the last repetition, so that a robot's wrong clock cannot end it.
+https://github.com/prometheus/alertmanager/blob/main/api/v2/openapi.yaml
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from typing import Any, Callable, Dict, List, Optional, Sequence
+
+from ...core.values.formatting import duration_text
+from ...core.values.model import Level
+from ...runtime.times import utc_text
+from ..configuration import TargetSettings
+from .sender import DeliveryError, Notification, Notified, Sender
+from .webhook import HttpTarget
+
+# The labels `alertname` and `severity`; the exported rules have the same.
+ALERT = "RobotHealth"
+SEVERITIES = {Level.WARN: "warning", Level.ERROR: "critical", Level.STALE: "warning"}
+
+REPEAT_EVERY_S = 30.0  # far below Alertmanager's default `resolve_timeout` of 5 min
+_PATH = "/api/v2/alerts"
+_BATCH = 200  # alerts per request
+_TOLERATED_S = 30.0
+
+
+class Alertmanager(HttpTarget, Sender):
+    """Posts alerts, and repeats those that are open."""
+
+    repeat_every_s = REPEAT_EVERY_S
+
+    def __init__(self, settings: TargetSettings, wall_time_s: Callable[[], float] = time.time) -> None:
+        """Connects only when something is sent."""
+        super().__init__(settings)
+        self._wall_time_s = wall_time_s
+        self._ahead_s = 0.0
+
+    def send(self, notification: Notification) -> str:
+        """Posts the end of the alert that is open there, if it changes, and the new one."""
+        alerts: List[Dict[str, Any]] = []
+        before, sent = notification.before, notification.sent
+        if before is not None and (notification.is_resolved or before.level is not sent.level):
+            alerts.append(self._alert(before, notification.text, max(notification.at_s, before.since_s)))
+        if not notification.is_resolved:
+            alerts.append(self._alert(sent, notification.text))
+        if notification.is_test:
+            for alert in alerts:
+                alert["labels"]["test"] = "true"
+        return self._post(alerts)
+
+    def repeat(self, alerts: Sequence[Notified]) -> None:
+        """Posts open alerts again."""
+        for first in range(0, len(alerts), _BATCH):
+            self._post([self._alert(alert, alert.text) for alert in alerts[first : first + _BATCH]])
+
+    def _alert(self, alert: Notified, text: str, ended_s: Optional[float] = None) -> Dict[str, Any]:
+        labels = {
+            "alertname": ALERT, "robot": alert.robot, "signal": alert.signal,
+            "level": alert.level.name, "severity": SEVERITIES[alert.level],
+        }  # fmt: skip
+        times = {"startsAt": utc_text(alert.since_s - self._ahead_s)}
+        if ended_s is not None:
+            times["endsAt"] = utc_text(ended_s - self._ahead_s)
+        annotations = {"summary": text, **alert.annotations}
+        link = annotations.pop("link", "")
+        return {"labels": labels, "annotations": annotations, **times, **({"generatorURL": link} if link else {})}
+
+    def _post(self, alerts: Sequence[Dict[str, Any]]) -> str:
+        answer = self.call(json.dumps(alerts), _PATH)
+        if answer.date_s is not None:
+            # Alertmanager refuses an alert that begins far in the future, and would end one only in the future.
+            ahead_s, known_s = self._wall_time_s() - answer.date_s, self._ahead_s
+            self._ahead_s = ahead_s if abs(ahead_s) > _TOLERATED_S else 0.0
+            if abs(self._ahead_s - known_s) > _TOLERATED_S and answer.status == 400:
+                text = f"this clock and the server's differ by {duration_text(abs(self._ahead_s))}; corrected"
+                raise DeliveryError(text, is_corrected=True)
+        return self.status_of(answer)

@@ -1,0 +1,249 @@
+"""Calls one target: attempts, waits, and the target's fault. Sends what the queue holds for it, or heartbeats."""
+
+from __future__ import annotations
+
+import random
+import time
+from abc import ABC, abstractmethod
+from collections import Counter
+from typing import Any, Callable, Optional, TypeVar
+
+from ...core.values.errors import ServiceError
+from ...core.values.faults import Faults
+from ...core.values.model import Level
+from ...runtime.backoff import Backoff
+from ...runtime.threads import StepThread
+from ..configuration import TargetSettings
+from ..store.history import History
+from .notification_queue import NotificationQueue, Taken
+from .sender import DeliveryError, Sender
+from .webhook import HttpTarget
+
+Result = TypeVar("Result")
+
+FIRST_RETRY_S = 1.0  # after the first failed attempt; doubles with each further one
+LONGEST_RETRY_S = 300.0
+MOST_REFUSALS = 5  # attempts after which a notification that the target refuses (response 4xx) is given up
+MAX_TICK_AGE_S = 10.0  # age from which the monitor, which ticks each second, counts as stopped
+_IDLE_S = 3600.0  # a new notification wakes the thread
+_STORE_RETRY_S = 1.0
+_TICK_CHECK_S = 1.0
+
+
+class Caller(StepThread, ABC):
+    """Calls one target, in its thread. Failures are faults, as `notify <name>`; `clock` gives monotonic seconds."""
+
+    def __init__(self, settings: TargetSettings, faults: Faults, clock: Callable[[], float]) -> None:
+        """Calls nothing yet; see `start`."""
+        self.settings = settings
+        self._part = f"notify {settings.name}"
+        self._faults = faults
+        self._clock = clock
+        super().__init__(self._part, self.step, faults_of_step(faults, self._part))
+
+    @abstractmethod
+    def step(self) -> float:
+        """Makes at most one attempt; returns when to call this again, in s from now."""
+
+    def note_tick(self) -> None:
+        """Call at each tick of the monitor; returns at once."""
+
+    def note_news(self) -> None:
+        """Call when there is a new notification: it does not wait for the end of a long retry delay. Any thread."""
+
+    def has_work(self) -> bool:
+        """Returns whether something waits that can probably be sent now."""
+        return False
+
+    def clear_faults(self) -> None:
+        """Call when the target is no longer in use."""
+        for part in ("", ": url_file", ": queue"):
+            self._faults.clear(self._part + part)
+
+    def _warn(self, about: str, text: str) -> None:
+        """Reports a warning; ends it if the text is empty."""
+        if text:
+            self._faults.report(f"{self._part}: {about}", text, Level.WARN)
+        else:
+            self._faults.clear(f"{self._part}: {about}")
+
+
+def faults_of_step(faults: Faults, part: str) -> Callable[[Exception], None]:
+    """Returns the function that reports what a thread raises as the fault of a part; its text may contain a secret."""
+    return lambda error: faults.report(part, f"internal error: {type(error).__name__}")
+
+
+class Delivery(Caller):
+    """Sends what the queue holds for one target, one notification after the other."""
+
+    def __init__(
+        self,
+        settings: TargetSettings,
+        sender: Sender,
+        queue: NotificationQueue,
+        history: History,
+        faults: Faults,
+        clock: Callable[[], float] = time.monotonic,
+        chance: Callable[[], float] = random.random,
+    ) -> None:
+        """Sends nothing yet. Many monitors do not return to a target at the same moment: `chance` is from 0 to 1."""
+        super().__init__(settings, faults, clock)
+        self._target = settings.name
+        self._sender = sender
+        self._queue = queue
+        self._history = history
+        self._backoff = Backoff(FIRST_RETRY_S, LONGEST_RETRY_S, spread=0.5, chance=chance)
+        self._retry_at_s = self._repeat_at_s = clock()
+        self._not_before_s = clock()
+        """The wait that the target requested ends then; nothing shortens it."""
+        self._attempted_s = clock() - FIRST_RETRY_S
+        self._has_news = False
+        self._to_finish: Optional[Taken] = None
+        """Was sent, but that is not stored yet. Nothing else is sent before that, or it would be sent twice."""
+        self._refusals: Counter[int] = Counter()
+
+    def has_work(self) -> bool:
+        """Returns whether a notification waits, and the latest attempt did not fail."""
+        is_waiting = self._queue.waiting(self._target) > 0 and not self._queue.wait_s(self._target)
+        return is_waiting and not self._backoff.is_failing
+
+    def note_news(self) -> None:
+        """Ends a long retry delay."""
+        self._has_news = True
+        self.wake()
+
+    def close(self) -> None:
+        """Ends the thread, and the present attempt early, where that is possible; returns at once."""
+        super().close()
+        self._sender.close()
+
+    def step(self) -> float:
+        """Makes at most one attempt."""
+        try:
+            self._finish(self._to_finish)
+            if self._has_news:
+                self._has_news = False
+                self._retry_at_s = max(self._not_before_s, min(self._retry_at_s, self._attempted_s + FIRST_RETRY_S))
+            now_s = self._clock()
+            if self._sender.repeat_every_s is not None and now_s >= max(self._repeat_at_s, self._not_before_s):
+                self._repeat_at_s = now_s + self._sender.repeat_every_s
+                self._repeat()
+                return 0.0
+            if now_s < self._retry_at_s:
+                return self._wait_s(self._retry_at_s)
+            taken = self._run(self._queue.take, self._target)
+            if taken is not None:
+                self._send(taken)
+                return 0.0
+            self._warn_if_dropped()
+            wait_s = self._queue.wait_s(self._target)
+            return self._wait_s(now_s + (wait_s if self._queue.waiting(self._target) else _IDLE_S))
+        except ServiceError:  # the history reports its own fault
+            return _STORE_RETRY_S
+
+    def _run(self, function: Callable[..., Result], *arguments: Any) -> Result:
+        """Runs a function of the queue in the history's writer thread."""
+        return self._history.run(lambda connection: function(connection, *arguments))
+
+    def _wait_s(self, until_s: float) -> float:
+        if self._sender.repeat_every_s is not None:
+            until_s = min(until_s, max(self._repeat_at_s, self._not_before_s))
+        return max(0.0, until_s - self._clock())
+
+    def _repeat(self) -> None:
+        alerts = self._run(self._queue.open_at, self._target)
+        if not alerts:
+            return
+        try:
+            self._sender.repeat(alerts)
+        except DeliveryError as error:
+            self._note_failure(error)
+        else:
+            self._note_success()
+
+    def _send(self, taken: Taken) -> None:
+        try:
+            self._sender.send(taken.notification)
+        except DeliveryError as error:
+            self._note_failed(taken, error)
+        except Exception as error:  # its text may contain a secret
+            self._note_failed(taken, DeliveryError(f"internal error: {type(error).__name__}"))
+        else:
+            self._refusals.pop(taken.id, None)
+            self._note_success()
+            self._finish(taken)
+
+    def _note_failed(self, taken: Taken, error: DeliveryError) -> None:
+        self._note_failure(error)
+        if error.is_refused:
+            self._refusals[taken.id] += 1
+        if self._refusals[taken.id] >= MOST_REFUSALS:
+            del self._refusals[taken.id]
+            text = f"{error}; given up after {MOST_REFUSALS} attempts: {taken.notification.text}"
+            self._faults.report(self._part, f"{self._sender.place}: {text}", Level.ERROR)
+            self._finish(taken)
+        elif not error.may_have_arrived:
+            self._run(self._queue.put_back, taken)
+
+    def _finish(self, taken: Optional[Taken]) -> None:
+        """Stores what was sent, or given up."""
+        self._to_finish = taken
+        if taken is not None:
+            self._run(self._queue.finish, taken)
+            self._to_finish = None
+
+    def _note_success(self) -> None:
+        self._backoff.reset()
+        self._retry_at_s = self._attempted_s = self._clock()
+        self._faults.clear(self._part)
+        self._warn("url_file", self._sender.warning)
+
+    def _note_failure(self, error: DeliveryError) -> None:
+        self._attempted_s = self._clock()
+        self._not_before_s = self._attempted_s + error.retry_after_s
+        self._retry_at_s = max(self._not_before_s, self._attempted_s + self._backoff.next_s())
+        level = Level.ERROR if error.is_refused else Level.WARN
+        self._faults.report(self._part, f"{self._sender.place}: {error}", level)
+        self._warn("url_file", self._sender.warning)
+        self._warn_if_dropped()
+
+    def _warn_if_dropped(self) -> None:
+        dropped = self._queue.dropped(self._target)
+        text = f"full: {dropped} notifications dropped that later ones of the same alerts supersede"
+        self._warn("queue", text if dropped else "")
+
+
+class Heartbeat(Caller):
+    """Calls an address every `every_s` (GET), as long as ticks come, so that another system notices if they do not."""
+
+    def __init__(self, settings: TargetSettings, faults: Faults, clock: Callable[[], float] = time.monotonic) -> None:
+        """Waits for the first tick."""
+        super().__init__(settings, faults, clock)
+        self._target = HttpTarget(settings)
+        self._tick_s: Optional[float] = None
+        self._due_s = clock()
+        self._backoff = Backoff(FIRST_RETRY_S, settings.every_s)
+
+    def note_tick(self) -> None:
+        """Lets the calls go on."""
+        self._tick_s = self._clock()
+
+    def step(self) -> float:
+        """Calls the address if it is due."""
+        now_s = self._clock()
+        if now_s < self._due_s:
+            return self._due_s - now_s
+        if self._tick_s is None or now_s - self._tick_s > MAX_TICK_AGE_S:
+            return _TICK_CHECK_S
+        self._due_s = now_s + self.settings.every_s
+        try:
+            self._target.deliver(None)
+        except DeliveryError as error:
+            self._faults.report(self._part, f"{self._target.place}: {error}", Level.WARN)
+            failed_s = self._clock()
+            self._due_s = max(min(self._due_s, failed_s + self._backoff.next_s()), failed_s + error.retry_after_s)
+        else:
+            self._faults.clear(self._part)
+            self._backoff.reset()
+        self._warn("url_file", self._target.warning)
+        return max(0.0, self._due_s - self._clock())

@@ -1,0 +1,222 @@
+"""Notifications of one monitor process: a queue in the history's database and a thread per target."""
+
+from __future__ import annotations
+
+import sqlite3
+import threading
+import time
+from typing import Callable, Collection, Dict, List, Mapping, Optional, Sequence
+
+from ...core.values.errors import ServiceError
+from ...core.values.faults import Faults
+from ...core.values.model import Transition
+from ...runtime.threads import StepThread
+from ..configuration import TargetSettings
+from ..store.active_silences import Silences
+from ..store.history import History
+from .alertmanager import Alertmanager
+from .apprise import AppriseTarget
+from .command import Command
+from .delivery import Caller, Delivery, Heartbeat, faults_of_step
+from .notification_queue import NotificationQueue
+from .sender import Sender
+from .webhook import Webhook
+
+CHECK_PERIOD_S = 1.0  # of the check for silences that have expired
+WAKE_PERIOD_S = 0.05  # at which the threads of the targets learn of new transitions
+CLOSE_TIMEOUT_S = 1.0  # how long `close` waits for notifications of targets that work
+_LONGEST_END_S = 5.0
+_CLOSE_POLL_S = 0.02
+
+_SENDERS: Mapping[str, Callable[[TargetSettings], Sender]] = {
+    "webhook": Webhook,
+    "command": Command,
+    "apprise": AppriseTarget,
+}
+
+
+class Notifier:
+    """Notifies targets about transitions that the history records. Nothing here delays an alert."""
+
+    def __init__(
+        self,
+        history: History,
+        targets: Sequence[TargetSettings],
+        silences: Optional[Silences] = None,
+        faults: Optional[Faults] = None,
+        wall_time_s: Callable[[], float] = time.time,
+        is_simulated: Callable[[str, str], bool] = lambda robot, signal: False,
+        public_url: str = "",
+    ) -> None:
+        """Starts the threads. Call before the first AlertSystem starts, or its first transitions are missed.
+
+        `history` also stores the queue. `faults` receives failing targets, as `notify <name>`. `wall_time_s` returns
+        seconds since 1970. `is_simulated`, of a robot and its signal, must be cheap and may be called from any thread.
+        `public_url` is the address of the web page, for links; empty if there is none.
+        """
+        self._faults = faults = Faults() if faults is None else faults
+        self._history = history
+        self._wall_time_s = wall_time_s
+        self._is_prepared = False
+        self._has_news = False
+        self._checked_s = time.monotonic() - CHECK_PERIOD_S
+        self._watched: Optional[Collection[str]] = None
+        self._callers: Dict[str, Caller] = {}  # by name of the target
+        self._changing = threading.Lock()
+        self._queue_thread = StepThread("notify queue", self._step, faults_of_step(faults, "notify queue"))
+        self._is_noting = False
+
+        def is_silenced(robot: str, signal: str) -> bool:
+            return silences is not None and silences.silence_of(robot, signal) is not None
+
+        def look(connection: sqlite3.Connection) -> None:
+            if silences is not None:
+                silences.look(connection)
+
+        self._queue = NotificationQueue(_alerted(targets), is_silenced, look, is_simulated, wall_time_s, public_url)
+        self._start(targets)
+
+    def use_targets(self, targets: Sequence[TargetSettings]) -> str:
+        """Replaces the targets; returns what changed, in one line. Takes up to some seconds.
+
+        What waits for a target that stays is sent there. Call again after a ServiceError: the history was too slow.
+        """
+        wanted = {target.name: target for target in targets}
+        with self._changing:
+            known = {name: caller.settings for name, caller in self._callers.items()}
+            ended = [name for name, settings in known.items() if wanted.get(name) != settings]
+            started = [target for name, target in wanted.items() if known.get(name) != target]
+            if ended or started:
+                self._history.run(lambda connection: self._change_targets(connection, targets))
+            for name in ended:
+                self._end(name)
+            self._start(started)
+            self._wake()
+        changes = {
+            "added": [target.name for target in started if target.name not in ended],
+            "changed": [target.name for target in started if target.name in ended],
+            "removed": [name for name in ended if name not in wanted],
+        }
+        return ", ".join(f"{change} {', '.join(names)}" for change, names in changes.items() if names)
+
+    @property
+    def waiting(self) -> int:
+        """How many notifications wait, over all targets."""
+        return sum(map(self._queue.waiting, tuple(self._callers)))
+
+    def note_tick(self) -> None:
+        """Call at each tick of the monitor, for the heartbeat; returns at once."""
+        for caller in tuple(self._callers.values()):
+            caller.note_tick()
+
+    def end_unwatched(self, robots: Collection[str]) -> None:
+        """Ends the notified alerts of all robots but those that are watched, such as those of an earlier run.
+
+        Call when these are known, and when they change; returns at once.
+        """
+        self._watched = frozenset(robots)
+
+    def close(self) -> None:
+        """Ends the threads. Targets that work are sent what waits, for at most 1 s; the rest stays in the queue."""
+        until_s = time.monotonic() + CLOSE_TIMEOUT_S
+        while time.monotonic() < until_s and (
+            self._has_news or any(caller.has_work() for caller in self._callers.values())
+        ):
+            time.sleep(_CLOSE_POLL_S)
+        threads = [*self._callers.values(), *([self._queue_thread] if self._is_noting else [])]
+        for thread in threads:
+            thread.close()
+        for thread in threads:
+            thread.join(max(0.0, until_s - time.monotonic()))
+
+    def _change_targets(self, connection: sqlite3.Connection, targets: Sequence[TargetSettings]) -> None:
+        self._history.database.state.keep_lines(connection)
+        self._queue.use_targets(connection, _alerted(targets))
+
+    def _prepare(self, connection: sqlite3.Connection) -> None:
+        self._history.database.state.keep_lines(connection)
+        self._queue.prepare(connection)
+
+    def _start(self, targets: Sequence[TargetSettings]) -> None:
+        """Starts new targets."""
+        for settings in targets:
+            if settings.type == "heartbeat":
+                caller: Caller = Heartbeat(settings, self._faults)
+            else:
+                sender = make_sender(settings, self._wall_time_s)
+                caller = Delivery(settings, sender, self._queue, self._history, self._faults)
+            self._callers[settings.name] = caller
+            caller.start()
+        if _alerted(targets) and not self._is_noting:
+            self._is_noting = True
+            self._history.on_record(self._note)
+            self._history.database.on_lost.append(self._prepare_again)
+            self._queue_thread.start()
+
+    def _end(self, name: str) -> None:
+        """Ends a target, and what is being sent to it."""
+        caller = self._callers.pop(name)
+        caller.close()
+        caller.join(min(caller.settings.timeout_s, _LONGEST_END_S))
+        caller.clear_faults()
+
+    def _note(self, connection: sqlite3.Connection, alert_id: int, transition: Transition, wall_s: float) -> None:
+        """Queues a transition; runs inside the transaction that stores it. Wakes no thread: the alert comes first."""
+        self._queue.note(connection, transition, alert_id, wall_s)
+        self._has_news = True
+
+    def _prepare_again(self, connection: sqlite3.Connection, lost: Sequence[str]) -> None:
+        """A new database was begun without some tables of the old one."""
+        if "notified" in lost:
+            self._queue.assume_sent(connection)
+        self._is_prepared = False
+
+    def _wake(self) -> None:
+        for name, caller in tuple(self._callers.items()):
+            if self._queue.waiting(name):
+                caller.note_news()
+
+    def _step(self) -> float:
+        """Wakes the targets for new transitions, and queues each second what a change of silences or robots causes."""
+        try:
+            if not self._is_prepared:
+                self._is_prepared = True  # first: a new database may be begun at any moment
+                try:
+                    self._history.run(self._prepare)
+                except ServiceError:
+                    self._is_prepared = False
+                    raise
+                self._has_news = True
+            if self._has_news:
+                self._has_news = False  # first: a transition may be queued at any moment
+                self._wake()
+            if time.monotonic() >= self._checked_s + CHECK_PERIOD_S:
+                self._checked_s = time.monotonic()
+                self._check()
+        except ServiceError:
+            return CHECK_PERIOD_S  # the history reports its own fault
+        return WAKE_PERIOD_S
+
+    def _check(self) -> None:
+        watched = self._watched
+        if watched is not None:
+            wall_s = self._wall_time_s()
+            self._history.run(lambda connection: self._queue.end_unwatched(connection, watched, wall_s))
+            if self._watched is watched:
+                self._watched = None
+            self._wake()
+        if self._queue.is_reconciliation_due():
+            self._history.run(self._queue.reconcile)
+            self._wake()
+
+
+def _alerted(targets: Sequence[TargetSettings]) -> List[TargetSettings]:
+    """Returns those that are sent alerts."""
+    return [target for target in targets if target.type != "heartbeat"]
+
+
+def make_sender(settings: TargetSettings, wall_time_s: Callable[[], float] = time.time) -> Sender:
+    """Returns the sender for a target of any type except `heartbeat`, which sends no alerts."""
+    if settings.type == "alertmanager":
+        return Alertmanager(settings, wall_time_s)
+    return _SENDERS[settings.type](settings)

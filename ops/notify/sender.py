@@ -1,0 +1,242 @@
+"""What a target is sent about one alert, the interface of a target, and its address.
+
+An address that contains a secret is in a file. Of any address only scheme and host are shown.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import stat
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field
+from typing import Any, Mapping, Optional, Sequence, Tuple
+
+from ...core.values.errors import ServiceError
+from ...core.values.formatting import count_text, with_hint
+from ...core.values.model import Level
+from ...runtime.times import utc_text
+from ..configuration import TargetSettings, is_http
+
+_MOST_LINES = 5  # of a group
+_LONGEST = 4096  # bytes of a file with an address
+
+
+@dataclass(frozen=True)
+class Notified:
+    """What a target was last sent about an alert that is open there."""
+
+    robot: str
+    signal: str
+    level: Level
+    since_s: float  # wall time at which the level began, in s since 1970
+    text: str  # the alert line, after the name of the robot
+    annotations: Mapping[str, str] = field(default_factory=dict, hash=False)  # see `annotations_of`
+
+
+@dataclass(frozen=True)
+class Notification:
+    """One message to one target."""
+
+    transition: Mapping[str, Any] = field(hash=False)  # with the fields of `--json`
+    is_resolved: bool  # the alert has ended, or is below the target's `min_level`
+    at_s: float  # wall time of the transition, in s since 1970
+    before: Optional[Notified] = None
+    """What the target was last sent about this alert; None: nothing that is still open."""
+    is_test: bool = False  # sent by `robot-health notify`
+
+    @property
+    def robot(self) -> str:
+        """Name of the robot."""
+        return str(self.transition["robot"])
+
+    @property
+    def signal(self) -> str:
+        """Name of the signal."""
+        return str(self.transition["signal"])
+
+    @property
+    def level(self) -> Level:
+        """The level after the transition."""
+        return Level[self.transition["to_level"]]
+
+    @property
+    def text(self) -> str:
+        """The alert line with its hint, after the name of the robot: many robots may share a channel."""
+        return alert_line(self.transition)
+
+    @property
+    def sent(self) -> Notified:
+        """What the target knows once it has received this."""
+        return Notified(self.robot, self.signal, self.level, self.at_s, self.text, annotations_of(self.transition))
+
+    def as_json(self) -> str:
+        """Formats the transition as `--json` does, but for `text`, and with `notification`, `time` (UTC) and `test`."""
+        return json.dumps(self.fields())
+
+    def fields(self) -> Mapping[str, Any]:
+        """Returns what `as_json` formats."""
+        return {**self.transition, **self._sent_fields(), **({"test": True} if self.is_test else {})}
+
+    def _sent_fields(self) -> Mapping[str, Any]:
+        kind = "resolved" if self.is_resolved else "firing"
+        return {"text": self.text, "notification": kind, "time": utc_text(self.at_s)}
+
+
+@dataclass(frozen=True)
+class Group(Notification):
+    """Several notifications of one robot in one message, the worst first, ends last; the other fields are its."""
+
+    members: Tuple[Notification, ...] = ()
+
+    @property
+    def signal(self) -> str:
+        """The number of alerts, in place of a name."""
+        return count_text(len(self.members), "alert")
+
+    @property
+    def text(self) -> str:
+        """The number and the first lines, after the name of the robot."""
+        lines = [alert_line(each.transition)[len(each.robot) + 2 :] for each in self.members]
+        more = [f"and {len(lines) - _MOST_LINES} more"] if len(lines) > _MOST_LINES else []
+        return f"{self.robot}: {self.signal}: {'; '.join(lines[:_MOST_LINES] + more)}"
+
+    def as_json(self) -> str:
+        """Formats `robot`, `text`, `notification`, `time`, and as `alerts` what single messages would have been."""
+        fields = {"robot": self.robot, **self._sent_fields(), "alerts": [each.fields() for each in self.members]}
+        return json.dumps(fields)
+
+
+def group_of(members: Sequence[Notification]) -> Notification:
+    """Returns one message for several notifications of a robot; of one, itself."""
+    if len(members) == 1:
+        return members[0]
+    ordered = sorted(members, key=lambda each: (each.is_resolved, -each.level.severity, each.at_s))
+    first, at_s = ordered[0], max(each.at_s for each in members)
+    return Group(first.transition, first.is_resolved, at_s, members=tuple(ordered))
+
+
+def alert_line(transition: Mapping[str, Any]) -> str:
+    """Returns the line of a transition, with its hint, after the name of its robot. Older files have no hint.
+
+    >>> alert_line({"robot": "husky1", "text": "link ERROR: down: refused (was OK for 2 h)"})
+    'husky1: link ERROR: down: refused (was OK for 2 h)'
+    """
+    return f"{transition['robot']}: {with_hint(str(transition['text']), str(transition.get('hint', '')))}"
+
+
+def annotations_of(transition: Mapping[str, Any]) -> Mapping[str, str]:
+    """Returns what there is beside the line of an alert: its black box, what to do, and a link to its page."""
+    advice = str(transition.get("what_to_do", ""))
+    found = {
+        "black_box": transition.get("black_box"),
+        "runbook_url" if is_http(advice) else "what_to_do": advice,
+        "link": transition.get("link"),
+    }
+    return {name: str(value) for name, value in found.items() if value}
+
+
+class DeliveryError(ServiceError):
+    """One attempt failed. `str()` is one line, without secrets: of an address only scheme and host."""
+
+    def __init__(
+        self,
+        text: str,
+        *,
+        is_refused: bool = False,  # the target rejects this notification; another attempt will probably fail as well
+        may_have_arrived: bool = True,  # False: the target certainly did not receive it
+        retry_after_s: float = 0.0,  # the target requests this wait, in s
+        is_corrected: bool = False,  # the cause was on this side; another attempt will probably succeed
+    ) -> None:
+        """Stores what failed and why."""
+        super().__init__(text)
+        self.is_refused = is_refused
+        self.may_have_arrived = may_have_arrived
+        self.retry_after_s = retry_after_s
+        self.is_corrected = is_corrected
+
+
+class Sender(ABC):
+    """Delivers notifications to one target; used by one thread. A call may block until the target's timeout."""
+
+    repeat_every_s: Optional[float] = None  # period at which open alerts are repeated, in s; None: they are sent once
+    place: str  # where the target is, without secrets
+    warning: str = ""  # one line that is no failure, such as an unprotected secret; empty: none
+
+    @abstractmethod
+    def send(self, notification: Notification) -> str:
+        """Delivers a notification and returns how the target responded; raises DeliveryError if that failed."""
+
+    def repeat(self, alerts: Sequence[Notified]) -> None:  # noqa: B027 - optional
+        """Repeats open alerts; called only with `repeat_every_s`. Raises DeliveryError."""
+
+    def close(self) -> None:  # noqa: B027 - optional
+        """Ends a call of `send` in another thread early, where that is possible."""
+
+
+class Address:
+    """A target's address. A file is read before each use, so that a secret can be replaced at any time."""
+
+    def __init__(self, settings: TargetSettings) -> None:
+        """Reads nothing yet."""
+        self._url = settings.url
+        self._file = settings.url_file
+        self.place = settings.url_file or shown(settings.url)
+        """The address as it may be shown: scheme and host; before the file has been read, the name of the file."""
+        self.is_secret = bool(settings.url_file)  # the path of the address must not be shown
+        self.warning = ""  # one line if other users may read the file; empty: they may not, as far as is known
+
+    def addresses(self) -> Tuple[str, ...]:
+        """Returns the lines of the file that are neither empty nor comments (`#`), or the given address.
+
+        Raises DeliveryError if the file cannot be read or is empty.
+        """
+        if not self._file:
+            return (self._url,)
+        try:
+            mode = os.stat(self._file).st_mode
+            if not stat.S_ISREG(mode):  # opening a named pipe would wait for a writer
+                raise self._unusable("cannot be read: expected a file, got something else")
+            with open(self._file, "rb") as stream:
+                contents = stream.read(_LONGEST + 1)
+        except (OSError, ValueError) as error:
+            raise self._unusable(f"cannot be read: {getattr(error, 'strerror', error)}") from None
+        advice = "every user of this machine can read this address; protect it with chmod 600"
+        self.warning = f"{self._file}: {advice}" if mode & stat.S_IROTH else ""
+        if len(contents) > _LONGEST:
+            raise self._unusable(f"expected at most {_LONGEST} bytes, got more")
+        lines = [line.strip() for line in contents.decode("utf-8", "replace").splitlines()]
+        found = tuple(line for line in lines if line and not line.startswith("#"))
+        if not found:
+            raise self._unusable("expected an address, got an empty file")
+        self.place = ", ".join(dict.fromkeys(shown(line) for line in found))
+        return found
+
+    def http_address(self) -> str:
+        """Returns the address of HTTP; raises DeliveryError if the file cannot be read, or holds something else."""
+        url, *others = self.addresses()
+        if others or not is_http(url) or not all("!" <= letter <= "~" for letter in url):
+            self.place = self._file or self.place
+            raise self._unusable("expected one address, http://... or https://..., without blanks")
+        return url
+
+    def _unusable(self, problem: str) -> DeliveryError:
+        return DeliveryError(f"{self._file or 'url'}: {problem}", may_have_arrived=False)
+
+
+def shown(url: str) -> str:
+    """Returns scheme, host and port of an address: the rest may be a secret.
+
+    >>> shown("https://user:password@chat.example:8443/hooks/secret?key=secret")
+    'https://chat.example:8443'
+    """
+    scheme, separator, rest = url.partition("://")
+    if not separator:
+        return "an address without a scheme"
+    if scheme.lower() not in ("http", "https"):
+        return f"{scheme[:20]}://..."  # apprise puts secrets in place of the host
+    host = re.split(r"[/?#\\]", rest, maxsplit=1)[0]
+    if "@" in rest[len(host) :]:  # a password that contains one of these characters
+        return f"{scheme}://..."
+    return f"{scheme}://{host.rpartition('@')[2][:200]}"

@@ -1,0 +1,213 @@
+"""The silences of a running monitor: a copy of those in the history, which others may change at any time."""
+
+from __future__ import annotations
+
+import math
+import sqlite3
+import threading
+import time
+from dataclasses import replace
+from typing import Callable, Dict, List, Optional, Sequence, Tuple, TypeVar
+
+from ...core.values.errors import ServiceError
+from ...core.values.faults import Faults
+from ...core.values.formatting import count_text, duration_text, printable
+from ...core.values.model import Level, Transition
+from . import schema
+from .history import History
+from .matchers import Matcher
+from .recurrence import Recurrence
+from .silences import (
+    Alert,
+    Silence,
+    add_silence,
+    expire_silence,
+    insert_silence,
+    limit_to_durations,
+    read_silences,
+    resolve_alert,
+    time_text,
+)  # fmt: skip
+
+Changed = TypeVar("Changed")
+
+_MOST_CACHED = 20_000
+_TIMEOUT_S = 2.0
+_FAULT = "silence list"
+_CLOCK_FAULT = "wall clock"
+
+
+class Silences:
+    """The silences of a running monitor: an in-memory copy, which follows the history file within about a second.
+
+    All methods but `look` may be called from any thread.
+    """
+
+    def __init__(
+        self, history: History, faults: Optional[Faults] = None, wall_time_s: Callable[[], float] = time.time
+    ) -> None:
+        """Reads the silences; from then on, the writer of the history looks each second whether others changed them.
+
+        Those that are known stay in force if a new database is begun.
+        """
+        self._history = history
+        self._faults = Faults() if faults is None else faults
+        self._wall_time_s = wall_time_s
+        self._lock = threading.Lock()
+        self._active: Sequence[Silence] = ()
+        self._found: Dict[Alert, Optional[Silence]] = {}
+        self._set_s = self._next_change_s = -math.inf
+        self._seen: Optional[Tuple[sqlite3.Connection, int]] = None
+        self._stored: Sequence[Silence] = ()
+        """As they were read last: one that is not active now may be so once the wall clock is set."""
+        self._followed_s = wall_time_s()
+        history.on_record(self._note_transition)
+        history.database.on_second.append(self._follow)
+        history.database.on_lost.append(self._restore)
+        try:
+            history.run(self._limit, _TIMEOUT_S)
+        except ServiceError as error:
+            self._faults.report(_FAULT, f"cannot be read: {error}", Level.WARN)
+
+    def silence_of(self, robot: str, signal: str) -> Optional[Silence]:
+        """Returns the silence of an alert, of several the one that ends last; None: it is not silenced."""
+        if not self._active:
+            return None
+        now_s = self._wall_time_s()
+        with self._lock:
+            if not self._set_s <= now_s < self._next_change_s:
+                self._set_active(self._active, now_s)
+            key = printable(robot), printable(signal)
+            if key not in self._found:
+                if len(self._found) >= _MOST_CACHED:
+                    self._found.clear()
+                covering = [each for each in self._active if each.covers(*key) and each.in_force(now_s)]
+                self._found[key] = max(covering, key=_end_order, default=None)
+            silence = self._found[key]
+        return silence.seen_at(now_s) if silence is not None and silence.is_active(now_s) else None
+
+    def active(self) -> List[Silence]:
+        """Returns the active silences, oldest first; those that recur need not be in force."""
+        now_s = self._wall_time_s()
+        return [silence.seen_at(now_s) for silence in self._active if silence.is_active(now_s)]
+
+    def look(self, connection: sqlite3.Connection) -> None:
+        """Reads the silences again if another process has changed the file: call before a notification is sent.
+
+        Call with the history's connection inside a transaction, in which another process cannot add a silence.
+        """
+        seen = (connection, connection.execute("PRAGMA data_version").fetchone()[0])
+        if seen != self._seen:
+            self._take_over(connection)
+            self._seen = seen
+
+    def add(
+        self,
+        matchers: Sequence[Matcher],
+        *,
+        for_s: Optional[float] = None,
+        until_resolved: bool = False,
+        every: Optional[Recurrence] = None,
+        reason: str = "",
+        author: str = "",
+    ) -> Silence:
+        """Adds a silence, as `add_silence`; a ServiceError says that the history failed or did not answer."""
+        texts = {"reason": reason, "author": author}
+        return self._change(
+            lambda connection, now_s: add_silence(
+                connection, matchers, now_s, for_s=for_s, until_resolved=until_resolved, every=every, **texts
+            )
+        )
+
+    def expire(self, number: int, *, reason: str = "", author: str = "") -> Silence:
+        """Ends a silence, as `expire_silence`; a ServiceError says that the history failed or did not answer."""
+        return self._change(
+            lambda connection, now_s: expire_silence(connection, number, now_s, reason=reason, author=author)
+        )
+
+    def _follow(self, connection: sqlite3.Connection) -> None:
+        """Looks whether others changed the silences, or the wall clock was set."""
+        now_s = self._wall_time_s()
+        if now_s < self._followed_s:
+            self._seen = None
+        self._followed_s = now_s
+        self.look(connection)
+        if any(each.is_in_future(now_s) for each in self._stored):
+            with schema.transaction(connection):
+                self._limit(connection)
+        else:
+            self._faults.clear(_CLOCK_FAULT)
+
+    def _restore(self, connection: sqlite3.Connection, lost: Sequence[str]) -> None:
+        """Stores the last known silences in a new database, if those of the old one could not be read."""
+        if "silences" in lost or "silenced_alerts" in lost:
+            for silence in self._active:
+                insert_silence(connection, silence, silence.id)
+
+    def _limit(self, connection: sqlite3.Connection) -> None:
+        """Limits silences that were made in the future to their duration, with one line."""
+        now_s = self._wall_time_s()
+        noticed = limit_to_durations(connection, now_s)
+        if noticed:
+            self._faults.report(_CLOCK_FAULT, _limit_text(noticed, now_s), Level.WARN)
+        self._take_over(connection)
+
+    def _change(self, change: Callable[[sqlite3.Connection, float], Changed]) -> Changed:
+        """Changes the stored silences in a transaction, with the present time in s since 1970."""
+        now_s = self._wall_time_s()
+
+        def change_and_read(connection: sqlite3.Connection) -> Changed:
+            changed = change(connection, now_s)
+            self._take_over(connection)
+            return changed
+
+        return self._history.run(change_and_read, _TIMEOUT_S)
+
+    def _take_over(self, connection: sqlite3.Connection) -> None:
+        """Reads the silences, in the history's writer thread."""
+        now_s = self._wall_time_s()
+        silences = read_silences(connection, active_at_s=now_s)
+        with self._lock:
+            self._stored = silences
+            self._set_active(silences, now_s)
+        self._faults.clear(_FAULT)
+
+    def _set_active(self, silences: Sequence[Silence], now_s: float) -> None:
+        """Call with the lock held."""
+        self._active = tuple(silence for silence in silences if silence.is_active(now_s))
+        self._found = {}
+        self._set_s = now_s
+        self._next_change_s = min((silence.change_s(now_s) for silence in self._active), default=math.inf)
+
+    def _note_transition(
+        self, connection: sqlite3.Connection, alert_id: int, transition: Transition, wall_s: float
+    ) -> None:
+        """Ends silences whose last alert has resolved; runs in the transaction that stores the transition."""
+        if transition.to_level is not Level.OK:
+            return
+        alert = printable(transition.robot), printable(transition.signal)
+        if not resolve_alert(connection, alert, wall_s):
+            return
+        with self._lock:
+            self._set_active([_without(silence, alert, wall_s) for silence in self._active], self._wall_time_s())
+
+
+def _limit_text(silences: Sequence[Silence], now_s: float) -> str:
+    first = silences[0]
+    for_s = (first.until_s or first.created_s) - first.created_s
+    text = f"silence {first.id} was made at {time_text(first.created_s)}, which is in the future"
+    text += f"; it ends in {duration_text(for_s)}, at {time_text(now_s + for_s)}"
+    if len(silences) > 1:
+        text += f"; so do {count_text(len(silences) - 1, 'more silence')}, each after its duration"
+    return text
+
+
+def _end_order(silence: Silence) -> float:
+    return float("inf") if silence.until_s is None else silence.until_s
+
+
+def _without(silence: Silence, alert: Alert, now_s: float) -> Silence:
+    if silence.alerts is None:
+        return silence
+    alerts = silence.alerts - {alert}
+    return replace(silence, alerts=alerts, ended_s=silence.ended_s if alerts else now_s)

@@ -1,0 +1,498 @@
+"""The database of the store: a file, or memory if none is named or the file cannot be used. One thread writes it.
+
+Whatever happens to the file, the monitor goes on with the same tables, so that notifications and silences keep working:
+
+- The file is damaged, or its tables were altered: it is renamed, and a new one is begun with the present state.
+- The file cannot be written (full, read-only, deleted folder): the present state is copied into memory. The file is
+  tried again, with growing waits; once it works, what is in memory is stored in it.
+- Another monitor writes the file, or it is from a newer version: memory, for the rest of the run.
+
+Numbers of rows continue in memory where the file ended, so that rows can be moved back without changing references.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import sqlite3
+import threading
+import time
+from collections import deque
+from typing import Any, Callable, Deque, Generic, List, Optional, Sequence, TypeVar
+
+from ...core.values.errors import ServiceError
+from ...core.values.faults import Faults
+from ...core.values.model import Level
+from ...runtime.backoff import Backoff
+from ...runtime.threads import MonotonicEvent, StepThread
+from . import samples, schema
+from .database_file import (
+    DatabaseFile,
+    InUseError,
+    NotAHistoryError,
+    is_damage,
+    is_file_error,
+    open_read_only,
+    reason,
+    set_aside,
+)  # fmt: skip
+from .present_state import PresentState
+from .retention import AgeClock, Retention
+from .rows import CheckedConnection
+
+Result = TypeVar("Result")
+
+PART = "history"
+"""The part whose fault says that the history is not written to its file."""
+REPLACED_PART = "history file"
+"""The part whose fault says that an earlier history was lost or put aside; it lasts until the monitor is restarted."""
+ROWS_PART = "history rows"
+"""The part whose fault says that rows were skipped, because something else has changed them."""
+
+SLOW_S = 3.0
+"""A disk that takes longer is reported, in s."""
+MAX_WAITING = 2_000
+"""Most jobs that wait; a transition with its evidence takes up to 8 kB."""
+
+_MAX_BATCH = 50  # jobs per transaction: about 200 kB
+_MAX_ATTEMPTS = 3
+_PERIOD_S = 1.0  # of the sign of life, and of looking after the file
+_MEMORY_BYTES = 16e6
+_EMPTY_BYTES = 120_000
+"""Of a database without rows: each table takes a page or two."""
+_LOG_BYTES = 8e6
+_BATCH_BYTES = 200e3
+_FIRST_RETRY_S, _LAST_RETRY_S = 5.0, 60.0
+_RETENTION_PERIOD_S = 60.0
+_DAY_S = 86_400.0
+
+
+class Job(Generic[Result]):
+    """A function to run in the writer's thread, inside a transaction; again if the database has to be replaced."""
+
+    def __init__(self, function: Callable[[sqlite3.Connection], Result], is_foreign: bool = False) -> None:
+        """`is_foreign`: a function of another module, in a separate transaction; its errors go to the caller."""
+        self.function = function
+        self.is_foreign = is_foreign
+        self.event: Optional[MonotonicEvent] = None
+        """Set when it is done, if something waits for that."""
+        self.is_done = False
+        self.is_cancelled = False
+        self.result: Optional[Result] = None
+        self.error: Optional[BaseException] = None
+
+    def end(self, error: Optional[BaseException]) -> None:
+        """Notes that it has run."""
+        self.error, self.is_done = error, True
+        event = self.event
+        if event is not None:
+            event.set()
+
+
+class Database:
+    """Owns the connection and its thread, which runs jobs: several in one transaction if they are waiting."""
+
+    def __init__(
+        self, file: Optional[str], keep_days: float, keep_mb: float, faults: Faults, wall_s: Callable[[], float]
+    ) -> None:
+        """Starts the thread, which opens the file (None: memory). The other arguments are those of `History`."""
+        self._path = file
+        self._keep_s = keep_days * _DAY_S
+        keep_bytes = keep_mb * 1e6
+        self._log_bytes = min(_LOG_BYTES, 0.2 * keep_bytes)
+        self._max_log_bytes = 1.5 * self._log_bytes
+        self._max_bytes = 1.05 * keep_bytes - self._max_log_bytes - _BATCH_BYTES
+        self._max_memory_bytes = (
+            _MEMORY_BYTES if file is None else min(_MEMORY_BYTES, _EMPTY_BYTES + 0.5 * self._log_bytes)
+        )
+        self._faults = faults
+        self._wall_s = wall_s
+        self.state = PresentState(wall_s)
+        """What a new database begins with."""
+        self.on_second: List[Callable[[sqlite3.Connection], object]] = []
+        """Called about once a second by the writer's thread, outside of a transaction."""
+        self.on_lost: List[Callable[[sqlite3.Connection, Sequence[str]], object]] = []
+        """Called inside the transaction that begins a new database, with the tables of the present state that could
+        not be read."""
+        self._file: Optional[DatabaseFile] = None
+        self._memory: Optional[sqlite3.Connection] = None
+        self._is_copy = False
+        self._backoff = Backoff(_FIRST_RETRY_S, _LAST_RETRY_S)
+        self._next_retry_s = 0.0
+        self._retention: Optional[Retention] = None
+        self._age_clock = AgeClock(wall_s(), _boot_s())
+        self._maintain_at_s = time.monotonic() + _PERIOD_S
+        self._old_at_s = self._surplus_at_s = 0.0
+        self._is_too_large = self._is_closing = False
+        self._lock = threading.Lock()
+        self._jobs: Deque[Job[Any]] = deque()
+        self._events = [MonotonicEvent()]
+        """Those that nothing waits for."""
+        self._busy_since_s: Optional[float] = time.monotonic()
+        self._thread = StepThread("history", self._step, lambda error: self._report(f"internal error: {error!r}"))
+        self._thread.start()
+
+    # From any thread
+
+    @property
+    def is_in_memory(self) -> bool:
+        """Whether the file is not in use."""
+        return self._memory is not None
+
+    @property
+    def busy_s(self) -> float:
+        """For how long the present transaction has lasted, in s; 0: there is none."""
+        since_s = self._busy_since_s
+        return 0.0 if since_s is None else time.monotonic() - since_s
+
+    def put(self, job: Job[Result], is_urgent: bool = False) -> bool:
+        """Adds a job; returns False if the writer is closing, or too many are waiting and it is not urgent."""
+        with self._lock:
+            if (len(self._jobs) >= MAX_WAITING and not is_urgent) or self._is_closing:
+                return False
+            self._jobs.append(job)
+        self._thread.wake()
+        return True
+
+    def wait(self, job: Job[Result], timeout_s: float) -> bool:
+        """Waits until a job is done, whatever becomes of the wall clock; returns whether it is."""
+        until_s = time.monotonic() + timeout_s
+        event = self._events.pop() if self._events else MonotonicEvent()
+        event.clear()
+        job.event = event
+        while not job.is_done and time.monotonic() < until_s:
+            event.clear()
+            if not job.is_done:
+                event.wait(until_s - time.monotonic())
+        job.event = None
+        self._events.append(event)
+        return job.is_done
+
+    def run(self, function: Callable[[sqlite3.Connection], Result], timeout_s: float) -> Result:
+        """Runs a function in a separate transaction and returns its result; see `History.run`."""
+        job = Job(function, is_foreign=True)
+        if not self.put(job):
+            raise ServiceError("history: too many requests are waiting, or it is closed")
+        if not self.wait(job, timeout_s):
+            job.is_cancelled = True
+            raise ServiceError(f"history: no answer within {timeout_s:g} s")
+        if isinstance(job.error, sqlite3.Error):
+            raise ServiceError(f"history: {job.error}") from job.error
+        if job.error is not None:
+            raise job.error
+        return job.result  # type: ignore[return-value]
+
+    def close(self, timeout_s: float) -> bool:
+        """Runs the waiting jobs, stores the end of the run and closes the file; returns whether it did so in time."""
+        with self._lock:
+            self._is_closing = True
+        self._thread.wake()
+        self._thread.join(timeout_s)
+        return not self._thread.is_alive()
+
+    # In the writer's thread
+
+    @property
+    def connection(self) -> sqlite3.Connection:
+        """The connection, in autocommit mode."""
+        if self._file is not None:
+            return self._file.connection
+        assert self._memory is not None
+        return self._memory
+
+    def note_transition(self, robot: str, signal: str) -> None:
+        """Notes that a transition was stored, with the names in its row."""
+        if self._retention is not None:
+            self._retention.note_transition(robot, signal)
+
+    def _step(self) -> float:
+        """Runs what waits, or what is due once a second; returns the time until the next call, in s."""
+        self._busy_since_s = time.monotonic()
+        if self._file is None and self._memory is None:
+            self._open()
+        batch = self._next_batch()
+        if batch:
+            self._run_batch(batch)
+        self._is_too_large = self._care(self._limit_size) is True
+        now_s = time.monotonic()
+        if now_s >= self._maintain_at_s:
+            self._care(self._maintain)
+            self._maintain_at_s = time.monotonic() + _PERIOD_S
+        with self._lock:
+            is_idle = not self._jobs
+            if is_idle:
+                self._busy_since_s = None
+        if self._is_closing and is_idle:
+            self._close()
+            self._thread.close()
+        return 0.0 if self._is_too_large or not is_idle else max(0.0, self._maintain_at_s - time.monotonic())
+
+    def _next_batch(self) -> List[Job[Any]]:
+        batch: List[Job[Any]] = []
+        with self._lock:
+            while self._jobs and len(batch) < _MAX_BATCH:
+                if batch and (self._jobs[0].is_foreign or batch[0].is_foreign):
+                    break
+                job = self._jobs.popleft()
+                if not job.is_cancelled:
+                    batch.append(job)
+        return batch
+
+    def _run_batch(self, batch: List[Job[Any]]) -> None:
+        error: Optional[BaseException] = None
+        for _ in range(_MAX_ATTEMPTS):
+            error = self._attempt(batch)
+            if error is None or not self._handle(error, not batch[0].is_foreign):
+                break
+        for job in batch:
+            job.end(error)
+
+    def _attempt(self, batch: List[Job[Any]]) -> Optional[BaseException]:
+        connection = self.connection
+        try:
+            with schema.transaction(connection):
+                for job in batch:
+                    job.result = job.function(connection)
+        except Exception as error:
+            return error
+        self._note_committed()
+        return None
+
+    def _care(self, step: Callable[[], Result]) -> Optional[Result]:
+        """Runs a step of the database's own work."""
+        try:
+            return step()
+        except sqlite3.Error as error:
+            self._handle(error, was_own=True)
+            return None
+
+    def _handle(self, error: BaseException, was_own: bool) -> bool:
+        """Reacts to an error of a transaction, which has been rolled back.
+
+        `was_own`: it came from a statement of this package, not from a function of another module. Returns whether
+        another database is in use now: repeat the transaction.
+        """
+        if was_own:
+            self._retention = None  # it has counted what was rolled back
+        if self._file is None:
+            return False
+        if not is_file_error(error) and isinstance(error, sqlite3.OperationalError):
+            with contextlib.suppress(sqlite3.Error):
+                error = schema.altered_error(self._file.connection) or error
+        if not (is_file_error(error) or (was_own and isinstance(error, sqlite3.Error))):
+            return False
+        file, self._file = self._file, None
+        try:
+            self._use_memory(file.connection, error)
+        finally:
+            _close(file)
+        if is_damage(error):
+            try:
+                self._put_aside(file.path, error)
+            except OSError as rename_error:
+                problem = reason(rename_error, file.path)
+                self._report(f"{file.path} is damaged ({error}) and {problem}; continuing in memory")
+            else:
+                self._open_file()
+        return True
+
+    def _note_committed(self) -> None:
+        """Something was committed: it is to be flushed to the disk."""
+        if self._file is not None:
+            self._file.note_written()
+
+    def _maintain(self) -> None:
+        """Does what is due: the time of the last sign of life, retention, another attempt to use the file."""
+        now_s = time.monotonic()
+        if self._backoff.is_failing and now_s >= self._next_retry_s:
+            self._open_file()
+        if self._file is not None:
+            self._check_file(self._file)
+        connection = self.connection
+        report_skipped(self._faults, connection)
+        self.state.note_alive(connection)
+        for hook in self.on_second:
+            hook(connection)
+        if now_s >= self._old_at_s:
+            with schema.transaction(connection):
+                is_more = self._used_retention.delete_old(self.state.run_id, self._age_s(), self._keep_s)
+            self._old_at_s = 0.0 if is_more else now_s + _RETENTION_PERIOD_S
+
+    def _limit_size(self) -> bool:
+        """Keeps the file and its log within their limits, in a small step; returns whether there is more to do."""
+        if self._file is not None:
+            self._shorten_log(self._file)
+        now_s = time.monotonic()
+        if now_s < self._surplus_at_s or not self._used_retention.is_due():
+            return False
+        with schema.transaction(self.connection):
+            is_done = not self._used_retention.delete_surplus(self.state.run_id, self._age_s())
+        if is_done:
+            self._surplus_at_s = now_s + _PERIOD_S  # everything that is left has to stay
+            return False
+        self._note_committed()
+        return True
+
+    def _age_s(self) -> float:
+        return self._age_clock.now_s(self._wall_s(), _boot_s())
+
+    def _open(self) -> None:
+        """Opens the file or, if that is not possible, a database in memory. Never raises."""
+        if self._path is None:
+            self._use_memory(None)
+        else:
+            self._open_file()
+
+    def _close(self) -> None:
+        """Closes the database; what is in memory is stored in the file if that is possible now."""
+        if self._backoff.is_failing:
+            self._open_file()
+        self._care(lambda: self.state.note_alive(self.connection, has_stopped=True))
+        if self._file is not None:
+            self._file.close()
+        if self._memory is not None:
+            self._memory.close()
+
+    def _open_file(self) -> None:
+        """Opens the file and moves what is in memory into it, or uses memory."""
+        assert self._path is not None
+        try:
+            file = self._opened(self._path)
+        except (InUseError, NotAHistoryError, schema.UnknownSchemaError) as error:
+            self._backoff.reset()
+            self._report(f"{self._path} is not used: {error}; continuing without a history file")
+            self._require_memory(None)
+        except (OSError, sqlite3.Error) as error:
+            self._retry_later()
+            self._report(f"{reason(error, self._path)}; continuing in memory")
+            self._require_memory(self._path)
+        else:
+            if self._memory is not None:
+                self._memory.close()
+            self._memory, self._file, self._retention = None, file, None
+            self._backoff.reset()
+            self._faults.clear(PART)
+
+    def _opened(self, path: str) -> DatabaseFile:
+        """Returns the open file with the present run in it; a damaged one is replaced. Raises as `DatabaseFile`."""
+        try:
+            return self._adopted(DatabaseFile(path, self._log_bytes))
+        except sqlite3.Error as error:
+            if not is_damage(error):
+                raise
+            self._put_aside(path, error)
+            return self._adopted(DatabaseFile(path, self._log_bytes))
+
+    def _adopted(self, file: DatabaseFile) -> DatabaseFile:
+        connection = file.connection
+        try:
+            self._shorten_log(file)
+            altered = schema.altered_error(connection)
+            if altered is not None:
+                raise altered
+            with schema.transaction(connection):
+                if self._memory is None:
+                    self._age_clock = AgeClock(self.state.begin(connection), _boot_s())
+                else:
+                    self._move_from_memory(self._memory, connection)
+        except BaseException:
+            _close(file)
+            raise
+        return file
+
+    def _check_file(self, file: DatabaseFile) -> None:
+        """Looks whether the file was deleted or replaced, or its disk fails."""
+        if not file.is_in_place():
+            text = f"{self._path} was deleted or replaced while in use: the present state was written to a new file"
+            self._use_memory(file.connection)
+            self._file = None
+            _close(file)
+            self._faults.report(REPLACED_PART, text)
+            self._open_file()
+        elif file.problem:
+            self._report(f"{self._path} cannot be flushed to the disk: {file.problem}")
+        elif file.flushing_s > SLOW_S:
+            self._report(f"{self._path}: the disk has not responded for {file.flushing_s:.0f} s")
+        else:
+            self._faults.clear(PART)
+
+    def _put_aside(self, path: str, error: BaseException) -> None:
+        """Renames a damaged file, or raises OSError."""
+        aside = set_aside(path, self._wall_s())
+        text = f"{path} is damaged ({error}): kept as {aside}, a new history was begun"
+        self._faults.report(REPLACED_PART, text)
+
+    def _use_memory(self, source: Optional[sqlite3.Connection], error: Optional[BaseException] = None) -> None:
+        """Goes on in memory, with what can be read of `source`, which was used until now; `error`: why no longer."""
+        memory = schema.in_memory(CheckedConnection)
+        with schema.transaction(memory):
+            unreadable = schema.LIVE_TABLES if source is None else schema.copy_state(source, memory)
+            self._is_copy = not unreadable
+            if unreadable and self._path is not None:
+                schema.number_from(memory, int(self._wall_s() * 1000.0))  # larger than any number in the file
+            self.state.write(memory, unreadable)
+            if unreadable:
+                for hook in self.on_lost:
+                    hook(memory, unreadable)
+        self._memory, self._retention = memory, None
+        if error is not None:
+            self._report(f"{reason(error, str(self._path))}; continuing in memory")
+            self._retry_later()
+
+    def _require_memory(self, readable: Optional[str]) -> None:
+        """Goes on in memory unless that is already so; `readable`: path of a file that may have the present state."""
+        if self._memory is not None:
+            return
+        try:
+            source = None if readable is None else open_read_only(readable)
+        except (OSError, sqlite3.Error, schema.UnknownSchemaError):
+            source = None
+        self._use_memory(source)
+        if source is not None:
+            source.close()
+
+    def _retry_later(self) -> None:
+        self._next_retry_s = time.monotonic() + self._backoff.next_s()
+
+    def _move_from_memory(self, memory: sqlite3.Connection, connection: sqlite3.Connection) -> None:
+        for table in schema.tables(memory):
+            if self._is_copy and table in schema.LIVE_TABLES and table not in schema.SHARED_TABLES:
+                connection.execute(f"DELETE FROM {table}")
+            if table == "samples":  # of which the file may have the first part of a period
+                samples.store(connection, samples.read(memory))
+            elif table != "robot_levels":  # which follow from the samples
+                schema.copy_table(memory, connection, table)
+        self.state.continue_numbers(connection)
+
+    @property
+    def _used_retention(self) -> Retention:
+        if self._retention is None:
+            max_bytes = self._max_bytes if self._file is not None else self._max_memory_bytes
+            self._retention = Retention(self.connection, max_bytes)
+        return self._retention
+
+    def _shorten_log(self, file: DatabaseFile) -> None:
+        """Empties the log if it has become too long although its thread copies it; else raises OperationalError."""
+        if file.log_bytes() > self._max_log_bytes:
+            file.empty_log()
+            if file.log_bytes() > self._max_log_bytes:
+                problem = "its log is locked: another program keeps reading it, or the disk does not respond"
+                raise sqlite3.OperationalError(problem)
+
+    def _report(self, text: str) -> None:
+        self._faults.report(PART, text)
+
+
+def report_skipped(faults: Faults, connection: sqlite3.Connection) -> None:
+    """Reports the first row that was skipped because of its values; the fault lasts until the monitor is restarted."""
+    if isinstance(connection, CheckedConnection) and connection.skipped and ROWS_PART not in faults.current():
+        faults.report(ROWS_PART, connection.skipped_text, Level.WARN)
+
+
+def _boot_s() -> float:
+    """Returns monotonic seconds that include suspension."""
+    return time.clock_gettime(time.CLOCK_BOOTTIME)
+
+
+def _close(file: DatabaseFile) -> None:
+    with contextlib.suppress(OSError, sqlite3.Error):  # closed before, or its disk fails
+        file.close()

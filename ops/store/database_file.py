@@ -1,0 +1,365 @@
+"""Opening a history file: by the monitor that writes it, with its lock, and by others that read it meanwhile.
+
+SQLite's write-ahead log (WAL) is used with synchronous=NORMAL: a commit hands its pages to the kernel, which keeps them
+when the process is killed. A thread flushes the log to the disk each second if something was written, so that a power
+cut loses no more than the last second, and copies the log into the file when it has grown. The writer itself waits for
+the disk only when the kernel makes it wait.
+
+SQLite starts the log again only when all of it has been copied and no reader uses it. Under load that never happens by
+itself: then the thread makes the writer wait while it copies the last few pages.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import fcntl
+import os
+import sqlite3
+import stat
+import threading
+import time
+from datetime import timezone
+from pathlib import Path
+from typing import Iterator, Optional, Union
+from urllib.parse import quote
+
+from ...core.values.errors import ConfigError
+from ...runtime.threads import StepThread
+from ...runtime.times import local_time
+from . import schema
+from .rows import CheckedConnection
+
+SYNC_PERIOD_S = 1.0
+"""A power cut loses at most what was written in this time, in s."""
+
+# Python before 3.11 does not give SQLite's error codes: errors are recognized by their texts (`sqlite3ErrStr`).
+_DAMAGE = (schema.ALTERED, "malformed", "not a database")
+_FILE = ("is full", "I/O error", "readonly", "is locked", "unable to open", "permission denied", "locking protocol")
+
+_BUSY_S = 3.0  # how long to wait for another process that writes, such as `robot-health silence`
+_READ_BUSY_S = 2.0
+_PAGE_BYTES = 512  # an alert changes a few hundred bytes in each of several pages, which are written as a whole
+_READERS_S = 0.02  # how long the writer may have to wait for readers of the log
+_MOST_READERS_S = 1.0  # the same for a log that must not grow any more
+_SQLITE_MAGIC = b"SQLite format 3\0"
+_MAX_ASIDE = 100
+
+
+class InUseError(ConfigError):
+    """Another monitor writes the file."""
+
+
+class NotAHistoryError(ConfigError):
+    """The file contains something else, and is left alone."""
+
+
+def is_damage(error: BaseException) -> bool:
+    """Whether an error says that the file's contents are damaged."""
+    return isinstance(error, sqlite3.DatabaseError) and any(text in str(error) for text in _DAMAGE)
+
+
+def is_file_error(error: BaseException) -> bool:
+    """Whether an error comes from the file or its disk, not from a mistake in an SQL statement."""
+    return is_damage(error) or (isinstance(error, sqlite3.Error) and any(text in str(error) for text in _FILE))
+
+
+def reason(error: Union[BaseException, str], file: str) -> str:
+    """Returns one line that names the file and what is wrong with it."""
+    if isinstance(error, OSError):
+        path = os.fsdecode(error.filename) if isinstance(error.filename, (str, bytes)) else file
+        return f"{path}: {error.strerror or error}"
+    return f"{file}: {error}"
+
+
+class DatabaseFile:
+    """An open history file that no other monitor writes."""
+
+    def __init__(self, path: str, log_bytes: float = 4e6) -> None:
+        """Opens or creates a file, and migrates an older version.
+
+        Args:
+            path: a symbolic link is followed; missing folders are created.
+            log_bytes: size from which on the log is copied into the file, in bytes.
+
+        Raises:
+            InUseError: another monitor writes it.
+            NotAHistoryError, UnknownSchemaError: it must not be touched.
+            OSError, sqlite3.Error: it cannot be written, or is damaged (`is_damage`).
+        """
+        self._given_path = path
+        self.path = os.path.realpath(path)
+        self.problem = ""
+        """Why the latest flush to the disk failed; empty: it did not."""
+        self._log_bytes = self._wake_bytes = log_bytes
+        self._is_flush_wanted = True
+        self._flush_began_s: Optional[float] = None
+        self._copying = threading.Lock()
+        _require_history_or_nothing(self.path)
+        os.makedirs(os.path.dirname(self.path), exist_ok=True)
+        with contextlib.ExitStack() as on_error:
+            self._lock: Optional[int] = _lock(lock_path(self.path))
+            on_error.callback(os.close, self._lock)
+            self.connection = sqlite3.connect(
+                self.path, timeout=_BUSY_S, isolation_level=None, check_same_thread=False, factory=CheckedConnection
+            )
+            """In autocommit mode."""
+            on_error.callback(self.connection.close)
+            schema.version_of(self.connection)  # what follows would change a file that must not be touched
+            self.connection.execute(f"PRAGMA page_size = {_PAGE_BYTES}")  # these two have an effect in a new file only
+            self.connection.execute("PRAGMA auto_vacuum = INCREMENTAL")
+            mode = self.connection.execute("PRAGMA journal_mode = WAL").fetchone()[0]
+            # Without a WAL (some network file systems) only FULL survives a power cut.
+            self.connection.execute(f"PRAGMA synchronous = {'NORMAL' if mode == 'wal' else 'FULL'}")
+            self.connection.execute("PRAGMA wal_autocheckpoint = 0")
+            self.connection.execute("PRAGMA journal_size_limit = 0")  # shortens the log when it begins anew
+            self.connection.execute("PRAGMA secure_delete = OFF")  # Debian's SQLite overwrites what is deleted
+            schema.prepare(self.connection)
+            self._identity = _identity(self.path)
+            self._thread = StepThread("history sync", self._sync, self._note_problem)
+            self._thread.start()
+            on_error.pop_all()
+
+    @property
+    def flushing_s(self) -> float:
+        """For how long the flush that is under way has lasted, in s; 0: none is."""
+        began_s = self._flush_began_s
+        return 0.0 if began_s is None else time.monotonic() - began_s
+
+    def note_written(self) -> None:
+        """Requests that everything written so far is flushed to the disk; call after each transaction."""
+        self._is_flush_wanted = True
+        size = self.log_bytes()
+        if size < self._log_bytes:
+            self._wake_bytes = self._log_bytes
+        elif size >= self._wake_bytes:
+            self._thread.wake()
+
+    def log_bytes(self) -> int:
+        """Returns the size of the log, in bytes."""
+        return _log_bytes(self.path)
+
+    def empty_log(self) -> None:
+        """Copies the log into the file and empties it; waits for the disk and for readers, at most 1 s for each."""
+        if self._copying.acquire(timeout=_MOST_READERS_S):  # SQLite itself waits for no other checkpoint
+            try:
+                _empty_log(self.connection, _MOST_READERS_S)
+            finally:
+                self._copying.release()
+
+    def is_in_place(self) -> bool:
+        """Whether the path still leads to the open file, also through links, and the log is still beside it."""
+        return os.path.realpath(self._given_path) == self.path and _identity(self.path) == self._identity
+
+    def close(self) -> None:
+        """Closes the file and releases its lock; the last connection copies the log into the file."""
+        self._thread.close()
+        self._thread.join(SYNC_PERIOD_S)  # not longer: the disk may hang
+        try:
+            self.connection.close()
+        finally:
+            lock, self._lock = self._lock, None
+            if lock is not None:  # closing a number twice could close another file
+                os.close(lock)
+
+    def _sync(self) -> float:
+        """Flushes what was written since the last call; returns the time until the next one, in s."""
+        if self._is_flush_wanted:
+            self._flush_began_s = time.monotonic()
+            try:
+                self._flush()
+                self.problem = ""
+            finally:
+                self._flush_began_s = None
+        return SYNC_PERIOD_S
+
+    def _note_problem(self, error: Exception) -> None:
+        self.problem = getattr(error, "strerror", None) or str(error)
+
+    def _flush(self) -> None:
+        self._is_flush_wanted = False  # what is written from now on is flushed next time
+        try:
+            log = os.open(f"{self.path}-wal", os.O_RDONLY | os.O_CLOEXEC)
+        except FileNotFoundError:
+            return
+        try:
+            os.fdatasync(log)
+        finally:
+            os.close(log)  # SQLite holds no locks on this file; closing the database file here would release them
+        size = self.log_bytes()
+        if size >= self._log_bytes:
+            self._wake_bytes = size + self._log_bytes
+            with self._copying:
+                self._copy_log()
+
+    def _copy_log(self) -> None:
+        """Copies the log into the file. The writer goes on meanwhile, and begins the log anew if all was copied."""
+        uri = f"file:{quote(self.path)}?mode=rw"
+        with contextlib.closing(sqlite3.connect(uri, uri=True, timeout=0.0, isolation_level=None)) as connection:
+            _, pages, copied = connection.execute("PRAGMA wal_checkpoint(PASSIVE)").fetchone()
+            if pages != copied:
+                _empty_log(connection, _READERS_S)
+
+
+def lock_path(path: str) -> str:
+    """Returns the path of the file that the writing monitor holds a lock on."""
+    return f"{path}.lock"
+
+
+def set_aside(path: str, wall_s: float) -> str:
+    """Renames a damaged file, with its log, at a time in s since 1970; returns its new path, or raises OSError."""
+    path = os.path.realpath(path)
+    when = local_time(wall_s, "%Y%m%dT%H%M%SZ", timezone.utc)
+    aside = f"{path}.damaged-{when}"
+    number = 1
+    while os.path.lexists(aside) and number < _MAX_ASIDE:
+        number += 1
+        aside = f"{path}.damaged-{when}-{number}"
+    # The log first: a log that is left alone beside a new file would be applied to it.
+    for suffix in ("-wal", "-shm", ""):
+        with contextlib.suppress(FileNotFoundError):
+            os.rename(path + suffix, aside + suffix)
+    return aside
+
+
+@contextlib.contextmanager
+def reading(file: Union[str, Path]) -> Iterator[CheckedConnection]:
+    """Opens a history file that a monitor may be writing, for queries in one thread.
+
+    Raises:
+        ConfigError: it does not exist, cannot be read (also in the block), or is no history of this version.
+    """
+    path = str(file)
+    try:
+        connection = open_read_only(path)
+    except OSError as error:
+        raise ConfigError(error.strerror or str(error), file=path) from None
+    except schema.UnknownSchemaError as error:
+        raise ConfigError(str(error), file=path) from None
+    except sqlite3.Error as error:
+        raise ConfigError(f"cannot be read: {error}", file=path) from None
+    with contextlib.closing(connection):
+        try:
+            yield connection
+        except sqlite3.Error as error:
+            raise ConfigError(f"cannot be read: {error}", file=path) from None
+
+
+def open_read_only(path: str) -> CheckedConnection:
+    """Opens a history file that another process may be writing.
+
+    Raises:
+        OSError: it does not exist or cannot be read.
+        UnknownSchemaError: it is no history, or one of another version.
+        sqlite3.Error: it is damaged.
+    """
+    _require_regular_file(path)
+    os.stat(path)  # for an error that names the reason; SQLite's own does not
+    if not os.access(path, os.R_OK):
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), path)
+    try:
+        return connected(path, "mode=ro", _READ_BUSY_S)
+    except sqlite3.OperationalError:
+        if _log_bytes(os.path.realpath(path)):
+            raise
+    # Without a log nothing writes the file. SQLite would create one, which needs permission to write to the folder.
+    return connected(path, "immutable=1", _READ_BUSY_S)
+
+
+def connected(path: str, options: str, timeout_s: float) -> CheckedConnection:
+    """Returns a connection to an existing history, in autocommit mode, beside the one of the monitor that writes it.
+
+    `options` are those of SQLite's URI, such as `mode=rw`. Raises as `open_read_only`.
+    """
+    uri = f"file:{quote(os.path.abspath(path))}?{options}"
+    connection = sqlite3.connect(
+        uri, uri=True, timeout=timeout_s, isolation_level=None, check_same_thread=False, factory=CheckedConnection
+    )
+    try:
+        schema.require_known(connection)
+    except BaseException:
+        connection.close()
+        raise
+    return connection
+
+
+def _require_regular_file(path: str) -> None:
+    """Raises OSError if the path leads to something that exists but is not a regular file; a pipe would block."""
+    try:
+        mode = os.stat(path).st_mode
+    except FileNotFoundError:
+        return
+    if stat.S_ISDIR(mode):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), path)
+    if not stat.S_ISREG(mode):
+        raise OSError(errno.EINVAL, "not a regular file", path)
+
+
+def _require_history_or_nothing(path: str) -> None:
+    """Protects files that were named by mistake: a damaged history is renamed, other files must not be."""
+    _require_regular_file(path)
+    try:
+        with open(path, "rb") as file:
+            begin = file.read(4096)
+    except FileNotFoundError:
+        return
+    if not begin or begin.startswith(_SQLITE_MAGIC):
+        return
+    # The lock beside it shows that a monitor has written it; the begin of the file may be damaged, but it is no text.
+    if _is_text(begin) or not os.path.exists(lock_path(path)):
+        raise NotAHistoryError("it is not a history file")
+
+
+def _is_text(begin: bytes) -> bool:
+    try:
+        begin[:-4].decode("utf-8")  # the last character may be cut
+    except UnicodeDecodeError:
+        return False
+    return b"\0" not in begin
+
+
+def _lock(path: str) -> int:
+    """Takes the lock that the kernel releases when the process ends, and returns its descriptor."""
+    descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o644)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        holder = os.read(descriptor, 20).decode("ascii", "replace").strip()
+        os.close(descriptor)
+        raise InUseError(f"it is in use by another monitor{f' (process {holder})' if holder else ''}") from None
+    except BaseException:
+        os.close(descriptor)
+        raise
+    with contextlib.suppress(OSError):  # a full disk; the number is for people only
+        os.ftruncate(descriptor, 0)
+        os.write(descriptor, b"%d\n" % os.getpid())
+    return descriptor
+
+
+def _identity(path: str) -> object:
+    """Returns what changes when the file or its log is replaced or deleted."""
+    found = []
+    for name in (path, f"{path}-wal"):
+        try:
+            status = os.stat(name)
+            found.append((status.st_dev, status.st_ino))
+        except OSError:
+            found.append((0, 0))
+    return found
+
+
+def _log_bytes(path: str) -> int:
+    try:
+        return os.stat(f"{path}-wal").st_size
+    except OSError:
+        return 0
+
+
+def _empty_log(connection: sqlite3.Connection, timeout_s: float) -> None:
+    """Copies the whole log into the file and empties it; does nothing if it is still being read after the timeout."""
+    busy_ms = connection.execute("PRAGMA busy_timeout").fetchone()[0]
+    connection.execute(f"PRAGMA busy_timeout = {int(timeout_s * 1000.0)}")
+    try:
+        connection.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()
+    finally:
+        connection.execute(f"PRAGMA busy_timeout = {busy_ms}")

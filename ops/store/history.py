@@ -1,0 +1,323 @@
+"""The history of one monitor process: stores transitions before they are announced, and the state for a restart.
+
+One thread writes it, everything in the order in which it was requested.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import sqlite3
+import threading
+import time
+from collections import deque
+from typing import Any, Callable, Deque, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple, TypeVar
+
+from ...core.judge.sample_summary import SampleSummary
+from ...core.judge.saved_state import SavedSignal
+from ...core.values.errors import ServiceError
+from ...core.values.faults import Faults
+from ...core.values.formatting import printable
+from ...core.values.model import Transition
+from ..configuration import HistorySettings
+from .database import PART, SLOW_S, Database, Job, report_skipped
+from .database_file import is_file_error, reading
+from .queries import read_states
+from .rows import INSERT_TRANSITION, pack_samples, transition_row
+from .samples import StoredSamples, store, summaries_of
+from .schema import altered_error
+
+Result = TypeVar("Result")
+OnRecord = Callable[[sqlite3.Connection, int, Transition, float], None]
+"""Receives the connection, the number of the transition that began the alert, the transition, and the wall time in
+s."""
+
+COMMIT_TIMEOUT_S = 0.2
+"""How long a transition waits for the disk before it is announced."""
+MAX_WAITING_SAMPLES = 50_000
+"""Most rows of samples that wait while the disk hangs, about 20 MB; the oldest are dropped."""
+LOST_PART = "history queue"
+"""The part whose fault counts transitions that were not stored."""
+
+_MOST_EVIDENT = 1_000  # signals per robot whose latest samples are known: a driver may rename itself
+_RESTORE_TIMEOUT_S = 5.0
+_CLOSE_TIMEOUT_S = 2.0
+_HOOK_PART = "notifications"
+_DEFAULT_KEEP = HistorySettings("")
+
+
+class History:
+    """Writes a history file, or keeps a history in memory. All methods may be called from any thread."""
+
+    def __init__(
+        self,
+        settings: Optional[HistorySettings],
+        wall_time_s: Callable[[], float] = time.time,
+        faults: Optional[Faults] = None,
+    ) -> None:
+        """Opens the history, in its own thread. Whatever is wrong with the file is a fault, and the monitor goes on.
+
+        Args:
+            settings: the file and what to keep; None: a history in memory, with the same tables.
+            wall_time_s: seconds since 1970.
+            faults: receives what is wrong with it; None: not reported.
+        """
+        self.file = None if settings is None else settings.file
+        """Path of the file; None: the history is in memory."""
+        self.wall_s = wall_time_s
+        self.faults = Faults() if faults is None else faults
+        """What is wrong with the history."""
+        keep = settings or _DEFAULT_KEEP
+        self.database = Database(self.file, keep.keep_days, keep.keep_mb, self.faults, wall_time_s)
+        self.keeps_samples = keep.samples
+        """Whether samples are stored."""
+        self._samples_lock = threading.Lock()
+        self._open_samples: Optional[Deque[StoredSamples]] = None
+        """Those that wait for the writer; None: none."""
+        self._on_record: List[OnRecord] = []
+        self._lost = 0
+
+    def on_record(self, hook: OnRecord) -> None:
+        """Calls a function inside the transaction that stores a transition, in the writer's thread.
+
+        It may run again for the same transition if the database has to be replaced: its effects belong into the
+        database.
+        """
+        self._on_record.append(hook)
+
+    def of_robot(self, robot: str) -> RobotHistory:
+        """Returns the history of one robot, for its AlertSystem: the only one until that is closed."""
+        self.put(lambda connection: self.database.state.begin_watch(connection, robot))
+        return RobotHistory(self, robot)
+
+    def run(self, function: Callable[[sqlite3.Connection], Result], timeout_s: float = 5.0) -> Result:
+        """Runs a function in the writer's thread, in a separate transaction. Not for the path of an alert.
+
+        The function must not keep the connection; it is not run if it has not begun after `timeout_s`.
+
+        Raises:
+            ServiceError: the database failed, or did not answer in time.
+        """
+        self.check_progress()
+        return self.database.run(function, timeout_s)
+
+    def read(self, function: Callable[[sqlite3.Connection], Result], timeout_s: float = 5.0) -> Result:
+        """Runs a query: on a separate connection for a file, else in the writer's thread.
+
+        Raises:
+            ServiceError: the database failed, or did not answer in time.
+            ConfigError: the file cannot be read.
+        """
+        if self.file is None or self.database.is_in_memory:
+            return self.run(function, timeout_s)
+        with reading(self.file) as connection:
+            result = function(connection)
+            report_skipped(self.faults, connection)
+            return result
+
+    def put(self, function: Callable[[sqlite3.Connection], object]) -> None:
+        """Runs a function in the writer's thread, after everything requested before; returns at once."""
+        self.check_progress()
+        self.database.put(Job(function))
+
+    def put_samples(self, rows: Iterable[StoredSamples]) -> None:
+        """Stores samples after everything requested before; returns at once."""
+        with self._samples_lock:
+            if self._open_samples is not None:
+                self._open_samples.extend(rows)
+                return
+            waiting = self._open_samples = deque(rows, MAX_WAITING_SAMPLES)
+
+        def write(connection: sqlite3.Connection) -> None:
+            with self._samples_lock:
+                if self._open_samples is waiting:
+                    self._open_samples = None
+            store(connection, waiting)
+
+        # Also if many jobs are waiting: there is one such job at most.
+        self.database.put(Job(write), is_urgent=True)
+
+    def close(self) -> None:
+        """Stores the end of the run and closes the file; waits at most 2 s."""
+        self.database.close(_CLOSE_TIMEOUT_S)
+
+    def check_progress(self) -> None:
+        """Reports a disk that does not respond."""
+        busy_s = self.database.busy_s
+        if busy_s > SLOW_S:
+            self.faults.report(PART, f"{self.file}: the disk has not responded for {busy_s:.0f} s")
+
+    def store(
+        self, connection: sqlite3.Connection, row: Sequence[Any], samples: bytes, transition: Transition, wall_s: float
+    ) -> None:
+        """Stores a transition, by its row and its packed samples. Call inside a transaction."""
+        database = self.database
+        began = database.state.alert_of(transition)
+        number = connection.execute(INSERT_TRANSITION, (*row[:-1], began or None)).lastrowid or 0
+        connection.execute("INSERT INTO evidence VALUES (?, ?)", (number, samples))
+        database.note_transition(row[1], row[2])
+        database.state.note_transition(connection, number, began, transition, wall_s)
+        database.state.note_alive(connection)
+        for hook in self._on_record:
+            # Their mistakes do not affect the transition.
+            connection.execute("SAVEPOINT hook")
+            try:
+                hook(connection, began or number, transition, wall_s)
+            except Exception as error:
+                if is_file_error(error):
+                    raise
+                connection.execute("ROLLBACK TO hook")
+                altered = altered_error(connection) if isinstance(error, sqlite3.OperationalError) else None
+                if altered is not None:
+                    raise altered from None
+                self.faults.report(_HOOK_PART, f"{type(error).__name__}: {error}")
+            else:
+                self.faults.clear(_HOOK_PART)
+            connection.execute("RELEASE hook")
+
+    def note_lost(self) -> None:
+        """Counts a transition that could not be stored."""
+        self._lost += 1
+        self.faults.report(LOST_PART, f"{self._lost} transitions were announced, but could not be stored in time")
+
+
+class RobotHistory:
+    """The history of one robot: implements `core.judge.continuity.SignalHistory`, which documents its methods."""
+
+    def __init__(self, history: History, robot: str) -> None:
+        """Use `History.of_robot`."""
+        self._history = history
+        self._robot = robot
+        self._lock = threading.Lock()
+        self._open_save: Optional[Dict[str, str]] = None
+        self._evidence_until_s: Dict[str, float] = {}
+
+    @property
+    def is_kept(self) -> bool:
+        """Whether it is in a file."""
+        return self._history.file is not None
+
+    def wall_s(self) -> float:
+        """Returns the time in seconds since 1970."""
+        return self._history.wall_s()
+
+    def restore(self) -> Mapping[str, SavedSignal]:
+        """Returns the last stored state of each signal, by name; empty if the history cannot be read."""
+        return self._read(lambda connection: read_states(connection, self._robot)) or {}
+
+    def watched_until_s(self) -> Optional[float]:
+        """Returns when the robot was last watched before this run, in s since 1970; None if that is unknown."""
+        query = """
+            SELECT max(coalesce(watches.stopped_s, runs.stopped_s, runs.alive_s))
+            FROM watches JOIN runs ON runs.id = run_id
+            WHERE robot = :robot AND watches.id < (SELECT max(id) FROM watches WHERE robot = :robot)
+        """
+        row = self._read(lambda connection: connection.execute(query, {"robot": self._robot}).fetchone())
+        return row[0] if row is not None and isinstance(row[0], float) else None
+
+    def record(self, transition: Transition, saved: SavedSignal, evidence: Sequence[Tuple[float, Any]]) -> None:
+        """Stores a transition, and the state of its signal after it, in one transaction. Call before the outlets.
+
+        Returns when it is committed, after 0.2 s at the latest.
+        """
+        try:
+            self._record(transition, json.dumps(saved), evidence)
+        except Exception as error:
+            self._report(f"a transition was not stored: {type(error).__name__}: {error}")
+
+    def save(self, states: Mapping[str, SavedSignal]) -> None:
+        """Stores states of signals without a transition; returns at once."""
+        try:
+            self._save({signal: json.dumps(state) for signal, state in states.items()})
+        except Exception as error:
+            self._report(f"states were not stored: {type(error).__name__}: {error}")
+
+    @property
+    def keeps_samples(self) -> bool:
+        """Whether it stores samples."""
+        return self._history.keeps_samples
+
+    def record_samples(self, samples: Mapping[str, Sequence[SampleSummary]]) -> None:
+        """Stores what was collected of the samples of signals, by their names; returns at once."""
+        try:
+            rows = (summaries_of(self._robot, printable(signal), each) for signal, each in samples.items())
+            self._history.put_samples(row for summaries in rows for row in summaries)
+        except Exception as error:
+            self._report(f"samples were not stored: {type(error).__name__}: {error}")
+
+    def record_reset(self) -> None:
+        """Stores that latched alerts were reset; returns at once."""
+        row = (self.wall_s(), self._robot)
+        self._history.put(
+            lambda connection: connection.execute("INSERT INTO resets (wall_s, robot) VALUES (?, ?)", row)
+        )
+
+    def record_configuration(self, configuration: Mapping[str, Mapping[str, Any]]) -> None:
+        """Stores the configuration in force as JSON, the same one only once; returns at once."""
+        text = json.dumps(configuration, default=str)
+        key = hashlib.sha256(text.encode("utf-8", "backslashreplace")).hexdigest()
+        row = (self.wall_s(), self._robot, key)
+
+        def insert(connection: sqlite3.Connection) -> None:
+            connection.execute("INSERT OR IGNORE INTO configurations VALUES (?, ?)", (key, text))
+            connection.execute("INSERT INTO configuration_changes (wall_s, robot, hash) VALUES (?, ?, ?)", row)
+
+        self._history.put(insert)
+
+    def close(self) -> None:
+        """Stores that the robot is no longer watched. Not needed at the end of the process."""
+        self._history.put(lambda connection: self._history.database.state.end_watch(connection, self._robot))
+
+    def _read(self, function: Callable[[sqlite3.Connection], Result]) -> Optional[Result]:
+        try:
+            return self._history.run(function, _RESTORE_TIMEOUT_S)
+        except ServiceError as error:
+            self._report(str(error))
+            return None
+
+    def _record(self, transition: Transition, state: str, evidence: Sequence[Tuple[float, Any]]) -> None:
+        history, signal = self._history, transition.signal
+        wall_s = self.wall_s()
+        row = transition_row(transition, wall_s)
+        samples = pack_samples(evidence, self._evidence_until_s.get(signal, -math.inf))
+
+        def insert(connection: sqlite3.Connection) -> None:
+            history.store(connection, row, samples, transition, wall_s)
+            history.database.state.write_states(connection, self._robot, {signal: state})
+
+        job = Job(insert)
+        history.check_progress()
+        with self._lock:
+            is_waiting = history.database.put(job)
+            if is_waiting:
+                self._open_save = None  # later states go behind this transition
+                if evidence:
+                    self._evidence_until_s.pop(signal, None)  # the newest are at the end
+                    self._evidence_until_s[signal] = evidence[-1][0]
+                if len(self._evidence_until_s) > _MOST_EVIDENT:
+                    del self._evidence_until_s[next(iter(self._evidence_until_s))]
+        if not is_waiting:
+            history.note_lost()
+            self._save({signal: state})
+        elif history.database.busy_s < COMMIT_TIMEOUT_S:  # while the disk hangs, the first caller has waited
+            history.database.wait(job, COMMIT_TIMEOUT_S)
+
+    def _save(self, states: Mapping[str, str]) -> None:
+        with self._lock:
+            if self._open_save is not None:
+                self._open_save.update(states)
+                return
+            waiting = self._open_save = dict(states)
+
+            def write(connection: sqlite3.Connection) -> None:
+                with self._lock:
+                    if self._open_save is waiting:
+                        self._open_save = None
+                self._history.database.state.write_states(connection, self._robot, waiting)
+
+            # Also if many jobs are waiting: between two transitions there is one such job per robot at most.
+            self._history.database.put(Job(write), is_urgent=True)
+
+    def _report(self, text: str) -> None:
+        self._history.faults.report(PART, text)

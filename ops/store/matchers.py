@@ -1,0 +1,88 @@
+"""Which alerts are meant: matchers such as `robot=r3,signal=battery*`, and patterns of names."""
+
+from __future__ import annotations
+
+import re
+from typing import List, NamedTuple, Sequence, Tuple
+
+from ...core.values.errors import ConfigError
+from ...core.values.patterns import matches_pattern
+
+MOST_MATCHERS = 20
+
+_LONGEST = 500
+_LABELS = ("robot", "signal")
+_MATCHER = re.compile(
+    r"\s*(?P<label>\w*)\s*(?P<operator>!=|=~|!~|=|)\s*"
+    r'(?:"(?P<quoted>(?:[^"\\]|\\.)*)"|(?P<plain>[^,"]*))\s*(?P<end>,|\Z|(?P<rest>.))',
+    re.DOTALL,
+)
+
+
+_ESCAPED = re.compile(r'\\(["\\])')
+_SPECIAL = re.compile(r'["\\]')
+
+
+class Matcher(NamedTuple):
+    """A condition on one label of an alert."""
+
+    label: str
+    """`robot` or `signal`."""
+    equal: bool
+    """False: `!=`."""
+    pattern: str
+    """`*` stands for any text, `?` for any character."""
+
+    def matches(self, text: str) -> bool:
+        """Returns whether a label with this text fulfils the condition."""
+        return matches_pattern(text, self.pattern) is self.equal
+
+
+def parse_matchers(text: str) -> Tuple[Matcher, ...]:
+    """Reads matchers: `robot=r3,signal=battery*`.
+
+    `=` and `!=`; `*` and `?` as in file names; a value with a comma or a quote in double quotes, with a backslash
+    before a quote or another backslash in it.
+
+    Raises:
+        ConfigError: they are not of this form.
+    """
+    if len(text) > _LONGEST:
+        raise ConfigError(f"expected matchers of at most {_LONGEST} characters, got {len(text)}")
+    if not text.isprintable():
+        raise ConfigError(f"expected printable matchers, got {ascii(text)[:60]}")
+    matchers: List[Matcher] = []
+    position = 0
+    while position <= len(text):
+        found = _MATCHER.match(text, position)
+        part = text[position:].partition(",")[0].strip()
+        value = "" if found is None else _unescaped(found["quoted"] or "") or (found["plain"] or "").strip()
+        if found is None or found["rest"] or not found["label"] or not found["operator"] or not value:
+            raise ConfigError(f"expected matchers such as robot=r3,signal=battery*, got {part[:60]!r}")
+        if found["operator"] in ("=~", "!~"):
+            raise ConfigError(f"regular expressions are not supported; expected * and ? in {part[:60]!r}")
+        if found["label"] not in _LABELS:
+            raise ConfigError(f"expected the label robot or signal, got {found['label'][:60]!r}")
+        matchers.append(Matcher(found["label"], found["operator"] == "=", value))
+        if not found["end"]:
+            break
+        position = found.end()
+    if len(matchers) > MOST_MATCHERS:
+        raise ConfigError(f"expected at most {MOST_MATCHERS} matchers, got {len(matchers)}")
+    return tuple(matchers)
+
+
+def matchers_text(matchers: Sequence[Matcher]) -> str:
+    """Returns matchers as `parse_matchers` reads them."""
+
+    def quoted(pattern: str) -> str:
+        # Spaces at the ends would be stripped, and a ~ after the operator would look like a regular expression.
+        needs_quotes = re.search(r'[,"]|^[\s~]|\s$', pattern)
+        return '"{}"'.format(_SPECIAL.sub(r"\\\g<0>", pattern)) if needs_quotes else pattern
+
+    return ",".join(f"{each.label}{'=' if each.equal else '!='}{quoted(each.pattern)}" for each in matchers)
+
+
+def _unescaped(quoted: str) -> str:
+    """Returns the text between quotes; a backslash stands before a quote or another one."""
+    return _ESCAPED.sub(r"\1", quoted)

@@ -1,0 +1,69 @@
+"""Notes that people write on alerts. They are kept as long as their alert, and never change what the monitor does.
+
+A note has no number: those of two databases can be joined.
+"""
+
+from __future__ import annotations
+
+import sqlite3
+from typing import List, NamedTuple
+
+from ...core.values.errors import ConfigError
+from ...core.values.formatting import printable
+from .rows import checked, is_count, is_text, is_time
+
+MOST_TEXT = 1000
+"""Longest note, in characters."""
+MOST_AUTHOR = 200
+"""Longest name of an author, in characters."""
+MOST_NOTES = 20
+"""Most notes on one alert."""
+
+_CHECKS = (is_count, is_time, is_text, is_text)
+
+
+class Note(NamedTuple):
+    """A note on an alert."""
+
+    alert: int
+    """Number of the transition."""
+    wall_s: float
+    """When it was written, in s since 1970."""
+    author: str
+    """Who wrote it; may be empty."""
+    text: str
+    """One line."""
+
+
+def add_note(connection: sqlite3.Connection, alert: int, text: str, author: str, now_s: float) -> Note:
+    """Adds a note to the alert with this number, and returns it. Call inside a transaction.
+
+    Line breaks and control characters of the text and the author become blanks. `now_s` is in s since 1970.
+
+    Raises:
+        ConfigError: there is no such alert, it has too many notes, or a text is empty or too long.
+    """
+    note = Note(alert, now_s, _one_line(author), _one_line(text))
+    if not 0 < len(note.text) <= MOST_TEXT:
+        found = f"{len(note.text)}" if note.text else "none"
+        raise ConfigError(f"expected a note of 1 to {MOST_TEXT} characters, got {found}")
+    if len(note.author) > MOST_AUTHOR:
+        raise ConfigError(f"expected an author of at most {MOST_AUTHOR} characters, got {len(note.author)}")
+    if connection.execute("SELECT 1 FROM transitions WHERE id = ?", (alert,)).fetchone() is None:
+        raise ConfigError(f"there is no alert {alert} in this history")
+    if len(notes_of(connection, alert)) >= MOST_NOTES:
+        raise ConfigError(f"alert {alert} has {MOST_NOTES} notes, the largest number")
+    connection.execute("INSERT OR IGNORE INTO notes (transition_id, wall_s, author, text) VALUES (?, ?, ?, ?)", note)
+    return note
+
+
+def notes_of(connection: sqlite3.Connection, alert: int) -> List[Note]:
+    """Returns the notes on an alert, oldest first."""
+    query = "SELECT transition_id, wall_s, author, text FROM notes WHERE transition_id = ? ORDER BY wall_s LIMIT ?"
+    rows = connection.execute(query, (alert, MOST_NOTES)).fetchall()
+    found = checked(connection, "notes", rows, _CHECKS)
+    return [Note(number, wall_s, printable(author), printable(text)) for number, wall_s, author, text in found]
+
+
+def _one_line(text: str) -> str:
+    return " ".join("".join(letter if letter.isprintable() else " " for letter in text).split())

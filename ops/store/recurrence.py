@@ -1,0 +1,139 @@
+"""Times that come again every week, such as `mon-fri 22:00-06:00`: data that knows whether it contains a moment."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import re
+from dataclasses import dataclass
+from datetime import datetime, timedelta, timezone, tzinfo
+from functools import lru_cache
+from typing import FrozenSet, Optional, Tuple
+
+from ...core.values.errors import ConfigError
+
+DAYS = ("mon", "tue", "wed", "thu", "fri", "sat", "sun")
+
+_RULE = re.compile(r"(?:(?P<days>[a-z,-]+) +)?(?P<begin>\d\d:\d\d)-(?P<end>\d\d:\d\d)\Z", re.ASCII)
+_ZONES = "/zoneinfo/"
+_MINUTE = timedelta(minutes=1)
+_LONGEST_GAP = 24 * 60  # minutes that a clock is set forward: a country that changes its side of the date line
+
+
+@dataclass(frozen=True)
+class Recurrence:
+    """A time of the day on some days of the week, in a time zone."""
+
+    text: str
+    """As it was given."""
+    zone: str
+    """Name of the time zone, such as `Europe/Berlin`."""
+    days: FrozenSet[int]
+    """The days on which it begins; 0 is Monday."""
+    begin: Tuple[int, int]
+    """Hour and minute."""
+    end: Tuple[int, int]
+    """Hour and minute, of the next day if it is not after `begin`."""
+
+    def __str__(self) -> str:
+        return f"every {self.text} ({self.zone})"
+
+    def state_at(self, wall_s: float) -> Tuple[bool, float]:
+        """Returns whether it contains a time, and until when that is so at least, both in s since 1970."""
+        zone = zone_of(self.zone)
+        today = datetime.fromtimestamp(wall_s, zone).replace(hour=0, minute=0, second=0, microsecond=0, tzinfo=None)
+        begins_s = []
+        for number in range(-1, 9):
+            day = today + timedelta(days=number)
+            if day.weekday() not in self.days:
+                continue
+            begin_s = _moment_s(day, self.begin, zone)
+            end_s = _moment_s(day + timedelta(days=int(self.end <= self.begin)), self.end, zone)
+            if begin_s <= wall_s < end_s:
+                return True, end_s
+            if begin_s > wall_s:
+                begins_s.append(begin_s)
+        return False, min(begins_s)
+
+    def contains(self, wall_s: float) -> bool:
+        """Returns whether it contains a time in s since 1970."""
+        return self.state_at(wall_s)[0]
+
+
+def parse_recurrence(text: str, zone: str = "") -> Recurrence:
+    """Reads a rule: days from `mon` to `sun`, as lists and ranges, which may wrap, and times; no days are all days.
+
+    `zone` is the name of a time zone; empty: that of this machine.
+
+    Raises:
+        ConfigError: it is not of this form, a day, a time or the zone does not exist, or the zone cannot be read.
+    """
+    found = _RULE.match(" ".join(text.lower().split()))
+    if found is None:
+        raise ConfigError(f'expected days and times such as "mon-fri 22:00-06:00", got {text[:60]!r}')
+    zone = zone or machine_zone()
+    zone_of(zone)
+    days = frozenset(range(7)) if found["days"] is None else _days(found["days"])
+    return Recurrence(found[0], zone, days, _time(found["begin"]), _time(found["end"]))
+
+
+def machine_zone() -> str:
+    """Returns the name of this machine's time zone; raises ConfigError if it is unknown."""
+    given = os.environ.get("TZ", "").lstrip(":")
+    path = given or os.path.realpath("/etc/localtime")
+    if _ZONES in path:
+        return path.partition(_ZONES)[2]
+    if given:
+        return given
+    if not os.path.exists("/etc/localtime"):
+        return "UTC"
+    raise ConfigError("the time zone of this machine has no name; expected --timezone, such as Europe/Berlin")
+
+
+@lru_cache(maxsize=100)
+def zone_of(name: str) -> tzinfo:
+    """Returns a time zone by its name; raises ConfigError if there is none, or its data cannot be read."""
+    if name == "UTC":
+        return timezone.utc
+    try:
+        zone: Optional[tzinfo] = importlib.import_module("zoneinfo").ZoneInfo(name)
+    except ImportError:  # Python 3.8
+        try:
+            zone = importlib.import_module("dateutil.tz").gettz(name)
+        except ImportError:
+            raise ConfigError("time zones need Python 3.9, or the package python3-dateutil (pip: dateutil)") from None
+    except (KeyError, ValueError, OSError):
+        zone = None
+    if zone is None:
+        raise ConfigError(f"there is no time zone {name[:60]!r}")
+    return zone
+
+
+def _days(text: str) -> FrozenSet[int]:
+    found = set()
+    for part in text.split(","):
+        first, is_range, last = part.partition("-")
+        for name in (first, last) if is_range else (first,):
+            if name not in DAYS:
+                raise ConfigError(f"expected days from mon to sun, got {name[:60]!r}")
+        begin, end = DAYS.index(first), DAYS.index(last if is_range else first)
+        found |= {day % 7 for day in range(begin, end + 1 if end >= begin else end + 8)}
+    return frozenset(found)
+
+
+def _time(text: str) -> Tuple[int, int]:
+    hour, minute = int(text[:2]), int(text[3:])
+    if hour > 23 or minute > 59:
+        raise ConfigError(f"expected a time from 00:00 to 23:59, got {text}")
+    return hour, minute
+
+
+def _moment_s(day: datetime, time: Tuple[int, int], zone: tzinfo) -> float:
+    """Returns a local time in s since 1970: of an ambiguous one the first, else the next one that exists."""
+    local = day.replace(hour=time[0], minute=time[1])
+    for _ in range(_LONGEST_GAP):
+        moment = local.replace(tzinfo=zone)
+        if moment.astimezone(timezone.utc).astimezone(zone).replace(tzinfo=None) == local:
+            break
+        local += _MINUTE
+    return local.replace(tzinfo=zone).timestamp()

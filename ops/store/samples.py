@@ -1,0 +1,323 @@
+"""The stored samples: how each signal developed between its alerts.
+
+One row per signal and 10 s, of `core.sample_summary`. After two days they are merged into 5 minutes: the smallest and
+the largest value stay exactly. A row may be stored in parts, and a restarted monitor continues the one that was open.
+"""
+
+from __future__ import annotations
+
+import heapq
+import sqlite3
+from typing import Any, Dict, Iterable, Iterator, List, NamedTuple, Optional, Tuple
+
+from ...core.judge.sample_summary import PERIOD_S, SampleSummary
+from ...core.values.model import Level
+from ...core.values.patterns import matches_pattern
+from ...runtime.times import iso_time
+from .rows import LATEST_S, checked, is_count, is_level, is_number, is_text, is_time, optional
+
+MERGED_S = 300.0
+"""Length of the periods into which old ones are merged, in s."""
+FINE_S = 2.0 * 86_400.0
+"""Age at which they are merged, in s."""
+
+_STEP_S = 3600.0
+_MOST_ROWS = 1_000  # per step of the upkeep: 200 robots of ten signals store 200 per second
+_LEAST_BYTES = 200e3  # that a step frees: as much as a transaction of the writer adds
+_ROW_BYTES = 50
+_LEAST_FINE_S = 3600.0
+_PAGE = 2_000
+_COLUMNS = "start_s, seconds, least, most, mean, last, good, bad, level"
+_CHECKS = (is_time, is_number, *[optional(is_number)] * 4, is_count, is_count, is_level)
+_LEVELS = tuple(Level)  # by their numbers
+_OF_SIGNAL = "robot = ? AND signal = ?"
+_REPLACE = f"INSERT OR REPLACE INTO samples (robot, signal, {_COLUMNS}) VALUES ({', '.join('?' * 11)})"
+
+MOST_COARSE = 2_000
+"""Most periods that `read_coarse` returns."""
+
+_SCALE = 2.0**-60  # a sum of values near the largest double would be infinite
+
+# Levels by severity: OK, WARN, STALE, ERROR; `last` is that of the latest period.
+_COARSE = f"""
+    SELECT number * :seconds, max(:seconds, longest), least, most, mean,
+        (SELECT last FROM samples WHERE robot = :robot AND signal = :signal AND start_s = newest_s), good, bad,
+        CASE level WHEN 2 THEN 3 WHEN 3 THEN 2 ELSE level END
+    FROM (
+        SELECT CAST(start_s / :seconds AS INTEGER) AS number, min(least) AS least, max(most) AS most,
+            min(max(mean), max(min(mean),
+                sum(mean * {_SCALE} * good) / sum(CASE WHEN mean IS NOT NULL THEN good END) / {_SCALE})) AS mean,
+            max(CASE WHEN last IS NOT NULL THEN start_s END) AS newest_s, sum(good) AS good, sum(bad) AS bad,
+            max(seconds) AS longest, max(CASE level WHEN 2 THEN 3 WHEN 3 THEN 2 ELSE level END) AS level
+        FROM samples
+        WHERE robot = :robot AND signal = :signal AND start_s > :since AND start_s < :until
+        GROUP BY number ORDER BY number DESC LIMIT :most
+    )
+"""
+
+CELL_S = 900.0
+"""Length of the cells in which the worst level of each robot is kept, in s."""
+
+_NOTE_LEVEL = """
+    INSERT INTO robot_levels (robot, start_s, level, severity) VALUES (?, ?, ?, ?)
+    ON CONFLICT (robot, start_s) DO UPDATE SET level = excluded.level, severity = excluded.severity
+    WHERE excluded.severity > severity
+"""
+
+_Series = Tuple[str, str]
+"""Robot and signal."""
+
+
+class StoredSamples(NamedTuple):
+    """The samples of a signal in one period; the fields are the columns of the table `samples`."""
+
+    robot: str
+    signal: str
+    start_s: float
+    """Begin of the period, in s since 1970."""
+    seconds: float
+    """Its length: 10 or 300."""
+    least: Optional[float]
+    """As the fields of `SampleSummary` of the same names, down to `level`."""
+    most: Optional[float]
+    mean: Optional[float]
+    last: Optional[float]
+    good: int
+    bad: int
+    level: Level
+
+    def joined(self, later: StoredSamples) -> StoredSamples:
+        """Returns the samples of both; begin and length stay."""
+        good = self.good + later.good
+        mean = later.mean if self.mean is None else self.mean
+        if self.mean is not None and later.mean is not None and good:
+            mean = self.mean * (self.good / good) + later.mean * (later.good / good)
+            mean = min(max(mean, min(self.mean, later.mean)), max(self.mean, later.mean))  # it may be rounded
+        return self._replace(
+            least=min((each for each in (self.least, later.least) if each is not None), default=None),
+            most=max((each for each in (self.most, later.most) if each is not None), default=None),
+            mean=mean,
+            last=self.last if later.last is None else later.last,
+            good=good,
+            bad=self.bad + later.bad,
+            level=Level.worst((self.level, later.level)),
+        )
+
+
+SAMPLES_FIELDS = ("robot", "signal", "start", "seconds", "min", "max", "mean", "last", "good", "bad", "level")
+"""Names of the fields for users, in the order of those of `StoredSamples`."""
+
+
+def samples_fields(samples: StoredSamples) -> Dict[str, Any]:
+    """Returns samples as JSON values, for users: the begin as ISO 8601, the level by its name."""
+    robot, signal, start_s, *values, level = samples
+    return dict(zip(SAMPLES_FIELDS, (robot, signal, iso_time(start_s), *values, level.name)))
+
+
+def store(connection: sqlite3.Connection, samples: Iterable[StoredSamples]) -> None:
+    """Stores samples; those of a period that is stored already are joined with it. Inside a transaction."""
+    worst: Dict[Tuple[str, float], Level] = {}
+    for each in samples:
+        _join(connection, each)
+        cell = each.robot, each.start_s // CELL_S * CELL_S
+        worst[cell] = Level.worst((each.level, worst.get(cell, each.level)))
+    connection.executemany(_NOTE_LEVEL, [(*cell, level, level.severity) for cell, level in worst.items()])
+
+
+def _join(connection: sqlite3.Connection, samples: StoredSamples) -> None:
+    stored = _checked(connection, samples[:2], _rows(connection, samples[:2], "start_s = ?", (samples.start_s,), 1))
+    connection.execute(_REPLACE, stored[0].joined(samples) if stored else samples)
+
+
+def summaries_of(robot: str, signal: str, summaries: Iterable[SampleSummary]) -> List[StoredSamples]:
+    """Returns what `store` takes."""
+    return [StoredSamples(robot, signal, each.start_s, PERIOD_S, *each[1:]) for each in summaries]
+
+
+def read(
+    connection: sqlite3.Connection,
+    *,
+    robot: Optional[str] = None,
+    signal: Optional[str] = None,
+    since_s: Optional[float] = None,
+    until_s: Optional[float] = None,
+) -> Iterator[StoredSamples]:
+    """Yields samples by robot, signal and time.
+
+    Args:
+        connection: the database.
+        robot: of this robot only; `*` and `?` work as in file names.
+        signal: of this signal only, likewise.
+        since_s: only periods that end after this time, in s since 1970.
+        until_s: only periods that begin before this time.
+    """
+    for series in _chosen_series(connection, robot, signal):
+        after_s, before_s = (
+            -LATEST_S if since_s is None else since_s - MERGED_S,
+            LATEST_S if until_s is None else until_s,
+        )
+        while True:  # page by page: an open query would keep the writer's log from being shortened
+            rows = _rows(connection, series, "start_s > ? AND start_s < ?", (after_s, before_s), _PAGE)
+            for each in _checked(connection, series, rows):
+                if since_s is None or each.start_s + each.seconds > since_s:
+                    yield each
+            if len(rows) < _PAGE:
+                break
+            after_s = rows[-1][0]
+
+
+def read_coarse(
+    connection: sqlite3.Connection, robot: str, signal: str, since_s: float, until_s: float, seconds: float
+) -> List[StoredSamples]:
+    """Returns the samples of one signal in longer periods; smallest and largest values stay exactly.
+
+    A period that was stored belongs to the one in which it begins; `seconds` of the result is its length if that is
+    longer than asked. At most `MOST_COARSE` are returned, the newest.
+
+    Args:
+        connection: the database.
+        robot: the robot.
+        signal: the signal.
+        since_s: only periods that end after this time, in s since 1970.
+        until_s: only periods that begin before this time.
+        seconds: length of the periods.
+    """
+    values = {"robot": robot, "signal": signal, "since": since_s - seconds, "until": until_s, "seconds": seconds,
+              "most": MOST_COARSE}  # fmt: skip
+    rows = connection.execute(_COARSE, values).fetchall()
+    return _checked(connection, (robot, signal), rows[::-1])
+
+
+def read_levels(connection: sqlite3.Connection, since_s: float) -> Iterator[Tuple[str, float, Level]]:
+    """Yields robot, begin and worst level of each cell of `CELL_S` that begins at a time or later; at most two days.
+
+    Times are in s since 1970. There is no cell for a time in which nothing was known.
+    """
+    rows = connection.execute(
+        "SELECT robot, start_s, level FROM robot_levels WHERE start_s >= ?", (since_s,)
+    ).fetchall()
+    for robot, start_s, level in checked(connection, "robot_levels", rows, (is_text, is_time, is_level)):
+        yield robot, start_s, Level(level)
+
+
+class SampleUpkeep:
+    """Merges and deletes the samples of one database, some rows at a time. Call inside a transaction."""
+
+    def __init__(self, connection: sqlite3.Connection) -> None:
+        """Reads nothing yet."""
+        self._connection = connection
+        self._fine_s = FINE_S
+        self._is_shortening = False
+        self._due: List[_Series] = []
+        self._merged_until_s = self._round_until_s = -LATEST_S
+        """Until when all signals are merged, by the latest whole round, and by the present one."""
+        self._oldest: Optional[List[Tuple[float, _Series]]] = None
+
+    def merge_old(self, before_s: float, now_s: float) -> bool:
+        """Deletes some periods before a time, and merges some of those that are fine; returns whether to call again.
+
+        Both times are in s since 1970. A round goes through all signals.
+        """
+        if not self._due:
+            self._round_until_s = (now_s - self._fine_s) // MERGED_S * MERGED_S
+            self._due = [*_series(self._connection)]
+            self._connection.execute("DELETE FROM robot_levels WHERE start_s < ?", (now_s - FINE_S,))
+        rows = 0
+        while self._due and rows < _MOST_ROWS:
+            series = self._due[-1]
+            deleted = self._delete(series, before_s)
+            merged = self._merge(series, self._round_until_s)
+            rows += 1 + deleted + merged
+            if not deleted and not merged:
+                self._due.pop()
+        if not self._due:
+            self._merged_until_s = self._round_until_s
+        return bool(self._due)
+
+    def make_room(self, now_s: float) -> bool:
+        """Merges periods that are younger than two days, until an hour is fine; then deletes the oldest ones.
+
+        `now_s` is in s since 1970. Returns False if there are no samples.
+        """
+        if not self._is_shortening:
+            if self._fine_s <= _LEAST_FINE_S:
+                return self._delete_oldest()
+            self._fine_s = max(0.5 * self._fine_s, _LEAST_FINE_S)
+            self._due = []
+        self._is_shortening = self.merge_old(-LATEST_S, now_s)
+        return True
+
+    def _delete_oldest(self) -> bool:
+        """Deletes hours, each of the signal that has the oldest period; returns False if there are no samples."""
+        if self._oldest is None:
+            self._oldest = []
+            for series in _series(self._connection):
+                self._note_oldest(series)
+        deleted = 0
+        while self._oldest and deleted * _ROW_BYTES < _LEAST_BYTES:
+            start_s, series = heapq.heappop(self._oldest)
+            deleted += self._delete(series, start_s + _STEP_S)
+            self._note_oldest(series)
+        if not self._oldest:
+            self._oldest = None
+        return deleted > 0
+
+    def _note_oldest(self, series: _Series) -> None:
+        query = f"SELECT min(start_s) FROM samples WHERE {_OF_SIGNAL}"
+        (start_s,) = self._connection.execute(query, series).fetchone()
+        if start_s is not None and self._oldest is not None:
+            heapq.heappush(self._oldest, (start_s, series))
+
+    def _delete(self, series: _Series, before_s: float) -> int:
+        oldest = f"SELECT start_s FROM samples WHERE {_OF_SIGNAL} AND start_s < ? ORDER BY start_s LIMIT {_MOST_ROWS}"
+        delete = f"DELETE FROM samples WHERE {_OF_SIGNAL} AND start_s IN ({oldest})"
+        return self._connection.execute(delete, (*series, *series, before_s)).rowcount
+
+    def _merge(self, series: _Series, before_s: float) -> int:
+        """Merges the oldest hour that is fine and before a time; returns how many rows that was."""
+        where = f"start_s >= ? AND start_s < ? AND seconds < {MERGED_S}"
+        rows = _rows(self._connection, series, where, (self._merged_until_s, before_s), int(_STEP_S / PERIOD_S))
+        if not rows:
+            return 0
+        begin_s = rows[0][0] // MERGED_S * MERGED_S
+        end_s = min(begin_s + _STEP_S, before_s)
+        merged: Dict[float, StoredSamples] = {}
+        for each in _checked(self._connection, series, [row for row in rows if row[0] < end_s]):
+            start_s = each.start_s - each.start_s % MERGED_S
+            known = merged.get(start_s)
+            merged[start_s] = each._replace(start_s=start_s, seconds=MERGED_S) if known is None else known.joined(each)
+        self._connection.execute(f"DELETE FROM samples WHERE {_OF_SIGNAL} AND {where}", (*series, begin_s, end_s))
+        for each in merged.values():
+            _join(self._connection, each)
+        return len(rows)
+
+
+def _chosen_series(connection: sqlite3.Connection, robot: Optional[str], signal: Optional[str]) -> Iterator[_Series]:
+    if robot is not None and signal is not None and not {"*", "?"} & {*robot, *signal}:
+        yield robot, signal
+        return
+    for series in _series(connection):
+        if all(pattern is None or matches_pattern(name, pattern) for name, pattern in zip(series, (robot, signal))):
+            yield series
+
+
+def _series(connection: sqlite3.Connection) -> Iterator[_Series]:
+    """Yields robot and signal of all samples, sorted; does not read every row."""
+    query = "SELECT robot, signal FROM samples {} ORDER BY robot, signal LIMIT 1"
+    found = connection.execute(query.format("")).fetchone()
+    while found is not None:
+        if is_text(found[0]) and is_text(found[1]):
+            yield found
+        found = connection.execute(query.format("WHERE (robot, signal) > (?, ?)"), found).fetchone()
+
+
+def _rows(
+    connection: sqlite3.Connection, series: _Series, where: str, values: Iterable[object], limit: int
+) -> List[Tuple[Any, ...]]:
+    query = f"SELECT {_COLUMNS} FROM samples WHERE {_OF_SIGNAL} AND {where} ORDER BY start_s LIMIT {limit}"
+    return connection.execute(query, (*series, *values)).fetchall()
+
+
+def _checked(connection: sqlite3.Connection, series: _Series, rows: List[Tuple[Any, ...]]) -> List[StoredSamples]:
+    found = checked(connection, "samples", rows, _CHECKS)
+    return [StoredSamples._make((*series, *values, _LEVELS[level])) for *values, level in found]

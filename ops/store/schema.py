@@ -1,0 +1,339 @@
+"""The tables of the store, their version, and copies between databases.
+
+The tables of notifications and silences are here too, so that one version describes the whole file.
+"""
+
+from __future__ import annotations
+
+import sqlite3
+from contextlib import closing, contextmanager
+from typing import Iterator, List, Mapping, Optional, Sequence, Tuple, Type
+
+from ...core.values.errors import ConfigError
+
+APPLICATION_ID = 0x524F4248
+"""Identifies the file as a history, in the SQLite header: "ROBH"."""
+
+SCHEMA_VERSION = 1
+"""Version of the tables, in the SQLite header (`PRAGMA user_version`)."""
+
+MIGRATIONS: Mapping[int, Sequence[str]] = {}
+"""By version: the statements that turn its tables into those of the next version; see `migrate`."""
+
+INDEX_STEP = 16
+INDEXED = f"id % {INDEX_STEP} = 0"
+"""The transitions that are in the index by time: each one takes a page that an alert has to write."""
+
+# There is no index by robot and signal: each alert would write a page of it at another place of the disk, and so would
+# each deleted one; together more than everything else.
+_TABLES = f"""
+-- Runs of the monitor. Between alive_s (or stopped_s) of one and started_s of the next is a gap.
+CREATE TABLE runs (
+    id INTEGER PRIMARY KEY AUTOINCREMENT,
+    started_s REAL NOT NULL,             -- times: wall clock, seconds since 1970 (UTC)
+    alive_s REAL NOT NULL,               -- the monitor was still running then
+    stopped_s REAL,                      -- NULL: running, or killed
+    version TEXT NOT NULL                -- of the software
+);
+-- Which robots a run watched, and when.
+CREATE TABLE watches (
+    id INTEGER PRIMARY KEY AUTOINCREMENT,
+    run_id INTEGER NOT NULL REFERENCES runs(id),
+    robot TEXT NOT NULL,
+    started_s REAL NOT NULL,
+    stopped_s REAL                       -- NULL: until the end of the run
+);
+CREATE INDEX watches_of_run ON watches(run_id);
+CREATE TABLE transitions (
+    id INTEGER PRIMARY KEY AUTOINCREMENT, -- the order of events, also when the wall clock is set back
+    wall_s REAL NOT NULL,
+    robot TEXT NOT NULL,
+    signal TEXT NOT NULL,
+    from_level INTEGER NOT NULL,         -- 0 OK, 1 WARN, 2 ERROR, 3 STALE
+    to_level INTEGER NOT NULL,
+    value,                               -- a number, or the text of a bad datum
+    statistic TEXT NOT NULL,
+    bound REAL,
+    now_s REAL NOT NULL,                 -- on the adapter's clock, as since_s
+    since_s REAL NOT NULL,
+    fingerprint TEXT NOT NULL,
+    text TEXT NOT NULL,
+    statistics TEXT NOT NULL,            -- JSON object
+    repeated INTEGER NOT NULL,           -- 1: a repetition (repeat_s), no change of level
+    hint TEXT NOT NULL,                  -- why there were no samples
+    black_box TEXT NOT NULL,             -- name of the file that records it
+    alert_id INTEGER                     -- the transition that began the alert; NULL: this one
+);
+CREATE INDEX transitions_by_time ON transitions(wall_s) WHERE {INDEXED};
+-- The samples of the window at the time of a transition; see rows.py.
+CREATE TABLE evidence (
+    transition_id INTEGER PRIMARY KEY REFERENCES transitions(id),
+    samples BLOB NOT NULL
+);
+-- What happened to the samples of each signal; see samples.py.
+CREATE TABLE samples (
+    robot TEXT NOT NULL,
+    signal TEXT NOT NULL,
+    start_s REAL NOT NULL,               -- begin of the period
+    seconds REAL NOT NULL,               -- its length: 10, after two days 300
+    least REAL,                          -- of the judged statistic; NULL: undefined
+    most REAL,
+    mean REAL,
+    last REAL,
+    good INTEGER NOT NULL,               -- number of samples
+    bad INTEGER NOT NULL,
+    level INTEGER NOT NULL,              -- the worst one
+    PRIMARY KEY (robot, signal, start_s)
+) WITHOUT ROWID;
+-- The worst level of each robot in the last two days; see samples.py.
+CREATE TABLE robot_levels (
+    robot TEXT NOT NULL,
+    start_s REAL NOT NULL,               -- begin of a cell of 900 s
+    level INTEGER NOT NULL,              -- the worst of its signals
+    severity INTEGER NOT NULL,
+    PRIMARY KEY (robot, start_s)
+) WITHOUT ROWID;
+-- What people wrote on transitions; see notes.py.
+CREATE TABLE notes (
+    transition_id INTEGER NOT NULL REFERENCES transitions(id),
+    wall_s REAL NOT NULL,
+    author TEXT NOT NULL,
+    text TEXT NOT NULL,
+    PRIMARY KEY (transition_id, wall_s, text)
+) WITHOUT ROWID;
+-- What a restarted monitor resumes from: the last state of each signal.
+CREATE TABLE signal_states (
+    robot TEXT NOT NULL,
+    signal TEXT NOT NULL,
+    state TEXT NOT NULL,                 -- JSON object
+    PRIMARY KEY (robot, signal)
+);
+-- The alerts that are open, each with its latest level.
+CREATE TABLE open_alerts (
+    robot TEXT NOT NULL,
+    signal TEXT NOT NULL,
+    alert_id INTEGER NOT NULL,           -- the transition that began it
+    transition_id INTEGER NOT NULL,      -- the one to its present level
+    level INTEGER NOT NULL,
+    begun_s REAL NOT NULL,
+    at_s REAL NOT NULL,                  -- of its present level
+    fingerprint TEXT NOT NULL,
+    transition_json TEXT NOT NULL,       -- empty: there are no notifications yet
+    silenced_s REAL NOT NULL DEFAULT 0,  -- for how long it has been silenced
+    silenced_from_s REAL,                -- since when it has been silenced now
+    PRIMARY KEY (robot, signal)
+) WITHOUT ROWID;
+CREATE TABLE resets (
+    id INTEGER PRIMARY KEY AUTOINCREMENT,
+    wall_s REAL NOT NULL,
+    robot TEXT NOT NULL
+);
+-- Each distinct configuration once, and when it came into force.
+CREATE TABLE configurations (
+    hash TEXT PRIMARY KEY,               -- SHA-256 of the text
+    text TEXT NOT NULL
+) WITHOUT ROWID;
+CREATE TABLE configuration_changes (
+    id INTEGER PRIMARY KEY AUTOINCREMENT,
+    wall_s REAL NOT NULL,
+    robot TEXT NOT NULL,
+    hash TEXT NOT NULL REFERENCES configurations(hash)
+);
+CREATE TABLE silences (
+    id INTEGER PRIMARY KEY AUTOINCREMENT,
+    matchers TEXT NOT NULL,              -- robot=r3,signal=battery*
+    reason TEXT NOT NULL,
+    author TEXT NOT NULL,
+    created_s REAL NOT NULL,
+    until_s REAL,                        -- NULL: without a time limit
+    until_resolved INTEGER NOT NULL,     -- 1: only for the alerts in silenced_alerts, until they resolve
+    ended_s REAL,                        -- NULL: not ended, except by until_s
+    noticed_s REAL,                      -- when a monitor noticed that created_s lies in the future; NULL: it did not
+    ended_by TEXT NOT NULL DEFAULT '',
+    ended_reason TEXT NOT NULL DEFAULT '',
+    every TEXT NOT NULL DEFAULT '',      -- when it recurs, such as mon-fri 22:00-06:00
+    timezone TEXT NOT NULL DEFAULT ''
+);
+CREATE TABLE silenced_alerts (
+    silence_id INTEGER NOT NULL REFERENCES silences(id),
+    robot TEXT NOT NULL,
+    signal TEXT NOT NULL,
+    resolved_s REAL,                     -- NULL: still open
+    PRIMARY KEY (silence_id, robot, signal)
+) WITHOUT ROWID;
+CREATE INDEX silenced_alerts_by_signal ON silenced_alerts(robot, signal);
+-- What each target of notifications was last sent about an alert that is open there.
+CREATE TABLE notified (
+    target TEXT NOT NULL,
+    fingerprint TEXT NOT NULL,
+    level INTEGER NOT NULL,
+    since_s REAL NOT NULL,               -- when the alert reached this level
+    transition_json TEXT NOT NULL,
+    PRIMARY KEY (target, fingerprint)
+);
+-- Transitions that targets may have to be sent; see notify/notification_queue.py.
+CREATE TABLE notifications (
+    id INTEGER PRIMARY KEY AUTOINCREMENT,
+    target TEXT NOT NULL,
+    robot TEXT NOT NULL,
+    source TEXT NOT NULL,                -- robot and configured signal
+    place REAL NOT NULL,                 -- order of the sources among each other
+    fingerprint TEXT NOT NULL,
+    level INTEGER NOT NULL,
+    at_s REAL NOT NULL,
+    queued_s REAL NOT NULL,              -- since when it waits
+    transition_json TEXT NOT NULL,
+    attempts INTEGER NOT NULL DEFAULT 0,
+    is_repeat INTEGER NOT NULL DEFAULT 0
+);
+CREATE INDEX notifications_by_alert ON notifications(target, fingerprint, id);
+CREATE INDEX notifications_by_place ON notifications(target, attempts, place, id);
+CREATE INDEX notifications_by_source ON notifications(target, source, place);
+"""
+
+_CREATE = (*_TABLES.split(";\n"), f"PRAGMA application_id = {APPLICATION_ID}")
+
+SHARED_TABLES = ("silences", "silenced_alerts")
+"""Tables that other processes write, too."""
+
+LIVE_TABLES = ("signal_states", "open_alerts", "notified", "notifications", *SHARED_TABLES)
+"""Tables whose rows are the present state, not the past: retention leaves them alone, and while the file cannot be
+written the monitor goes on with a copy of them in memory."""
+
+
+class UnknownSchemaError(ConfigError):
+    """A file that this version cannot use: written by a newer version, or no history at all. `str()` says which."""
+
+
+def prepare(connection: sqlite3.Connection) -> None:
+    """Creates the tables in an empty database, or migrates those of an older version, in one transaction.
+
+    Raises:
+        UnknownSchemaError: the file is no history, or from a newer version; it is unchanged.
+        sqlite3.Error: the file is damaged or cannot be written.
+    """
+    if version_of(connection) != SCHEMA_VERSION:
+        with transaction(connection):
+            migrate(connection, version_of(connection))
+
+
+def migrate(connection: sqlite3.Connection, version: int) -> None:
+    """Turns the tables of a version into those of the present one; version 0 is an empty database.
+
+    Call inside a transaction: a step that fails changes nothing. To change the tables, change `_TABLES`, add 1 to
+    `SCHEMA_VERSION`, and give `MIGRATIONS` the statements that do the same to a file of the version before, such as
+    `ALTER TABLE resets ADD COLUMN author TEXT NOT NULL DEFAULT ''`. Tables that were released stay there for ever.
+    """
+    steps = [MIGRATIONS[number] for number in range(version, SCHEMA_VERSION)] if version else [_CREATE]
+    for step in steps:
+        for statement in step:
+            connection.execute(statement)
+    connection.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
+
+
+@contextmanager
+def transaction(connection: sqlite3.Connection) -> Iterator[None]:
+    """Runs a block in one transaction of a connection in autocommit mode; rolled back if it or the commit fails."""
+    connection.execute("BEGIN IMMEDIATE")
+    try:
+        yield
+        connection.execute("COMMIT")
+    except BaseException:
+        try:
+            if connection.in_transaction:  # otherwise SQLite has rolled it back because of its error
+                connection.execute("ROLLBACK")
+        except sqlite3.Error:
+            pass  # the first error is the one that matters
+        raise
+
+
+def require_known(connection: sqlite3.Connection) -> None:
+    """Raises UnknownSchemaError unless the file is a history of this version."""
+    version = version_of(connection)
+    if version == 0:
+        raise UnknownSchemaError("it is empty: no monitor has written it yet")
+    if version != SCHEMA_VERSION:
+        raise UnknownSchemaError("it is from an older version of the monitor, which has to open it once")
+
+
+def version_of(connection: sqlite3.Connection) -> int:
+    """Returns the version of the tables; 0: there are none. Changes nothing.
+
+    Raises:
+        UnknownSchemaError: the file is no history, or from a newer version.
+        sqlite3.Error: the file is damaged or cannot be read.
+    """
+    version: int = connection.execute("PRAGMA user_version").fetchone()[0]
+    application_id: int = connection.execute("PRAGMA application_id").fetchone()[0]
+    if connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0] == 0:
+        return 0
+    if application_id != APPLICATION_ID:
+        raise UnknownSchemaError("it is an SQLite database, but not a history")
+    if version > SCHEMA_VERSION:
+        raise UnknownSchemaError(
+            f"it was written by a newer version (schema {version}; this version knows up to {SCHEMA_VERSION}): "
+            "install that version again, or name another file"
+        )
+    return version
+
+
+def tables(connection: sqlite3.Connection) -> List[str]:
+    """Returns the names of the tables."""
+    query = "SELECT name FROM sqlite_master WHERE type = 'table' AND name NOT LIKE 'sqlite~_%' ESCAPE '~'"
+    return [name for (name,) in connection.execute(query)]
+
+
+ALTERED = "was altered"
+"""What an error says of a table that another program has dropped or altered."""
+
+
+def altered_error(connection: sqlite3.Connection) -> Optional[sqlite3.DatabaseError]:
+    """Returns an error that names the first table that lacks a column; None if all tables are as they were made."""
+    with closing(in_memory()) as intact:
+        for table in tables(intact):
+            query = f"PRAGMA table_info({table})"
+            if {row[1] for row in intact.execute(query)} - {row[1] for row in connection.execute(query)}:
+                return sqlite3.DatabaseError(f"its table {table} {ALTERED}")
+    return None
+
+
+def in_memory(factory: Type[sqlite3.Connection] = sqlite3.Connection) -> sqlite3.Connection:
+    """Returns a connection to a new database in memory, with the tables."""
+    connection = sqlite3.connect(":memory:", isolation_level=None, check_same_thread=False, factory=factory)
+    prepare(connection)
+    return connection
+
+
+def copy_state(source: sqlite3.Connection, target: sqlite3.Connection) -> Sequence[str]:
+    """Copies the tables of the present state, and the last number of each; returns those that could not be read."""
+    unreadable = []
+    for table in ("sqlite_sequence", *LIVE_TABLES):
+        try:
+            copy_table(source, target, table)
+        except sqlite3.Error:  # what could be read is there
+            unreadable.append(table)
+    return unreadable
+
+
+def copy_table(source: sqlite3.Connection, target: sqlite3.Connection, table: str) -> None:
+    """Copies the rows of a table; those that the target refuses are left out."""
+    names = [row[1] for row in target.execute(f"PRAGMA table_info({table})")]
+    columns = ", ".join(names)
+    insert = f"INSERT OR REPLACE INTO {table} ({columns}) VALUES ({', '.join('?' * len(names))})"
+    for row in source.execute(f"SELECT {columns} FROM {table}"):
+        try:
+            target.execute(insert, row)
+        except sqlite3.IntegrityError:
+            pass  # edited by hand
+
+
+def number_from(connection: sqlite3.Connection, number: int, tables: Tuple[str, ...] = ()) -> None:
+    """Makes the numbers of rows continue after `number` where they are below it; no tables: all that have numbers."""
+    if not tables:
+        query = "SELECT name FROM sqlite_master WHERE type = 'table' AND sql LIKE '%AUTOINCREMENT%'"
+        tables = tuple(name for (name,) in connection.execute(query))
+    for table in tables:
+        found = connection.execute("SELECT max(seq) FROM sqlite_sequence WHERE name = ?", (table,)).fetchone()[0]
+        if not isinstance(found, int) or found < number:
+            connection.execute("DELETE FROM sqlite_sequence WHERE name = ?", (table,))
+            connection.execute("INSERT INTO sqlite_sequence (name, seq) VALUES (?, ?)", (table, number))

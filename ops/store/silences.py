@@ -1,0 +1,423 @@
+"""Silences: suppress notifications of some alerts, for a time or until they resolve.
+
+They are stored in the history file. The functions here serve the running monitor (`active_silences`) and
+`robot-health silence`, beside a running monitor or without one. Silences never affect judging, the log, /diagnostics or
+the history.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import sqlite3
+from dataclasses import dataclass, replace
+from typing import Callable, Dict, FrozenSet, List, NamedTuple, Optional, Sequence, Set, Tuple
+
+from ...core.values.errors import ConfigError
+from ...core.values.formatting import duration_text, printable
+from ...core.values.model import Level
+from ...core.values.patterns import matches_pattern
+from ...runtime.times import local_time
+from .matchers import Matcher, matchers_text, parse_matchers
+from .queries import number_range
+from .recurrence import Recurrence, parse_recurrence
+from .rows import checked, is_count, is_level, is_text, is_time, optional, skip
+
+MOST_ACTIVE = 1000
+"""Largest number of active silences."""
+MOST_TEXT = 200
+"""Longest reason and author, in characters."""
+LONGEST_S = 366 * 86_400.0
+"""Longest silence, in s."""
+
+_MOST_KEPT = 10_000
+_RESOLVED = "its alerts are resolved"
+_CLOCK_WAS_WRONG = "it was made by a clock that was wrong"
+
+_CHECKS = (
+    is_count, is_text, is_text, is_text, is_time, optional(is_time), is_count, optional(is_time), optional(is_time),
+    is_text, is_text, is_text, is_text,
+)  # fmt: skip
+
+_DURATION = re.compile(r"(?:(\d{1,6})w)?(?:(\d{1,6})d)?(?:(\d{1,6})h)?(?:(\d{1,8})m)?(?:(\d{1,9})s)?\Z", re.ASCII)
+_UNITS_S = (604_800, 86_400, 3600, 60, 1)
+
+Alert = Tuple[str, str]
+"""An alert: the names of its robot and its signal."""
+
+
+@dataclass(frozen=True)
+class Silence:
+    """One silence."""
+
+    id: int
+    matchers: Tuple[Matcher, ...]
+    """An alert must fulfil all of them."""
+    reason: str
+    author: str
+    created_s: float
+    """In s since 1970, as all times here."""
+    until_s: Optional[float]
+    """When it expires; None: without a time limit."""
+    alerts: Optional[FrozenSet[Alert]]
+    """For a silence until they resolve: the alerts that are still open. None: every alert that matches."""
+    ended_s: Optional[float]
+    """When it was ended, or its last alert resolved; None: not yet."""
+    noticed_s: Optional[float] = None
+    """When a monitor noticed that it was made in the future, by a clock that was wrong; None: it was not."""
+    ended_by: str = ""
+    """Who ended it; empty: it was not ended, or this is unknown."""
+    ended_reason: str = ""
+    """Why it was ended."""
+    every: Optional[Recurrence] = None
+    """When it is in force, while it is active; None: all the time."""
+
+    @property
+    def until_resolved(self) -> bool:
+        """Whether it ends when the alerts that were open at its begin have resolved."""
+        return self.alerts is not None
+
+    def is_active(self, now_s: float) -> bool:
+        """Returns whether it has neither ended nor expired; one that recurs need not be in force."""
+        until_s = self.seen_at(now_s).until_s
+        return self.ended_s is None and (until_s is None or now_s < until_s)
+
+    def in_force(self, now_s: float) -> bool:
+        """Returns whether it suppresses notifications at a time."""
+        return self.is_active(now_s) and (self.every is None or self.every.contains(now_s))
+
+    def change_s(self, now_s: float) -> float:
+        """Returns when an active silence comes into force, ends or expires next; infinity if that is open."""
+        until_s = self.seen_at(now_s).until_s
+        return min(
+            math.inf if until_s is None else until_s, math.inf if self.every is None else self.every.state_at(now_s)[1]
+        )
+
+    def was_in_force(self, from_s: float, to_s: float, now_s: float) -> bool:
+        """Returns whether it was in force at some time of a span, of which the end does not count."""
+        begin_s, end_s = max(from_s, self.created_s), min(to_s, self.end_s(now_s))
+        if begin_s >= end_s or self.every is None:
+            return begin_s < end_s
+        is_in_force, change_s = self.every.state_at(begin_s)
+        return is_in_force or change_s < end_s
+
+    def end_s(self, now_s: float) -> float:
+        """Returns when it ended or expired; `now_s` if it is active."""
+        return min(end for end in (now_s, self.seen_at(now_s).until_s, self.ended_s) if end is not None)
+
+    def is_in_future(self, now_s: float) -> bool:
+        """Returns whether it has a time limit and was made later than now: the clock is wrong, or was."""
+        return self.until_s is not None and self.created_s > now_s
+
+    def seen_at(self, now_s: float) -> Silence:
+        """Returns it with the times that count now: one that was made in the future began when that was noticed.
+
+        So the time that is left is never longer than the duration that was asked for.
+        """
+        if self.until_s is None or not self.is_in_future(now_s):
+            return self
+        begin_s = now_s if self.noticed_s is None else min(self.noticed_s, now_s)
+        return replace(self, created_s=begin_s, until_s=begin_s + self.until_s - self.created_s)
+
+    def covers(self, robot: str, signal: str) -> bool:
+        """Returns whether it applies to an alert."""
+        if self.alerts is not None and (robot, signal) not in self.alerts:
+            return False
+        return self.matches(robot, signal)
+
+    def matches(self, robot: str, signal: str) -> bool:
+        """Returns whether an alert fulfils all matchers."""
+        return self.allows("robot", robot) and self.allows("signal", signal)
+
+    def allows(self, label: str, name: str) -> bool:
+        """Returns whether the name of a robot or a signal fulfils the matchers of that label."""
+        return all(matcher.matches(name) for matcher in self.matchers if matcher.label == label)
+
+    def end_text(self, time_text: Callable[[float], str]) -> str:
+        """Returns when it ends, with a function that writes times: `until 2026-11-22 06:00 UTC or resolved`.
+
+        One that recurs: `every mon-fri 22:00-06:00 (Europe/Berlin)`, and when it ends.
+        """
+        ends = [] if self.until_s is None else [time_text(self.until_s)]
+        end = "until " + " or ".join([*ends, "resolved"] if self.until_resolved else ends)
+        return end if self.every is None else f"{self.every}{f', {end}' if ends else ''}"
+
+    @property
+    def text(self) -> str:
+        """The reason and the end, in one line: `fan is being replaced (until 2026-11-22 06:00 UTC)`."""
+        end = self.end_text(time_text)
+        return f"{self.reason} ({end})" if self.reason else end
+
+
+def parse_duration_s(text: str) -> float:
+    """Reads a duration: `30m`, `1h30m`, `7d`; the units are w, d, h, m and s.
+
+    Raises:
+        ConfigError: it is not of this form, is 0, or is longer than a year.
+    """
+    found = _DURATION.match(text) if text else None
+    if found is None:
+        raise ConfigError(f"expected a duration such as 30m, 1h30m or 7d, got {text[:60]!r}")
+    seconds = float(sum(int(count) * unit_s for count, unit_s in zip(found.groups("0"), _UNITS_S)))
+    _check_duration(seconds)
+    return seconds
+
+
+def _check_duration(seconds: float) -> None:
+    if not 0.0 < seconds <= LONGEST_S:
+        raise ConfigError(f"expected a duration above 0 and of at most 366 d, got {duration_text(seconds)}")
+
+
+def time_text(wall_s: float) -> str:
+    """Returns a time in the local time zone, with the zone's name."""
+    return local_time(wall_s, "%Y-%m-%d %H:%M %Z")
+
+
+def add_silence(
+    connection: sqlite3.Connection,
+    matchers: Sequence[Matcher],
+    now_s: float,
+    *,
+    for_s: Optional[float] = None,
+    until_resolved: bool = False,
+    every: Optional[Recurrence] = None,
+    reason: str = "",
+    author: str = "",
+) -> Silence:
+    """Adds a silence of the alerts that fulfil all matchers. Call inside a transaction.
+
+    Args:
+        connection: the database.
+        matchers: which alerts.
+        now_s: in s since 1970.
+        for_s: how long, in s; None: without a time limit.
+        until_resolved: only for the alerts that are open now, until they resolve. With `for_s`: whichever comes first.
+        every: when it is in force each week; None: all the time.
+        reason: why; as `author` one line of at most 200 characters.
+        author: who.
+
+    Raises:
+        ConfigError: no end is given, no open alert matches, a text is too long or a pattern has a double quote, or
+            there are too many silences.
+    """
+    if for_s is None and not until_resolved and every is None:
+        raise ConfigError("expected a duration, or until resolved; got neither")
+    if until_resolved and every is not None:
+        raise ConfigError("expected a time that comes again, or until resolved; got both")
+    if for_s is not None:
+        _check_duration(for_s)
+    _check_texts(reason, author)
+    if not matchers:
+        raise ConfigError("expected matchers such as robot=r3,signal=battery*, got none")
+    text = matchers_text(matchers)
+    if parse_matchers(text) != tuple(matchers):  # reading them would give others
+        raise ConfigError(f"expected patterns without double quotes, got {ascii(text)[:60]}")
+    if len(read_silences(connection, active_at_s=now_s)) >= MOST_ACTIVE:
+        raise ConfigError(f"there are {MOST_ACTIVE} active silences, the largest number; expire some first")
+    until_s = None if for_s is None else now_s + for_s
+    silence = Silence(0, tuple(matchers), reason, author, now_s, until_s, None, None, every=every)
+    if until_resolved:
+        alerts = frozenset(alert for alert in open_alerts(connection) if silence.matches(*alert))
+        silence = replace(silence, alerts=alerts)
+        if not alerts:
+            raise ConfigError(f"no open alert matches {text}")
+    number = insert_silence(connection, silence, None)
+    # Ended ones are kept for `list`, in a bounded number.
+    oldest = number - _MOST_KEPT
+    ended = "id <= ? AND (ended_s IS NOT NULL OR until_s <= ?)"
+    connection.execute(
+        f"DELETE FROM silenced_alerts WHERE silence_id IN (SELECT id FROM silences WHERE {ended})", (oldest, now_s)
+    )
+    connection.execute(f"DELETE FROM silences WHERE {ended}", (oldest, now_s))
+    return replace(silence, id=number)
+
+
+def insert_silence(connection: sqlite3.Connection, silence: Silence, number: Optional[int]) -> int:
+    """Inserts a silence that has not ended, under a number or a new one (None); returns its number."""
+    columns = "id, matchers, reason, author, created_s, until_s, until_resolved, noticed_s, every, timezone"
+    rule = ("", "") if silence.every is None else (silence.every.text, silence.every.zone)
+    text = matchers_text(silence.matchers)
+    number = connection.execute(
+        f"INSERT OR REPLACE INTO silences ({columns}) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+        (
+            number, text, silence.reason, silence.author, silence.created_s, silence.until_s,
+            int(silence.until_resolved), silence.noticed_s, *rule,
+        ),
+    ).lastrowid  # fmt: skip
+    assert number is not None
+    connection.executemany(
+        "INSERT OR REPLACE INTO silenced_alerts (silence_id, robot, signal) VALUES (?, ?, ?)",
+        [(number, *alert) for alert in sorted(silence.alerts or ())],
+    )
+    return number
+
+
+def _check_texts(reason: str, author: str) -> None:
+    for name, text in (("reason", reason), ("author", author)):
+        if len(text) > MOST_TEXT or not text.isprintable():
+            raise ConfigError(f"expected a {name} of one line, at most {MOST_TEXT} characters, got {ascii(text)[:60]}")
+
+
+def expire_silence(
+    connection: sqlite3.Connection, number: int, now_s: float, *, reason: str = "", author: str = ""
+) -> Silence:
+    """Ends a silence at a time in s since 1970, and returns it. Call inside a transaction.
+
+    Raises:
+        ConfigError: there is no such silence, it has ended, or the reason or the author is no line of 200 characters.
+    """
+    _check_texts(reason, author)
+    silence = next((each for each in read_silences(connection) if each.id == number), None)
+    if silence is None:
+        raise ConfigError(f"there is no silence {number}")
+    if not silence.is_active(now_s):
+        raise ConfigError(f"silence {number} has ended already, at {time_text(silence.end_s(now_s))}")
+    _end(connection, number, now_s, author, reason)
+    return silence
+
+
+def _end(connection: sqlite3.Connection, number: int, now_s: float, author: str, reason: str) -> None:
+    update = "UPDATE silences SET ended_s = ?, ended_by = ?, ended_reason = ? WHERE id = ?"
+    connection.execute(update, (now_s, author, reason, number))
+
+
+def read_silences(connection: sqlite3.Connection, active_at_s: Optional[float] = None) -> List[Silence]:
+    """Returns the silences, oldest first: those that are active at a time in s since 1970, or all."""
+    condition, values = "1", []
+    if active_at_s is not None:
+        condition, values = "ended_s IS NULL AND (until_s IS NULL OR until_s > ?)", [active_at_s]
+    rows = connection.execute(
+        "SELECT id, matchers, reason, author, created_s, until_s, until_resolved, ended_s, noticed_s, ended_by, "
+        f"ended_reason, every, timezone FROM silences WHERE {condition} ORDER BY id",
+        values,
+    ).fetchall()
+    alerts: Dict[int, Set[Alert]] = {}
+    if any(row[6] for row in rows):
+        for number, robot, signal in connection.execute(
+            "SELECT silence_id, robot, signal FROM silenced_alerts WHERE resolved_s IS NULL"
+        ):
+            if is_text(robot) and is_text(signal):
+                alerts.setdefault(number, set()).add((robot, signal))
+            else:
+                skip(connection, "silenced_alerts", number)
+    silences = []
+    found = checked(connection, "silences", rows, _CHECKS)
+    for number, text, reason, author, created_s, until_s, until_resolved, ended_s, noticed_s, by, why, *rule in found:
+        try:
+            matchers = parse_matchers(text)
+            every = parse_recurrence(*rule) if rule[0] else None
+        except ConfigError:  # of a newer version, or edited by hand
+            skip(connection, "silences", number)
+            continue
+        of_silence = frozenset(alerts.get(number, ())) if until_resolved else None
+        silence = Silence(
+            number, matchers, printable(reason), printable(author), created_s, until_s, of_silence, ended_s, noticed_s,
+            printable(by), printable(why), every,
+        )  # fmt: skip
+        silences.append(silence)
+    return silences
+
+
+def limit_to_durations(connection: sqlite3.Connection, now_s: float) -> List[Silence]:
+    """Limits the silences that were made in the future to their duration from now on; ends those where that is over.
+
+    Call inside a transaction, about once a second while there are any. Returns those that are limited since this call.
+    """
+    noticed = []
+    for each in read_silences(connection, active_at_s=now_s):
+        if not each.is_in_future(now_s):
+            continue
+        if not each.is_active(now_s):
+            _end(connection, each.id, now_s, "", _CLOCK_WAS_WRONG)
+        elif each.noticed_s is None or each.noticed_s > now_s:
+            connection.execute("UPDATE silences SET noticed_s = ? WHERE id = ?", (now_s, each.id))
+            noticed.append(each)
+    return noticed
+
+
+def resolve_alert(connection: sqlite3.Connection, alert: Alert, now_s: float) -> bool:
+    """Notes that an alert has resolved; returns whether a silence until resolved applied to it.
+
+    Call inside a transaction.
+    """
+    resolved = connection.execute(
+        "UPDATE silenced_alerts SET resolved_s = ? WHERE robot = ? AND signal = ? AND resolved_s IS NULL",
+        (now_s, *alert),
+    ).rowcount
+    if resolved:
+        connection.execute(
+            "UPDATE silences SET ended_s = ?, ended_reason = ? WHERE until_resolved AND ended_s IS NULL AND NOT EXISTS "
+            "(SELECT 1 FROM silenced_alerts WHERE silence_id = silences.id AND resolved_s IS NULL)",
+            (now_s, _RESOLVED),
+        )
+    return resolved > 0
+
+
+def open_alerts(connection: sqlite3.Connection) -> Dict[Alert, Level]:
+    """Returns the alerts that are open, with their levels."""
+    rows = connection.execute("SELECT robot, signal, level FROM open_alerts ORDER BY robot, signal").fetchall()
+    found = checked(connection, "open_alerts", rows, (is_text, is_text, is_level))
+    return {(robot, signal): Level(level) for robot, signal, level in found}
+
+
+class SilenceEvent(NamedTuple):
+    """A silence began, or no longer applies."""
+
+    wall_s: float
+    """When, in s since 1970."""
+    kind: str
+    """`added`, `ended` (by someone, or for a reason) or `expired`."""
+    silence: Silence
+
+
+def silence_events(
+    connection: sqlite3.Connection,
+    now_s: float,
+    since_s: float = 0.0,
+    robot: Optional[str] = None,
+    signal: Optional[str] = None,
+) -> List[SilenceEvent]:
+    """Returns begins and ends of the silences that are stored, by time, not older than `since_s`.
+
+    `robot` and `signal`: of silences that apply to these only; `*` and `?` work as in file names.
+    """
+    found = []
+    given = [(label, name) for label, name in (("robot", robot), ("signal", signal)) if name is not None]
+    asked = [(label, _names(connection, label, name)) for label, name in given]
+    for stored in read_silences(connection):
+        silence = stored.seen_at(now_s)
+        if not all(any(silence.allows(label, name) for name in names) for label, names in asked):
+            continue
+        found.append(SilenceEvent(silence.created_s, "added", silence))
+        if not silence.is_active(now_s):
+            kind = "expired" if silence.ended_s is None else "ended"
+            found.append(SilenceEvent(silence.end_s(now_s), kind, silence))
+    return sorted((event for event in found if event.wall_s >= since_s), key=lambda event: event.wall_s)
+
+
+def _names(connection: sqlite3.Connection, label: str, given: str) -> List[str]:
+    """Returns the names of robots or signals that a filter means."""
+    if "*" not in given and "?" not in given:
+        return [given]
+    known = connection.execute(f"SELECT DISTINCT {label} FROM signal_states").fetchall()
+    return [name for (name,) in known if is_text(name) and matches_pattern(name, given)]
+
+
+def silenced_transitions(connection: sqlite3.Connection, silence: Silence, now_s: float) -> int:
+    """Returns how many alerts a silence has applied to so far, by changes of their level since it began."""
+    silence = silence.seen_at(now_s)
+    every = silence.every
+    connection.create_function(
+        "in_force", 1, lambda wall_s: every is None or (is_time(wall_s) and every.contains(wall_s))
+    )
+    counts = connection.execute(
+        "SELECT robot, signal, count(DISTINCT coalesce(alert_id, id)) FROM transitions WHERE id BETWEEN ? AND ? "
+        "AND +wall_s >= ? AND +wall_s < ? AND to_level <> 0 AND NOT repeated AND in_force(wall_s) "
+        "GROUP BY robot, signal",
+        (*number_range(connection, silence.created_s), silence.created_s, silence.end_s(now_s)),
+    ).fetchall()
+    covered = {(robot, signal): count for robot, signal, count in counts if is_text(robot) and is_text(signal)}
+    if silence.until_resolved:
+        alerts = connection.execute("SELECT robot, signal FROM silenced_alerts WHERE silence_id = ?", (silence.id,))
+        covered = {alert: covered[alert] for alert in alerts if alert in covered}
+    return sum(count for alert, count in covered.items() if silence.matches(*alert))

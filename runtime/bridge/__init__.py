@@ -1,0 +1,1 @@
+"""What the clients of all bridges share: addresses, one connection per robot, nodes. No protocol."""

@@ -1,0 +1,306 @@
+"""One connection to a server of a robot's bridge, re-established whenever it ends.
+
+Theory of operation. `run` connects, lets the subclass send what is wanted (`_begin`), and reads until the connection
+ends; then it waits (`ConnectBackoff`) and connects again. Nothing that a server sends ends more than this connection.
+
+    websocket.py       opening, what waits to be sent, whether the server still answers
+    cause.py           why the connection is down
+
+All of this runs in one event loop. `send` may be called from any thread.
+"""
+
+from __future__ import annotations
+
+import abc
+import asyncio
+import contextlib
+import functools
+import random
+import ssl
+import threading
+from typing import Awaitable, Callable, ClassVar, Optional, Sequence, Tuple
+
+import aiohttp
+
+from ...core.port.log_limit import LimitedLog
+from ...core.port.middleware import Severity
+from ...core.values.errors import MessageError
+from ...core.values.formatting import printable
+from ..backoff import Backoff
+from ..sockets import FloodError, Incoming, within
+from .address import host_and_port, shown_address
+from .cause import UP, Cause, cause_of_close, cause_of_error
+from .websocket import (
+    HostLookup,
+    SendQueue,
+    Socket,
+    Wire,
+    close_socket,
+    create_session,
+    open_socket,
+    wait_until_unanswered,
+)
+
+LARGEST_MESSAGE_BYTES = 64_000_000
+"""Default size above which a message ends the connection."""
+
+LONGEST_TEXT = 200
+"""Characters of an error of a server that are shown."""
+_MESSAGES = (aiohttp.WSMsgType.TEXT, aiohttp.WSMsgType.BINARY)
+_FLOODED = Cause("connection closed: the server floods it with pings or empty messages")
+_HELD_S = 10.0
+"""A connection that lasted this long, in s, is a good one: the delays start again from the shortest."""
+_FIRST_DELAY_S = 0.2
+_LONGEST_DELAY_S = 1.2
+"""Longest delay while the server cannot be reached or connections break: short, so that a robot that can be reached
+again is soon judged again."""
+_SHORT_LIVED_S = 1.0
+_LONGEST_AFTER_CLOSE_S = 30.0
+"""Longest delay for a server that accepts connections only to close them within `_SHORT_LIVED_S`."""
+
+
+class ConnectBackoff:
+    """Delays that double with every attempt until a connection has held for `_HELD_S`.
+
+    Each delay is shortened by a random part of up to half, so that a fleet does not reconnect all at once.
+    """
+
+    def __init__(self, chance: Callable[[], float] = random.random) -> None:
+        """Starts with the shortest delay; `chance` returns a random number from 0 to 1."""
+        self._backoff = Backoff(_FIRST_DELAY_S, _LONGEST_DELAY_S, spread=0.5, chance=chance)
+
+    def next_s(self, held_s: Optional[float]) -> float:
+        """Returns the delay before the next attempt, in s; the last connection held for `held_s`, or failed: None."""
+        if held_s is not None and held_s >= _HELD_S:
+            self._backoff.reset()
+        closed_at_once = held_s is not None and held_s < _SHORT_LIVED_S
+        return self._backoff.next_s(_LONGEST_AFTER_CLOSE_S if closed_at_once else None)
+
+
+class BridgeConnection(abc.ABC):
+    """A connection to one server, kept up. A subclass speaks a protocol."""
+
+    subprotocols: ClassVar[Sequence[str]]
+    """WebSocket subprotocols that are offered, the preferred one first."""
+    server_kind: ClassVar[str]
+    """What the server is, for causes: `rosbridge server`."""
+
+    def __init__(
+        self,
+        url: str,
+        *,
+        token: str = "",
+        ssl_context: Optional[ssl.SSLContext] = None,
+        heartbeat_s: float = 5.0,
+        largest_message_bytes: int = LARGEST_MESSAGE_BYTES,
+        probation_s: float = 0.5,
+        on_change: Callable[[bool, Cause], None],
+        on_log: Callable[[Severity, str], None],
+        clock: Callable[[], float],
+    ) -> None:
+        """Creates a connection that is down; `run` connects. `BridgeClient` describes the other arguments.
+
+        `on_change` is called in the loop with (True, `UP`) or (False, cause) at every change, first when the first
+        attempt has succeeded or failed; `on_log` with lines about what the server sends, bounded to a few per minute.
+        """
+        host_and_port(url)
+        self.address = shown_address(url)
+        """The URL without credentials."""
+        self.up = False
+        """Whether operations can be sent."""
+        self._url = url
+        self._token = token
+        self._ssl_context = ssl_context
+        self._heartbeat_s = heartbeat_s
+        self._largest_message_bytes = largest_message_bytes
+        self._probation_s = probation_s
+        self._on_change = on_change
+        self._on_log = on_log
+        self._log = LimitedLog(on_log, clock)
+        self._lock = threading.RLock()
+        self._loop: Optional[asyncio.AbstractEventLoop] = None
+        self._thread = 0
+        self._closed = False
+        self._queue: Optional[SendQueue] = None
+        self._reported: Optional[Tuple[bool, Cause]] = None
+        self._moved: Optional[asyncio.Event] = None
+        self._lookup = HostLookup()
+
+    @abc.abstractmethod
+    def _begin(self, subprotocol: Optional[str]) -> None:
+        """Sends what is wanted on a new connection, for which the server chose a subprotocol."""
+
+    @abc.abstractmethod
+    def _receive(self, data: Wire, now_s: float) -> Optional[Awaitable[None]]:
+        """Processes a message; returns what has to be awaited before the next one, if anything.
+
+        Raises MessageError if the message is not valid, which becomes a log line. `now_s` is the loop's time.
+        """
+
+    @abc.abstractmethod
+    def _went_down(self) -> None:
+        """Called when a connection has ended."""
+
+    async def _refusal(self) -> Cause:
+        """Returns why a server that accepts the connection cannot be used, once that is known."""
+        await asyncio.Event().wait()
+        return UP
+
+    def send_wire(self, wire: Wire, *, may_drop: bool = False) -> None:
+        """Sends a message, and drops it while the connection is down; may be called from any thread.
+
+        `may_drop` says that it may be dropped while the send queue is full; else the connection ends.
+        """
+        if not self.up or self._loop is None:
+            return
+        if threading.get_ident() == self._thread:
+            self._enqueue(wire, may_drop)
+        else:
+            with contextlib.suppress(RuntimeError):  # the loop has ended
+                self._loop.call_soon_threadsafe(self._enqueue, wire, may_drop)
+
+    def move(self, url: str, *, token: str, ssl_context: Optional[ssl.SSLContext]) -> None:
+        """Connects again, to another address or with another token or trust. Called in the loop.
+
+        The end of the present connection is not reported, so that a successful move raises no alert. Raises ConfigError
+        and changes nothing if `url` is not the address of a server.
+        """
+        host_and_port(url)
+        self.address = shown_address(url)
+        self._url = url
+        self._token = token
+        self._ssl_context = ssl_context
+        self._reported = None
+        if self._moved is not None:
+            self._moved.set()
+
+    def close(self) -> None:
+        """Makes `run` end at its next attempt; cancel its task to end it at once."""
+        self._closed = True
+
+    async def run(self) -> None:
+        """Keeps the connection up until it is cancelled or `close` is called."""
+        self._loop = asyncio.get_event_loop()
+        self._thread = threading.get_ident()
+        moved = self._moved = asyncio.Event()
+        backoff = ConnectBackoff()
+        try:
+            while not self._closed:
+                if moved.is_set():
+                    moved.clear()
+                    backoff = ConnectBackoff()
+                held_s = None
+                try:
+                    held_s = await self._connect_once(moved)
+                except Exception as error:  # any failure: the connection must be re-established
+                    text = f"internal error in the connection to {self.address}: {_text(error)}"
+                    self._on_log(Severity.ERROR, text)
+                    self._report(False, Cause(f"internal error: {type(error).__name__}"))
+                if not self._closed:
+                    with contextlib.suppress(asyncio.TimeoutError):
+                        await within(backoff.next_s(held_s), moved.wait())
+        finally:
+            self.up = False
+
+    async def _connect_once(self, moved: asyncio.Event) -> Optional[float]:
+        """Connects and reads until the connection ends; returns how long it lasted, in s, or None if there was none."""
+        headers = {"Authorization": f"Bearer {self._token}"} if self._token else {}
+        async with create_session(self._lookup, headers) as session:
+            try:
+                socket = await open_socket(
+                    session, self._url, self.subprotocols, self._ssl_context, self._largest_message_bytes
+                )
+            except (aiohttp.ClientError, OSError, asyncio.TimeoutError, ValueError) as error:
+                self._report(False, self._cause_of(error))
+                return None
+            start_s = asyncio.get_event_loop().time()
+            cause = UP
+            try:
+                cause = await self._talk(socket, moved)
+            except (aiohttp.ClientError, OSError, asyncio.TimeoutError) as error:
+                cause = self._cause_of(error)
+            finally:
+                self.up = False
+                self._went_down()
+                if cause is not UP:
+                    self._report(False, cause)
+                if cause is not _FLOODED:  # a closing handshake would read the whole flood
+                    await close_socket(socket)
+            return asyncio.get_event_loop().time() - start_s
+
+    async def _talk(self, socket: Socket, moved: asyncio.Event) -> Cause:
+        """Uses a new connection until it ends; returns why it ended."""
+        queue = self._queue = SendQueue()
+        incoming = Incoming(socket)
+        silent = functools.partial(wait_until_unanswered, socket, self._heartbeat_s, lambda: incoming.received_s)
+        ends = (
+            self._read(socket, incoming),
+            self._refusal(),
+            _after(functools.partial(queue.write_to, socket), UP),
+            _after(queue.overflowed.wait, Cause("the server does not read what is sent to it")),
+            _after(moved.wait, Cause("the address has changed")),
+            _after(silent, self._cause_of(asyncio.TimeoutError())),
+        )
+        tasks = {asyncio.ensure_future(end) for end in ends}
+        probation = asyncio.get_event_loop().call_later(self._probation_s, self._report, True, UP)
+        try:
+            self.up = True
+            self._begin(socket.protocol)
+            done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+            return next(iter(done)).result()
+        finally:
+            probation.cancel()
+            for task in tasks:
+                task.cancel()
+            await asyncio.wait(tasks)
+            self._queue = None
+
+    async def _read(self, socket: Socket, incoming: Incoming) -> Cause:
+        while True:
+            try:
+                message = await incoming.next()
+            except FloodError:
+                return _FLOODED
+            if message.type in _MESSAGES:
+                try:
+                    slow = self._receive(message.data, incoming.received_s)
+                    if slow is not None:
+                        await slow
+                except MessageError as error:
+                    text = printable(str(error))[:LONGEST_TEXT]
+                    self._log.write("invalid", Severity.WARN, f"invalid message from {self.address}: {text}")
+                except Exception as error:  # one message must not end the connection
+                    text = f"a message from {self.address} was not processed: {_text(error)}"
+                    self._log.write("failed", Severity.ERROR, text)
+            else:
+                failure = message.data if isinstance(message.data, BaseException) else socket.exception()
+                if failure is not None:
+                    return self._cause_of(failure)
+                reason = message.extra if isinstance(message.extra, str) else ""
+                return cause_of_close(socket.close_code, reason, bool(self._token))
+
+    def _cause_of(self, error: BaseException) -> Cause:
+        return cause_of_error(error, bool(self._token), self.server_kind)
+
+    def _enqueue(self, wire: Wire, may_drop: bool) -> None:
+        if self._queue is not None:
+            self._queue.put(wire, may_drop=may_drop)
+
+    def _report(self, up: bool, cause: Cause) -> None:
+        if (up, cause) == self._reported or (self._moved is not None and self._moved.is_set()):
+            return  # known, or of the address before a `move`
+        self._reported = up, cause
+        try:
+            self._on_change(up, cause)
+        except Exception as error:
+            text = f"a change of the connection to {self.address} was not processed: {_text(error)}"
+            self._on_log(Severity.ERROR, text)
+
+
+async def _after(end: Callable[[], Awaitable[object]], cause: Cause) -> Cause:
+    await end()
+    return cause
+
+
+def _text(error: Exception) -> str:
+    return printable(f"{type(error).__name__}: {error}")[:LONGEST_TEXT]

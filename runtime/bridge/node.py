@@ -1,0 +1,319 @@
+"""The port over a bridge: nodes for a robot that is reached over a WebSocket. Needs no ROS here.
+
+A subclass adds what its protocol has: where subscriptions are sent, and what the server knows of silent topics.
+"""
+
+from __future__ import annotations
+
+import abc
+import asyncio
+import contextlib
+import math
+import time
+from typing import Any, Callable, Generic, List, Mapping, NamedTuple, Optional, Protocol, TypeVar
+
+from ...core.messages.dialect import Message
+from ...core.messages.standard_messages import check_type, complete
+from ...core.port.local import LogLine
+from ...core.port.mapping_node import MappingNode
+from ...core.port.middleware import Callback, Middleware, RawCallback, Severity
+from ...core.port.timers import ClockTimer
+from ...core.values.errors import ConfigError
+from ...core.values.names import split_type_name
+from .cause import Cause
+from .connection import BridgeConnection
+
+_WAKE_PERIOD_S = 0.02
+"""Timers are called up to this late."""
+
+Node = TypeVar("Node", bound="BridgeNode")
+
+
+class KnownTopic(NamedTuple):
+    """One topic of the robot."""
+
+    topic: str
+    type_name: str
+    """`package/Type`; empty where the server does not know it."""
+    definition: str
+    """The definition of the type with those that it contains, as from `gendeps --cat`; empty: the server has none."""
+    form: str = "msg"
+    """The format of the definition, `msg` or `idl`."""
+
+
+class Receiver(Protocol):
+    """A subscription of a node."""
+
+    topic: str
+    dropped: int
+    """Messages that were too large to be read."""
+
+    def end(self) -> None:
+        """Ends the subscription and its fault."""
+
+
+class BridgeClient(abc.ABC, Generic[Node]):
+    """The connection to one robot's server, shared by the nodes that `node` makes."""
+
+    connection: BridgeConnection
+
+    def __init__(
+        self,
+        log_name: str,
+        *,
+        clock: Callable[[], float] = time.monotonic,
+        wall_clock: Callable[[], float] = time.time,
+        on_log: Optional[Callable[[LogLine], None]] = None,
+        on_link: Optional[Callable[[bool, Cause], None]] = None,
+    ) -> None:
+        """Creates a client that is not connected; `run` connects.
+
+        Args:
+            log_name: node of log lines about the connection.
+            clock: monotonic seconds, for nodes without simulated time.
+            wall_clock: seconds since 1970, for the ages of stamps.
+            on_log: called with every log line; None keeps them in `log_lines`.
+            on_link: called in the loop when the connection is up (with an empty cause), when it is down, and when the
+                cause changes. None logs each.
+        """
+        self.log_lines: List[LogLine] = []
+        self.on_log: Callable[[LogLine], None] = on_log or self.log_lines.append
+        self.clock = clock
+        self.wall_clock = wall_clock
+        self.on_link = on_link or self._log_link
+        self.loop: Optional[asyncio.AbstractEventLoop] = None
+        self._log_name = log_name
+        self._nodes: List[Node] = []
+
+    @abc.abstractmethod
+    def _new_node(self, name: str, *binding: Any) -> Node: ...
+
+    @abc.abstractmethod
+    async def known_topics(self) -> List[KnownTopic]:
+        """Returns the topics that the server knows. Raises ServiceError if it does not say, LinkError if it is down."""
+
+    def node(
+        self,
+        name: str,
+        *,
+        namespace: str = "",
+        parameters: Optional[Mapping[str, Any]] = None,
+        remap: Optional[Mapping[str, str]] = None,
+        use_sim_time: bool = False,
+        outputs: Optional[Middleware] = None,
+    ) -> Node:
+        """Adds a node with a base `name` in a `namespace` (`robot1`, `/fleet/robot1` or empty).
+
+        `parameters` are nested as in the file under `ros__parameters`. `remap` maps names as the node uses them
+        (relative or absolute) to others. With `use_sim_time`, its time is that of the robot's topic `/clock`. `outputs`
+        publishes and offers services in its place, and is not closed here.
+        """
+        namespace = namespace.strip("/")
+        full_name = f"/{namespace}/{name}" if namespace else f"/{name}"
+        node = self._new_node(full_name, parameters or {}, remap or {}, use_sim_time, outputs)
+        self._nodes.append(node)
+        return node
+
+    async def run(self) -> None:
+        """Keeps the connection up and the timers going until it is cancelled."""
+        self.loop = asyncio.get_event_loop()
+        for node in tuple(self._nodes):
+            node.arm()
+        await self.connection.run()
+
+    def close(self) -> None:
+        """Closes every node, and makes `run` end."""
+        for node in tuple(self._nodes):
+            node.close()
+        self.connection.close()
+
+    def forget(self, node: BridgeNode) -> None:
+        """Removes a node that has closed."""
+        self._nodes = [known for known in self._nodes if known is not node]
+
+    def log(self, severity: Severity, text: str) -> None:
+        """Logs a line about the connection."""
+        self.on_log(LogLine(self.clock(), self._log_name, severity, text))
+
+    def run_in_loop(self, function: Callable[[], None]) -> None:
+        """Calls a function in the loop soon; does nothing before `run` and after the loop has ended."""
+        if self.loop is not None:
+            with contextlib.suppress(RuntimeError):
+                self.loop.call_soon_threadsafe(function)
+
+    def _log_link(self, up: bool, cause: Cause) -> None:
+        if up:
+            self.log(Severity.INFO, f"connected to {self.connection.address}")
+        else:
+            self.log(Severity.WARN, f"no connection to {self.connection.address}: {cause.text}")
+
+
+class BridgeNode(MappingNode):
+    """One node for a robot behind a bridge; implements `core.port.middleware.Middleware`."""
+
+    def __init__(
+        self,
+        client: BridgeClient[Any],
+        name: str,
+        parameters: Mapping[str, Any],
+        remap: Mapping[str, str],
+        use_sim_time: bool,
+        outputs: Optional[Middleware] = None,
+    ) -> None:
+        """Use `BridgeClient.node`."""
+        clocks = {"clock": client.clock, "wall_clock": client.wall_clock}
+        super().__init__(name, parameters, remap, **clocks, use_sim_time=use_sim_time)
+        self._client = client
+        self._outputs = outputs
+        self._subscriptions: List[Receiver] = []
+        self._wake: Optional[asyncio.TimerHandle] = None
+        self._on_first_clock: List[Callable[[], None]] = []
+
+    @abc.abstractmethod
+    def _new_receiver(self, topic: str, type_name: str, field: Optional[str], callback: Callback) -> Any:
+        """Returns the receiver of a field of a resolved topic."""
+
+    @abc.abstractmethod
+    def _new_capture(self, topic: str, type_name: str, callback: RawCallback) -> Any:
+        """Returns the receiver of the messages of a resolved topic as bytes."""
+
+    @abc.abstractmethod
+    def _add(self, type_name: str, receiver: Any) -> None:
+        """Begins a subscription at the server."""
+
+    @abc.abstractmethod
+    def _remove(self, receiver: Any) -> None:
+        """Ends a subscription at the server."""
+
+    def _advertise_on_robot(self, topic: str, type_name: str) -> None:
+        """Announces a topic on the robot; not over a bridge that is only read."""
+
+    def _publish_on_robot(self, topic: str, message: Message) -> None:
+        """Publishes on the robot."""
+
+    def _offer_on_robot(self, service: str, type_name: str, handler: Callable[[Message], Message]) -> None:
+        """Offers a service on the robot."""
+
+    def _close_on_robot(self) -> None:
+        """Ends what is announced and offered on the robot, and following /clock."""
+
+    @property
+    def dropped(self) -> int:
+        """Messages of current subscriptions that were too large to be read."""
+        return sum(receiver.dropped for receiver in tuple(self._subscriptions))
+
+    def advertise(self, topic: str, type_name: str, *, latched: bool = False) -> str:
+        if self._outputs is not None:
+            return self._outputs.advertise(topic, type_name, latched=latched)
+        resolved = self.resolve(topic)
+        check_type(type_name)
+        with self._lock:
+            if resolved not in self._advertised:
+                self._advertised[resolved] = type_name
+                self._advertise_on_robot(resolved, type_name)
+        return resolved
+
+    def publish(self, topic: str, message: Message) -> None:
+        if self._outputs is not None:
+            self._outputs.publish(topic, message)
+            return
+        resolved = self.require_advertised(topic)
+        complete(self._advertised[resolved], message)  # raises MessageError
+        self._publish_on_robot(resolved, message)
+
+    def has_listeners(self, topic: str) -> bool:
+        if self._outputs is not None:
+            return self._outputs.has_listeners(topic)
+        self.require_advertised(topic)
+        return False
+
+    def subscribe(
+        self, topic: str, type_name: str, callback: Callback, *, field: Optional[str] = "", latched: bool = False
+    ) -> Any:
+        return self._begin(type_name, self._new_receiver(self.resolve(topic), type_name, field, callback))
+
+    def subscribe_raw(self, topic: str, type_name: str, callback: RawCallback) -> Any:
+        return self._begin(type_name, self._new_capture(self.resolve(topic), type_name, callback))
+
+    def _begin(self, type_name: str, receiver: Any) -> Any:
+        with self._lock:
+            self._subscriptions.append(receiver)
+            self._add(type_name, receiver)
+        return receiver
+
+    def unsubscribe(self, subscription: Any) -> None:
+        with self._lock:
+            if subscription in self._subscriptions:
+                subscription.end()
+                self._subscriptions.remove(subscription)
+                self._remove(subscription)
+
+    def advertise_service(self, service: str, type_name: str, handler: Callable[[Message], Message]) -> None:
+        def answer(request: Message) -> Message:
+            return self.answer(handler, request)
+
+        if self._outputs is not None:
+            self._outputs.advertise_service(service, type_name, answer)
+            return
+        if split_type_name(type_name) is None:
+            raise ConfigError(f"expected a type such as std_srvs/Trigger, got {type_name!r}")
+        with self._lock:
+            self._offer_on_robot(self.resolve(service), type_name, answer)
+
+    def create_timer(self, period_s: float, callback: Callable[[float], None], *, steady: bool = False) -> ClockTimer:
+        timer = super().create_timer(period_s, callback, steady=steady)
+        self._client.run_in_loop(self.arm)
+        return timer
+
+    def log(self, severity: Severity, text: str) -> None:
+        line = LogLine(self.steady_s(), self.name, severity, text)
+        self.faults.guard("log", self._client.on_log, line)
+
+    def close(self) -> None:
+        with self._lock:
+            if self.closed:
+                return
+            self.closed = True
+            self.cancel_timers()
+            self._waiting.clear()
+            self._on_first_clock.clear()
+            for subscription in tuple(self._subscriptions):
+                self.unsubscribe(subscription)
+            self._close_on_robot()
+        self._client.forget(self)
+
+    def set_sim_time(self, now_s: float) -> None:
+        """See `MappingNode.set_sim_time`; also makes the calls that waited in `call_with_time`."""
+        with self._lock:
+            super().set_sim_time(now_s)
+            if self._on_first_clock and not self.waiting_for_clock():
+                callbacks, self._on_first_clock = self._on_first_clock, []
+                for callback in callbacks:
+                    self.call(callback)
+
+    def call_with_time(self, callback: Callable[[], None]) -> None:
+        """Calls back at once; under `use_sim_time` not before the first message on /clock."""
+        with self._lock:
+            if self.waiting_for_clock():
+                self._on_first_clock.append(callback)
+            else:
+                self.call(callback)
+
+    def arm(self) -> None:
+        """Schedules the next check of the timers. Called in the loop."""
+        if self._client.loop is None:
+            return
+        if self._wake is not None:
+            self._wake.cancel()
+            self._wake = None
+        next_s = self.next_steady_s()
+        if next_s is not None:
+            loop = self._client.loop
+            due_s = loop.time() + max(0.0, next_s - self.steady_s())
+            # The nodes of many robots wake the process together.
+            self._wake = loop.call_at(math.ceil(due_s / _WAKE_PERIOD_S) * _WAKE_PERIOD_S, self._on_wake)
+
+    def _on_wake(self) -> None:
+        self._wake = None
+        self.run_steady_timers()
+        self.arm()

@@ -1,0 +1,400 @@
+"""The tables at any size: the worst first, nothing twice, and the reason always in full."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any, Dict, List, Mapping, Optional, Sequence
+
+import pytest
+
+pytest.importorskip("rich", reason="rich, which draws the table, is not installed")
+
+from rich.cells import cell_len
+from rich.text import Text
+
+from robot_health_monitor.cli.output.tables import (
+    UNKNOWN_STATES,
+    FleetState,
+    SignalRow,
+    cells_line,
+    fleet_lines,
+    fleet_state,
+    fleet_summary,
+    level_text,
+    rank,
+    rank_counts,
+    short_bounds,
+    signal_lines,
+    wrapped,
+)
+from robot_health_monitor.core.config.signal_config import LINK, read_signal
+from robot_health_monitor.core.nodes import AlertSystem
+from robot_health_monitor.core.port.local import LocalBus
+from robot_health_monitor.core.values.formatting import printable
+from robot_health_monitor.core.values.model import Level, Sample, Status
+
+ROOT = Path(__file__).resolve().parents[3]
+
+
+def status(level: Level, **facts: str) -> Status:
+    return Status("battery", level, "", "atlas", {}, **facts)  # type: ignore[arg-type]
+
+
+def test_the_order_is_ok_unknown_warn_stale_error() -> None:
+    statuses = [
+        status(Level.OK),
+        status(Level.STALE, state="unreachable"),
+        status(Level.WARN),
+        status(Level.STALE),
+        status(Level.ERROR),
+    ]
+    assert sorted(statuses, key=rank) == statuses
+    assert rank(status(Level.STALE, state="waiting")) == rank(statuses[1])
+
+
+def test_an_unknown_level_is_named_and_coloured_as_such() -> None:
+    unknown = status(Level.STALE, state="waiting")
+    assert level_text(unknown).plain == "waiting" and level_text(status(Level.STALE)).plain == "STALE"
+    colours = [level_text(shown).spans[0].style for shown in (unknown, *(status(level) for level in Level))]
+    assert len(set(colours)) == 5
+
+
+def test_a_silenced_alert_says_so_and_a_healthy_signal_does_not() -> None:
+    assert level_text(status(Level.WARN, silence="until 12:00, by ana")).plain == "WARN silenced"
+    assert level_text(status(Level.OK, silence="until 12:00, by ana")).plain == "OK"
+
+
+def test_levels_are_counted_the_worst_first() -> None:
+    assert rank_counts([0, 6, 0, 1, 6]) == "2 ERROR, 1 unknown, 2 OK"
+
+
+def test_the_page_uses_the_same_words() -> None:
+    levels = (ROOT / "ops" / "web" / "page" / "levels.js").read_text(encoding="utf-8")
+    labels = re.findall(r'\w+: "([^"]+)"', levels)
+    assert sorted(labels) == sorted(["NO LINK", *(level.name for level in Level), *UNKNOWN_STATES])
+
+
+def test_columns_are_padded_and_shortened_to_their_width_in_cells() -> None:
+    assert cells_line([(Text("ab"), 4), (Text("電池電池"), 5)], 40, "rest").plain == "ab    電池…  rest"
+
+
+def test_no_line_is_wider_than_the_terminal() -> None:
+    assert cells_line([(Text("abcdef"), 6)], 10, "reason").plain == "abcdef  re"
+
+
+def test_a_text_continues_at_blanks_and_a_long_word_is_divided() -> None:
+    assert wrapped("one two abcdefghij", 7) == ["one two", "abcdefg", "hij"]
+    assert wrapped("", 7) == [""]
+
+
+def test_a_text_without_end_has_six_lines() -> None:
+    assert wrapped("word " * 100, 4) == ["word"] * 5 + ["..."]
+
+
+BATTERY = "WARN < 20, ERROR < 10"
+
+
+def row(name: str, level: int, message: str, bounds: str = "", trend: Sequence[float] = (), **values: str) -> SignalRow:
+    return SignalRow(Status(name, Level(level), message, "atlas", values), bounds, trend)
+
+
+def lines(rows: Sequence[SignalRow], width: int = 80, room: int = 20) -> List[str]:
+    return [line.plain for line in signal_lines(rows, width, room, printable)]
+
+
+def test_a_row_has_level_value_and_bounds_and_no_value_twice() -> None:
+    assert lines(
+        [row("battery_level", 0, "77 %", BATTERY), row("temperature", 1, "93 degC is above 80 degC", "x")]
+    ) == [
+        "signal         level  value  bounds",
+        "battery_level  OK     77 %   WARN < 20, ERROR < 10",
+        "temperature    WARN   93 degC is above 80 degC",
+    ]
+
+
+def test_the_reason_ends_with_the_hint_why_there_are_no_samples() -> None:
+    status = Status("battery", Level.STALE, "no sample for 6 s", "atlas", {}, "no publisher on /battery")
+    shown = lines([SignalRow(status, "", ())])
+    assert shown[1] == "battery  STALE  no sample for 6 s [no publisher on /battery]"
+
+
+def test_a_forecast_says_when_it_reaches_a_bound_before_any_hint() -> None:
+    status = Status(
+        "soon", Level.OK, "forecast 26 % in 30 min", "atlas", {}, "a voltage", outlook="reaches 20 % in 45 min"
+    )
+    assert lines([SignalRow(status, "WARN < 20", ())], 90) == [
+        "signal  level  value                                                        bounds",
+        "soon    OK     forecast 26 % in 30 min, reaches 20 % in 45 min [a voltage]  WARN < 20",
+    ]
+
+
+def test_a_rate_of_arrivals_has_no_statistics_of_its_values() -> None:
+    values = {"mean": "1", "min": "1", "max": "1"}
+    rows = [
+        row("scan", 0, "9.9 Hz", trend=[9.9], statistic="frequency_hz", **values),
+        row("gap", 0, "0.1 s", trend=[0.1], statistic="largest_gap_s", **values),
+        row("load", 0, "1 %", trend=[1.0], statistic="mean", **values),
+    ]
+    assert [line.split()[2:-1] for line in lines(rows, 120)[1:]] == [
+        ["9.9", "Hz", "-", "-", "-"],
+        ["0.1", "s", "-", "-", "-"],
+        ["1", "%", "1", "1", "1"],
+    ]
+
+
+def test_effects_are_counted_at_their_cause_and_take_no_line() -> None:
+    cause = Status("/joint_states", Level.STALE, "no message for 6 s (limit 5 s): 2 signals", "atlas", {}, affects=2)
+    effects = [Status(name, Level.STALE, "no sample", "atlas", {}, cause="/joint_states") for name in ("left", "right")]
+    shown = lines([SignalRow(each, "", ()) for each in (cause, *effects)], 100)[1:]
+    assert [" ".join(line.split()) for line in shown] == [
+        "/joint_states STALE no message for 6 s (limit 5 s): 2 signals (+ 2 affected)"
+    ]
+
+
+def test_of_a_fleet_effects_are_no_signals_of_their_own() -> None:
+    robots = Robots()
+    robots.add("a", depends_on=("battery_level",)).measure(8.5, 93.0)
+    assert rows(robots.lines(110, 20))[1:] == ["a ERROR battery_level 8.5 % is below 10 % (+ 1 affected)"]
+
+
+def test_statistics_and_trend_are_shown_where_there_is_room() -> None:
+    trend = [1.0, float("nan"), 3.0, 5.0]
+    rows = [row("battery_level", 0, "77 %", BATTERY, trend, mean="76.5", min="75", max="78")]
+    assert lines(rows, 120)[1] == "battery_level  OK     77 %   WARN < 20, ERROR < 10  76.5  75   78   ▁ ▅█"
+    assert lines(rows, 80)[1].endswith("ERROR < 10  ▁ ▅█")
+    assert lines(rows, 40)[1] == "battery_level  OK     77 %"
+
+
+def test_values_that_are_all_the_same_have_a_flat_trend() -> None:
+    assert lines([row("a", 0, "1", trend=[5.0, 5.0])])[1].endswith("▄▄")
+
+
+def test_a_terminal_without_utf8_has_no_trend() -> None:
+    rows = [row("a", 0, "1", trend=[5.0, 5.0])]
+    assert all(line.plain.isascii() for line in signal_lines(rows, 80, 20, printable, bars=False))
+
+
+def test_without_a_signal_there_is_what_to_run() -> None:
+    text = "no signal is watched: run `robot-health init`"
+    assert lines([]) == lines([row(LINK, 0, "up")]) == [text]
+    assert lines([row(LINK, 2, "down: refused")])[1] == "link    ERROR  down: refused"
+    assert " ".join(lines([], width=20)) == text
+
+
+def test_a_link_that_is_up_takes_no_line() -> None:
+    assert len(lines([row(LINK, 0, "up"), row("a", 0, "1")])) == 2
+    assert lines([row(LINK, 2, "down: refused")])[1] == "link    ERROR  down: refused"
+
+
+def test_only_the_word_of_the_level_is_coloured() -> None:
+    (_, line) = signal_lines([row("a", 2, "5 is above 3")], 80, 20, printable)
+    assert [line.plain[span.start : span.end] for span in line.spans if span.style] == ["ERROR"]
+
+
+def test_signals_for_which_there_is_no_room_are_counted_and_the_worst_come_first() -> None:
+    rows = [row(f"s{number}", 0, "1") for number in range(9)] + [row("bad", 2, "5"), row("low", 1, "2")]
+    assert lines(rows, room=5) == [
+        "signal  level  value",
+        "bad     ERROR  5",
+        "low     WARN   2",
+        "s0      OK     1",
+        "and 8 more: 8 OK",
+    ]
+
+
+@pytest.mark.parametrize("width", [20, 30, 60, 80, 120])
+def test_a_reason_is_never_cut_and_no_line_is_too_wide(width: int) -> None:
+    reason = "no sample since the start 11 s ago (limit 10 s)"
+    found = lines([row("a_rather_long_name_of_a_signal", 3, reason), row("b", 0, "77 %", BATTERY)], width)
+    assert max(map(cell_len, found)) <= width
+    assert reason in " ".join(" ".join(found).split())
+
+
+def test_bounds_are_shown_with_the_side_on_which_they_alert() -> None:
+    assert short_bounds(read_signal("a", {"warn_below": 20.0, "error_below": 10.5})) == "WARN < 20, ERROR < 10.5"
+    assert short_bounds(read_signal("a", {"warn_above": 80.0})) == "WARN > 80"
+    assert short_bounds(read_signal("a", {"stale_after_s": 3.0})) == ""
+
+
+REFUSED = "connection refused: no server listens on this port"
+SIGNALS = {
+    "battery_level": {"unit": "%", "warn_below": 20.0, "error_below": 10.0},
+    "motor_temperature": {"unit": "degC", "warn_above": 80.0},
+}
+
+
+class Robot:
+    """A robot with a battery and a motor."""
+
+    def __init__(self, bus: LocalBus, name: str, silences: Mapping[str, str], depends_on: Sequence[str] = ()) -> None:
+        self._bus = bus
+        namespace = re.sub(r"\W", "_", name)
+        motor = {**SIGNALS["motor_temperature"], "depends_on": list(depends_on)}
+        parameters = {"robot_name": name, "signals": {**SIGNALS, "motor_temperature": motor}}
+        node = bus.node("alert_system", namespace=f"r{namespace}", parameters=parameters)
+        self.alert_system = AlertSystem(node, log_alerts=False, silence_of=lambda signal: silences.get(name))
+
+    @property
+    def now_s(self) -> float:
+        return self._bus.now_s
+
+    def measure(self, battery: float, motor: float) -> Robot:
+        self.alert_system.observe_link(True)
+        self.alert_system.observe(Sample("battery_level", battery, self.now_s))
+        self.alert_system.observe(Sample("motor_temperature", motor, self.now_s))
+        return self
+
+    def lose(self, cause: str = REFUSED) -> Robot:
+        self.alert_system.observe_link(False, cause)
+        return self
+
+
+class Robots:
+    """What is shown."""
+
+    system_health: Optional[float] = None
+
+    def __init__(self) -> None:
+        self._bus = LocalBus(on_log=lambda line: None)
+        self.robots: List[Robot] = []
+        self.silences: Dict[str, str] = {}
+
+    def add(self, name: str, **options: Any) -> Robot:
+        self.robots.append(Robot(self._bus, name, self.silences, **options))
+        return self.robots[-1]
+
+    def lines(self, width: int, height: int) -> List[str]:
+        state = self.state(height)
+        return [line.plain for line in fleet_lines(state, width, height, printable)]
+
+    def state(self, height: int = 24) -> FleetState:
+        return fleet_state(self, height)  # type: ignore[arg-type]  # its clock is a property of the bus
+
+
+@pytest.fixture
+def five() -> Robots:
+    robots = Robots()
+    robots.add("calm").measure(77.0, 40.0)
+    robots.add("warm").measure(77.0, 93.0)
+    robots.add("gone").lose()
+    robots.add("silent")
+    robots.add("empty").measure(8.5, 93.0)
+    return robots
+
+
+def rows(lines: List[str]) -> List[str]:
+    """Returns robot, level and signal of the rows, without the times."""
+    return [" ".join(re.sub(r"\d\d:\d\d(:\d\d)?", "", line).split()) for line in lines]
+
+
+def test_each_robot_has_a_row_with_its_worst_signal_the_worst_robot_first(five: Robots) -> None:
+    assert rows(five.lines(110, 7)) == [
+        "robot level since signal reason",
+        f"gone ERROR link down: {REFUSED}",
+        "empty ERROR battery_level 8.5 % is below 10 %",
+        "WARN motor_temperature 93 degC is above 80 degC",
+        "warm WARN motor_temperature 93 degC is above 80 degC",
+        "silent waiting no connection yet",
+        "calm OK battery_level 77 %, motor_temperature 40 degC",
+    ]
+
+
+def test_robots_that_are_ok_take_one_line_however_much_room_there_is(five: Robots) -> None:
+    assert five.lines(110, 40) == five.lines(110, 7)
+
+
+def test_signals_for_which_there_is_no_room_are_counted() -> None:
+    robots = Robots()
+    robots.add("a").measure(8.5, 93.0)
+    robots.add("b").measure(8.5, 93.0)
+    assert rows(robots.lines(110, 4))[1:] == [
+        "a ERROR battery_level 8.5 % is below 10 %",
+        "b ERROR battery_level 8.5 % is below 10 %",
+        "and 2 more signals not OK",
+    ]
+    assert len(robots.lines(110, 5)) == 5
+
+
+def test_nine_robots_fit_into_forty_lines() -> None:
+    robots = Robots()
+    for number in range(9):
+        robots.add(f"husky{number}").measure(8.5 if number < 3 else 77.0, 40.0)
+    lines = robots.lines(120, 40)
+    assert len(lines) == 10
+    assert rows(lines)[-1] == "husky8 OK battery_level 77 %, motor_temperature 40 degC"
+
+
+def test_as_many_values_of_a_healthy_robot_are_shown_as_fit_into_its_line(five: Robots) -> None:
+    assert rows(five.lines(80, 40))[-1] == "calm OK battery_level 77 %"
+    assert rows(five.lines(40, 40))[-1] == "calm OK"
+
+
+def test_robots_for_which_there_is_no_room_are_counted_by_level(five: Robots) -> None:
+    assert rows(five.lines(110, 4)) == [
+        "robot level since signal reason",
+        f"gone ERROR link down: {REFUSED}",
+        "empty ERROR battery_level 8.5 % is below 10 %",
+        "and 3 more robots: 1 WARN, 1 unknown, 1 OK; 1 more signal not OK",
+    ]
+
+
+@pytest.mark.parametrize("width", [24, 30, 40, 50, 60, 80, 100, 120, 200, 300])
+@pytest.mark.parametrize("height", [3, 5, 10, 50])
+@pytest.mark.parametrize("count", [2, 5, 200])
+def test_it_fits_and_never_cuts_a_reason(width: int, height: int, count: int) -> None:
+    robots = Robots()
+    for number in range(count):
+        name = f"warehouse-north-carter-with-a-long-name-{number}" if number % 3 else f"r{number}"
+        robot = robots.add(name)
+        robot.lose() if number % 2 else robot.measure(8.5, 93.0)
+    lines = robots.lines(width, height)
+    assert max(map(cell_len, lines)) <= width
+    assert len(lines) <= max(height, 8)  # one robot is always shown, with the whole reason
+    text = " ".join(" ".join(lines).split())
+    assert "8.5 % is below 10 %" in text
+    if height > 10 or (count == 2 and height == 10):
+        assert f"down: {REFUSED}" in re.sub(r"\s+", " ", text)
+
+
+def test_the_title_names_the_worst_robot_and_counts_the_levels(five: Robots) -> None:
+    assert (
+        fleet_summary(five.state(), printable).plain == "5 robots, worst: gone ERROR   2 ERROR, 1 WARN, 1 unknown, 1 OK"
+    )
+    calm = Robots()
+    for name in ("a", "b"):
+        calm.add(name).measure(77.0, 40.0)
+    assert fleet_summary(calm.state(), printable).plain == "2 robots   2 OK"
+
+
+def test_silenced_alarms_are_marked_and_counted(five: Robots) -> None:
+    five.silences["warm"] = "until 12:00, by ana"
+    assert fleet_summary(five.state(), printable).plain.endswith("   1 silenced")
+    assert any(row.startswith("warm WARN silenced motor_temperature") for row in rows(five.lines(110, 20)))
+
+
+def test_a_robot_without_any_news_is_waiting_and_not_ok() -> None:
+    robots = Robots()
+    robots.add("a")
+    robots.add("b")
+    assert rows(robots.lines(80, 10))[1:] == ["a waiting no connection yet", "b waiting no connection yet"]
+
+
+def test_nothing_from_a_robot_controls_the_terminal() -> None:
+    robots = Robots()
+    robots.add("a").lose("down\x1b[2J\nnow \u202e")
+    robots.add("b")
+    for line in robots.lines(80, 10):
+        assert line.isprintable()
+
+
+def test_states_are_read_only_for_what_can_be_shown(monkeypatch: pytest.MonkeyPatch) -> None:
+    robots = Robots()
+    for number in range(200):
+        robots.add(f"r{number}").measure(77.0, 40.0)
+    asked: List[Any] = []
+    original = AlertSystem.status
+    monkeypatch.setattr(AlertSystem, "status", lambda system, name: asked.append(name) or original(system, name))
+    state = robots.state(24)
+    assert state.total == 200 and len(state.robots) == 24
+    assert len(asked) <= 48

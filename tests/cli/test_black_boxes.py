@@ -1,0 +1,115 @@
+"""Black boxes in virtual time: `replay` gives the alert line that the monitor gave, in random ones too."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any, Dict, List, Tuple
+
+import pytest
+from harness.black_boxes import BATTERY, RecordedRobot
+from harness.random_black_boxes import check_random_black_box, without_past
+
+pytest.importorskip("mcap")
+
+
+def replayed(file: Path, *arguments: str) -> Tuple[int, List[Dict[str, Any]], str]:
+    """Returns exit code, alerts and the table of `robot-health replay`."""
+    command = [sys.executable, "-m", "robot_health_monitor", "replay", str(file), "--json", *arguments]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+    return done.returncode, [json.loads(line) for line in done.stdout.splitlines()], done.stderr
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_replay_gives_the_same_alert_line(tmp_path: Path, seed: int) -> None:
+    check_random_black_box(tmp_path, seed)
+
+
+@pytest.fixture
+def black_box(tmp_path: Path) -> Path:
+    """A black box with one WARN: 15 %."""
+    robot = RecordedRobot(tmp_path / "box", {"battery": {**BATTERY, "for_s": 3.0}}, name="husky1")
+    robot.feed(60.0, 50.0)
+    robot.feed(30.0, 15.0)
+    (file,) = robot.files()
+    robot.close()
+    return file
+
+
+def test_replay_uses_what_is_attached(black_box: Path) -> None:
+    code, alerts, _ = replayed(black_box)
+    assert code == 1
+    assert [(alert["robot"], alert["text"]) for alert in alerts] == [
+        ("husky1", "battery WARN: 15 % is below 20 % (was OK for 63 s)")
+    ]
+
+
+def test_suggest_leaves_out_what_the_black_box_itself_wrote(black_box: Path) -> None:
+    command = [sys.executable, "-m", "robot_health_monitor", "suggest", str(black_box)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+    assert done.returncode == 0, done.stderr
+    assert "alert_system_tick_rate" not in done.stdout
+    assert "    #   /alert_system/tick: published by this monitor" in done.stdout
+
+
+def test_thresholds_replace_what_is_attached(black_box: Path, tmp_path: Path) -> None:
+    thresholds = tmp_path / "other.yaml"
+    thresholds.write_text(
+        "alert_system:\n  ros__parameters:\n    signals:\n"
+        "      battery: {type: std_msgs/Float32, unit: '%', warn_below: 10.0}\n",
+        encoding="utf-8",
+    )
+    code, alerts, _ = replayed(black_box, "--thresholds", str(thresholds))
+    assert (code, alerts) == (0, [])
+
+
+def test_a_replay_that_begins_later_does_not_use_the_states(black_box: Path) -> None:
+    code, alerts, _ = replayed(black_box, "--from", "10")
+    assert code == 1
+    assert [without_past(alert["text"]) for alert in alerts] == ["battery WARN: 15 % is below 20 %"]
+
+
+def test_an_attachment_that_cannot_be_used_is_one_line(tmp_path: Path) -> None:
+    from robot_health_monitor.core.port.middleware import RawFormat
+    from robot_health_monitor.ops.black_box.recording_file import RecordingFile
+    from robot_health_monitor.ops.black_box.ring import Channel
+
+    channel = Channel("/a", RawFormat("json", "std_msgs/Float32", "jsonschema", "{}", ""))
+    texts = [("alert_system: {ros__parameters: {signals: {a: {warn_belw: 1.0}}}}\n", "{}"), ("a: [", "{}"), ("", "")]
+    lines = []
+    for number, (thresholds, state) in enumerate(texts):
+        attached = {"thresholds.yaml": thresholds, "state.json": state}
+        file = RecordingFile(str(tmp_path / f"{number}.mcap"), "", 0, attached)
+        file.write([(float(at), channel, b'{"data": 1.0}') for at in range(9)], 0.0)
+        file.finish({})
+        code, _, error = replayed(tmp_path / f"{number}.mcap")
+        assert code == 2
+        (line,) = error.splitlines()
+        lines.append(line.replace(f"{tmp_path}/", ""))
+    assert "state.json: expected an object with robot, time_s and signals" in lines[0]
+    assert lines[1] == "1.mcap/thresholds.yaml:2: is not valid YAML: did not find expected node content"
+    assert lines[2] == "2.mcap/thresholds.yaml: is empty; expected a mapping of keys to values"
+
+
+@pytest.mark.parametrize("driving", [0.0, 1.0])
+def test_a_condition_on_a_latched_topic_holds_in_a_replay_too(tmp_path: Path, driving: float) -> None:
+    """Published once, long before the recording begins. Not driving: the low battery is no alert."""
+    signals = {
+        "battery": {**BATTERY, "only_if": {"signal": "driving", "above": 0.5}},
+        "driving": {"type": "std_msgs/Float32", "stale_after_s": 0.0},
+        "temperature": {"type": "std_msgs/Float32", "warn_above": 80.0},
+    }
+    robot = RecordedRobot(tmp_path, signals, before_s=10.0, after_s=2.0)
+    robot.publish("driving", driving)
+    for number in range(300):
+        robot.wait(0.1)
+        robot.publish("battery", 50.0 if number < 250 else 15.0)
+        robot.publish("temperature", 50.0 if number < 280 else 90.0)
+    robot.wait(4.0)
+    file = robot.files()[-1]
+    robot.close()
+    _, alerts, _ = replayed(file)
+    expected = ["battery WARN: 15 % is below 20 %"] * (driving > 0.5) + ["temperature WARN: 90 is above 80"]
+    assert [without_past(alert["text"]) for alert in alerts] == expected

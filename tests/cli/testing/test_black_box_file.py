@@ -1,0 +1,57 @@
+"""What a black box has attached, and what is wrong with it in one line."""
+
+from __future__ import annotations
+
+from typing import Any, Dict
+
+import pytest
+
+from robot_health_monitor.cli.testing.black_box_file import attached_file, attached_section, attached_states
+from robot_health_monitor.core.judge.attachments import SavedMonitor
+from robot_health_monitor.core.values.errors import ConfigError
+from robot_health_monitor.recordings.recording import Attachment
+
+
+class Opened:
+    """Stands for opened recordings, whose formats are tested in test_mcap_file.py."""
+
+    def __init__(self, **texts: str) -> None:
+        self.paths = ["/box/r1.mcap"]
+        self.attachments = {name.replace("_", "."): Attachment(0, text) for name, text in texts.items()}
+
+
+def opened(**texts: str) -> Any:
+    return Opened(**texts)
+
+
+def test_a_recording_without_attachments_is_no_black_box() -> None:
+    assert attached_file(opened()) is None
+    assert attached_states(opened()) is None
+
+
+def test_the_thresholds_are_those_of_alert_system() -> None:
+    text = "alert_system:\n  ros__parameters:\n    robot_name: r1\n    signals: {battery: {warn_below: 20.0}}\n"
+    file = attached_file(opened(thresholds_yaml=text))
+    assert file is not None
+    assert file.file == "/box/r1.mcap/thresholds.yaml"
+    tree: Dict[str, Any] = dict(attached_section(file).tree)
+    assert tree == {"robot_name": "r1", "signals": {"battery": {"warn_below": 20.0}}}
+
+
+def test_the_states_are_those_at_the_beginning() -> None:
+    saved = SavedMonitor("r1", 12.5, {"battery": {"since": {"announced": 3.0}}})
+    assert attached_states(opened(state_json=saved.to_json())) == saved
+
+
+@pytest.mark.parametrize(
+    ("texts", "problem"),
+    [
+        ({"state_json": "{"}, "/box/r1.mcap: state.json: expected an object with robot, time_s and signals"),
+        ({"thresholds_yaml": ""}, "/box/r1.mcap/thresholds.yaml: is empty; expected a mapping of keys to values"),
+    ],
+)
+def test_an_attachment_that_cannot_be_read_is_one_line(texts: Dict[str, str], problem: str) -> None:
+    read: Any = attached_states if "state_json" in texts else attached_file
+    with pytest.raises(ConfigError) as caught:
+        read(opened(**texts))
+    assert str(caught.value) == problem

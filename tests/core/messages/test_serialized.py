@@ -1,0 +1,234 @@
+"""Fields of serialized messages, from bytes written by hand; tests/recordings/test_decoding.py compares with rosbags.
+
+Work is bounded, whatever the bytes say.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from typing import Any, Dict, Tuple
+
+import pytest
+
+from robot_health_monitor.core.messages.definitions import SEQUENCE, Definition, Field
+from robot_health_monitor.core.messages.serialized import Deserializer, SerializedType, json_getter
+from robot_health_monitor.core.proposal.candidates import Topic, list_candidates
+from robot_health_monitor.core.values.errors import ConfigError
+from robot_health_monitor.core.values.field_path import ABSENT
+
+
+def test_big_endian_messages_are_read() -> None:
+    get = SerializedType("/topic", "std_msgs/Float32", "cdr", "float32 data", "msg").field_getter("data")
+    assert get(b"\0\0\0\0" + struct.pack(">f", 19.5)) == 19.5
+
+
+@pytest.mark.parametrize("data", [b"", b"\0", b"\0\1\0\0", b"\0\1\0\0\1\2\3", b"\0\x07\0\0" + bytes(4)])
+def test_a_message_that_does_not_match_its_type_is_a_value_error(data: bytes) -> None:
+    with pytest.raises(ValueError, match=r"too short|not CDR"):
+        SerializedType("/topic", "std_msgs/Float32", "cdr", "float32 data", "msg").field_getter("data")(data)
+
+
+def test_a_string_that_is_longer_than_its_message_is_a_value_error() -> None:
+    get = SerializedType("/topic", "p/T", "ros1", "string name\nfloat32 data", "msg").field_getter("data")
+    with pytest.raises(ValueError, match="too short"):
+        get(struct.pack("<I", 2**32 - 1) + b"name")
+
+
+def test_a_deserializer_that_fails_is_a_value_error() -> None:
+    get = SerializedType("/topic", "p/T", "ros1", "float32[] data", "msg").field_getter("data[0]")
+    with pytest.raises(ValueError, match="not a p/T"):
+        get(struct.pack("<I", 100))
+
+
+def test_a_type_of_the_robot_is_read_by_the_definition_in_the_recording() -> None:
+    text = (
+        "Cell[] cells\nCell first\nfloat64[2] pair\nuint8 state\n" + "=" * 80 + "\nMSG: my_robot/Cell\nfloat32 volts\n"
+    )
+    types = SerializedType("/topic", "my_robot/Pack", "ros1", text, "msg")
+    data = struct.pack("<I2ffddB", 2, 3.5, 3.75, 4.0, 1.0, 2.0, 7)
+    assert types.field_getter("cells[1].volts")(data) == 3.75
+    assert types.field_getter("first.volts")(data) == 4.0
+    assert types.field_getter("pair[1]")(data) == 2.0
+    assert types.field_getter("state")(data) == 7
+    assert types.field_getter("")(data) == {
+        "cells": [{"volts": 3.5}, {"volts": 3.75}], "first": {"volts": 4.0}, "pair": [1.0, 2.0], "state": 7
+    }  # fmt: skip
+
+
+DYNAMIC_JOINT_STATE = (
+    "std_msgs/Header header\nstring[] joint_names\nInterfaceValue[] interface_values\n"
+    + "=" * 80
+    + "\nMSG: std_msgs/Header\nuint32 seq\ntime stamp\nstring frame_id\n"
+    + "=" * 80
+    + "\nMSG: control_msgs/InterfaceValue\nstring[] interface_names\nfloat64[] values\n"
+)
+
+
+def ros1_strings(*texts: str) -> bytes:
+    return struct.pack("<I", len(texts)) + b"".join(struct.pack("<I", len(text)) + text.encode() for text in texts)
+
+
+def test_the_interfaces_of_a_dynamic_joint_state_are_read_by_joint_and_name() -> None:
+    types = SerializedType("/topic", "control_msgs/DynamicJointState", "ros1", DYNAMIC_JOINT_STATE, "msg")
+    data = struct.pack("<III", 7, 1_700_000_000, 500_000_000) + struct.pack("<I", 0)
+    data += ros1_strings("wheel_left", "arm") + struct.pack("<I", 2)
+    data += ros1_strings("position", "effort") + struct.pack("<I2d", 2, 0.5, 7.5)
+    data += ros1_strings("effort") + struct.pack("<I1d", 1, 8.5)
+    expected = {
+        'interface_values["wheel_left"].values["effort"]': 7.5,
+        'interface_values["arm"].values["position"]': ABSENT,
+        'interface_values["*"].values["effort"]': [("wheel_left", 7.5), ("arm", 8.5)],
+        'interface_values["wheel_left"].values["*"]': [("position", 0.5), ("effort", 7.5)],
+        "header.stamp": 1_700_000_000.5,
+    }
+    assert {field: types.field_getter(field)(data) for field in expected} == expected
+
+
+def test_an_array_of_one_number_is_an_array() -> None:
+    types = SerializedType("/topic", "p/T", "ros1", "float64[1] data\nint8 after", "msg")
+    data = struct.pack("<db", 1.5, -3)
+    assert types.field_getter("data[0]")(data) == 1.5
+    assert types.field_getter("after")(data) == -3
+
+
+def test_a_byte_of_ros1_is_signed_as_in_rospy() -> None:
+    assert SerializedType("/topic", "std_msgs/Byte", "ros1", "byte data", "msg").field_getter("data")(b"\xff") == -1
+
+
+def test_time_stamps_have_the_spellings_of_both_middlewares() -> None:
+    types = SerializedType("/topic", "std_msgs/Header", "ros1", "uint32 seq\ntime stamp\nstring frame_id", "msg")
+    data = struct.pack("<IIII", 1, 100, 5, 0)
+    assert types.field_getter("stamp.secs")(data) == 100
+    assert types.field_getter("stamp.nanosec")(data) == 5
+
+
+def test_idl_definitions_are_parsed() -> None:
+    text = (
+        "=" * 80 + "\nIDL: my_robot/msg/Load\n"
+        "module my_robot { module msg { struct Load { double watts; my_robot::msg::Cell cell; }; }; };\n"
+        + "=" * 80 + "\nIDL: my_robot/msg/Cell\nmodule my_robot { module msg { struct Cell { float volts; }; }; };\n"
+    )  # fmt: skip
+    types = SerializedType("/topic", "my_robot/Load", "cdr", text, "idl")
+    data = b"\0\1\0\0" + struct.pack("<df", 12.5, 3.5)
+    assert types.field_getter("watts")(data) == 12.5
+    assert types.field_getter("cell.volts")(data) == 3.5
+
+
+def test_a_field_that_does_not_exist_is_refused_with_those_that_do() -> None:
+    with pytest.raises(ConfigError, match="data"):
+        SerializedType("/topic", "std_msgs/Float32", "cdr", "float32 data", "msg").field_getter("value")
+
+
+@pytest.mark.parametrize("ends_at", [0, 1000], ids=["contains itself", "is very deep"])
+def test_the_numbers_of_a_nested_definition_are_limited(ends_at: int) -> None:
+    """Each level contains the next one twice: 2 ** 1000 numbers."""
+    parts = [f"L{level + 1} a\nL{level + 1} b\nfloat32 data" for level in range(ends_at)] + ["L0 a\nfloat32 data"]
+    first, *others = (f"{text}\n" for text in parts)
+    text = first + "".join(f"{'=' * 80}\nMSG: L{level}\n{part}" for level, part in enumerate(others, 1))
+    types = SerializedType("/x", "odd/L0", "cdr", text.replace("L", "odd/L"), "msg")
+    assert len(list_candidates([Topic("/x", "odd/L0", types.definitions)]).candidates) <= 102
+    with pytest.raises(ConfigError, match="contains itself, or more than 32 levels of types"):
+        types.field_getter("data")
+
+
+def reader(fields: Dict[str, Tuple[Field, ...]], is_cdr: bool = False) -> Any:
+    return Deserializer({name: Definition(each) for name, each in fields.items()}, is_cdr).bind("a/T")
+
+
+def test_big_endian_arrays_are_read() -> None:
+    get = reader({"a/T": (Field("x", "float64", SEQUENCE), Field("y", "int16", 2))}, is_cdr=True)
+    message = get(b"\0\0\0\0" + struct.pack(">I4xdhh", 1, 2.5, -3, 4))
+    assert (message.x.tolist(), message.y.tolist()) == ([2.5], [-3, 4])
+
+
+@pytest.mark.parametrize(
+    ("fields", "data"),
+    [
+        ((Field("x", "string", None),), struct.pack("<i", -5)),
+        ((Field("x", "string", SEQUENCE),), struct.pack("<ii", 2**31 - 1, -4)),
+        ((Field("x", "float64", SEQUENCE),), struct.pack("<i", -1)),
+        ((Field("x", "a/E", SEQUENCE),), struct.pack("<I", 2**32 - 1) + bytes(1000)),
+        ((Field("x", "a/E", 2**31),), bytes(1000)),
+        ((Field("x", "uint8", 10**9),), bytes(1000)),
+    ],
+    ids=["string", "strings", "numbers", "messages", "fixed messages", "fixed numbers"],
+)
+@pytest.mark.parametrize("is_cdr", [False, True], ids=["ros1", "cdr"])
+def test_a_length_beyond_the_message_is_refused_at_once(fields: Any, data: bytes, is_cdr: bool) -> None:
+    """Lengths that are read as signed would go back, and read the same bytes again and again."""
+    get = reader({"a/T": fields, "a/E": (Field("y", "uint8", None),)}, is_cdr)
+    with pytest.raises(ValueError, match=r"too short|expected"):
+        get(b"\0\1\0\0" * is_cdr + data)
+
+
+def test_more_elements_than_fit_into_memory_are_refused() -> None:
+    get = reader({"a/T": (Field("x", "a/E", SEQUENCE),), "a/E": (Field("y", "uint8", None),)})
+    assert len(get(struct.pack("<I", 400_000) + bytes(400_000)).x) == 400_000
+    with pytest.raises(ValueError, match="expected at most 500000"):
+        get(struct.pack("<I", 600_000) + bytes(600_000))
+
+
+def nested(size: Any, leaf: Tuple[Field, ...]) -> Dict[str, Tuple[Field, ...]]:
+    """Returns types in eight levels."""
+    types = {f"a/L{level}": (Field("x", f"a/L{level + 1}", size),) for level in range(8)}
+    return {"a/T": (Field("x", "a/L0", size),), **types, "a/L8": leaf}
+
+
+@pytest.mark.parametrize("leaf", [(), (Field("x", "uint8", 0),)], ids=["empty", "array of size 0"])
+@pytest.mark.parametrize("size", [100, SEQUENCE])
+def test_arrays_of_empty_elements_are_refused(leaf: Any, size: int) -> None:
+    """100 to the power of 8 elements that take no bytes."""
+    with pytest.raises(ValueError, match="array of empty values"):
+        reader(nested(size, leaf))
+
+
+def test_many_empty_fields_of_many_empty_fields_are_refused() -> None:
+    fields = {name: tuple(Field(f"f{n}", inner, None) for n in range(100)) for name, inner in ("Ta", "ab", "bc")}
+    types = {f"a/{name}": tuple(each._replace(kind=f"a/{each.kind}") for each in row) for name, row in fields.items()}
+    with pytest.raises(ValueError, match="nearly all of them empty"):
+        reader({**types, "a/c": ()})
+
+
+def test_a_type_that_contains_itself_or_an_unknown_one_is_refused() -> None:
+    with pytest.raises(ValueError, match="a/T contains itself"):
+        reader({"a/T": (Field("x", "a/T", SEQUENCE),)})
+    with pytest.raises(ValueError, match="the definition of a/E is missing"):
+        reader({"a/T": (Field("x", "a/E", None),)})
+    with pytest.raises(ValueError, match="the definition of wstring is missing"):
+        reader({"a/T": (Field("x", "wstring", None),)})
+
+
+def test_text_that_is_not_utf8_is_readable_still() -> None:
+    get = reader({"a/T": (Field("x", "string", None), Field("y", "uint8", None))})
+    message = get(struct.pack("<I2sB", 2, b"\xff!", 7))
+    assert (message.x, message.y) == ("\ufffd!", 7)
+
+
+@pytest.mark.parametrize("data", [struct.pack("<BB", 1, 2), b""], ids=["longer", "shorter"])
+def test_a_message_of_another_length_is_refused(data: bytes) -> None:
+    with pytest.raises(ValueError, match=r"bytes|too short"):
+        reader({"a/T": (Field("x", "uint8", None),)})(data)
+
+
+def read_json(data: bytes, field: str, type_name: str = "std_msgs/Float32") -> Any:
+    return json_getter("/a", type_name, field)(data)
+
+
+def test_fields_of_json_are_read_json() -> None:
+    assert read_json(b'{"data": 1.5}', "data") == 1.5
+    assert read_json(b'{"data": "low"}', "data", "std_msgs/String") == "low"
+    assert read_json(b'{"data": {"x": [1, 2]}}', "data.x[1]", "own_msgs/Thing") == 2
+    assert read_json(b'{"data": 1.5}', "") == {"data": 1.5}
+    assert math.isnan(read_json(b'{"data": null}', "data"))
+
+
+@pytest.mark.parametrize("data", [b"", b"1", b"[]", b"\xff", b"{", b"{}", b"[" * 100_000, b'{"data": {' * 50_000])
+def test_bytes_that_are_no_such_json_raise_value_error(data: bytes) -> None:
+    with pytest.raises(ValueError):
+        read_json(data, "data")
+
+
+def test_a_field_that_the_type_does_not_have_is_refused() -> None:
+    with pytest.raises(ConfigError, match="has no field"):
+        read_json(b"{}", "date")

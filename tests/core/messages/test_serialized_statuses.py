@@ -1,0 +1,196 @@
+"""Statuses read from bytes that are written here by hand, after the layouts of ROS 1 and CDR."""
+
+from __future__ import annotations
+
+import random
+import struct
+from typing import Any, Dict, List, Mapping, Sequence, Tuple
+
+import pytest
+
+from robot_health_monitor.core.messages.dialect import FieldType
+from robot_health_monitor.core.messages.serialized_statuses import serialized_getter, statuses_getter
+from robot_health_monitor.core.values.elements import BadDatum, DriverStatus, Elements
+from robot_health_monitor.core.values.errors import MessageError
+from robot_health_monitor.core.values.field_path import ABSENT
+
+Status = Tuple[int, bytes, bytes, Sequence[Tuple[bytes, bytes]]]
+
+
+def message(type_name: str, *, is_array: bool = False) -> FieldType:
+    return FieldType(type_name, type_name, type_name, is_array=is_array)
+
+
+def text() -> FieldType:
+    return FieldType("string", "string")
+
+
+TYPES: Dict[str, Mapping[str, FieldType]] = {
+    "diagnostic_msgs/DiagnosticArray": {
+        "header": message("std_msgs/Header"),
+        "status": message("diagnostic_msgs/DiagnosticStatus", is_array=True),
+    },
+    "diagnostic_msgs/DiagnosticStatus": {
+        "level": FieldType("byte", "int8"),
+        "name": text(),
+        "message": text(),
+        "hardware_id": text(),
+        "values": message("diagnostic_msgs/KeyValue", is_array=True),
+    },
+    "std_msgs/Header": {"stamp": message("time"), "frame_id": text()},
+    "time": {"secs": FieldType("uint32", "uint32"), "nsecs": FieldType("uint32", "uint32")},
+    "other/Array": {"status": message("diagnostic_msgs/DiagnosticStatus", is_array=True)},
+    "other/Float": {"data": FieldType("float32", "float32")},
+}
+
+
+class Bytes:
+    """Writes a message; `order` is struct's. CDR aligns numbers, and ends texts with a zero."""
+
+    def __init__(self, form: str) -> None:
+        self.is_cdr = form != "ros1"
+        self.order = ">" if form == "cdr_be" else "<"
+        self.data = bytes([0, self.order == "<", 0, 0]) if self.is_cdr else b""
+
+    def number(self, value: int) -> None:
+        self.data += bytes(-len(self.data) % 4 if self.is_cdr else 0) + struct.pack(f"{self.order}I", value)
+
+    def text(self, value: bytes) -> None:
+        value += b"\0" if self.is_cdr else b""
+        self.number(len(value))
+        self.data += value
+
+
+def serialized(form: str, statuses: Sequence[Status], frame_id: bytes = b"map") -> bytes:
+    out = Bytes(form)
+    for number in (1, 2) if out.is_cdr else (7, 1, 2):
+        out.number(number)
+    out.text(frame_id)
+    out.number(len(statuses))
+    for level, name, said, values in statuses:
+        out.data += bytes([level])
+        out.text(name)
+        out.text(said)
+        out.text(b"hw")
+        out.number(len(values))
+        for key, value in values:
+            out.text(key)
+            out.text(value)
+    return out.data
+
+
+def read(form: str, data: bytes, field: str = 'status["*"]') -> Any:
+    get = serialized_getter(TYPES.__getitem__, "diagnostic_msgs/DiagnosticArray", field, is_cdr=form != "ros1")
+    assert get is not None
+    return get(data)
+
+
+FORMS = pytest.mark.parametrize("form", ["ros1", "cdr_le", "cdr_be"])
+MOTORS: List[Status] = [
+    (0, b"motor: left", b"running", [(b"temperature", b"40.5"), (b"e", b"")]),
+    (2, b"motor: right", b"", []),
+    (1, b"scanner", "verschmutzt, 30 %: prüfen".encode(), [(b"lens", b"dirty")]),
+]
+
+
+@FORMS
+def test_each_status_has_its_name_level_and_message(form: str) -> None:
+    found = read(form, serialized(form, MOTORS))
+    assert type(found) is Elements
+    assert found == [
+        ("motor: left", DriverStatus(0, "running")),
+        ("motor: right", DriverStatus(2, "")),
+        ("scanner", DriverStatus(1, "verschmutzt, 30 %: prüfen")),
+    ]
+
+
+@FORMS
+def test_texts_of_every_length_are_read(form: str) -> None:
+    statuses = [(number % 4, b"n" * number, b"m" * (number // 2), [(b"k" * number, b"v")]) for number in range(20)]
+    found = read(form, serialized(form, statuses, frame_id=b"f" * 5))
+    assert found == [("n" * number, DriverStatus(number % 4, "m" * (number // 2))) for number in range(20)]
+
+
+@FORMS
+def test_a_pattern_selects_by_name(form: str) -> None:
+    assert [name for name, _ in read(form, serialized(form, MOTORS), 'status["motor*"]')] == [
+        "motor: left",
+        "motor: right",
+    ]
+    assert read(form, serialized(form, MOTORS), 'status["arm*"]') is ABSENT
+    assert read(form, serialized(form, [])) is ABSENT
+
+
+@FORMS
+def test_statuses_of_this_package_are_left_out(form: str) -> None:
+    own: List[Status] = [
+        (2, b"alert_system: battery_level", b"low", []),
+        (2, b"renamed: battery_level", b"low", [(b"value", b"7"), (b"fingerprint", b"00aa"), (b"unit", b"%")]),
+    ]
+    assert [name for name, _ in read(form, serialized(form, [*own, *MOTORS]))] == [
+        "motor: left",
+        "motor: right",
+        "scanner",
+    ]
+
+
+def test_a_level_has_a_sign_in_ros1_and_none_in_ros2() -> None:
+    status: List[Status] = [(255, b"odd", b"", [])]
+    assert read("ros1", serialized("ros1", status)) == [("odd", DriverStatus(-1, ""))]
+    assert read("cdr_le", serialized("cdr_le", status)) == [("odd", DriverStatus(255, ""))]
+
+
+@FORMS
+def test_what_is_no_utf8_is_replaced(form: str) -> None:
+    assert read(form, serialized(form, [(0, b"a\xff", b"\xc3", [])])) == [("a�", DriverStatus(0, "�"))]
+
+
+@FORMS
+def test_too_many_statuses_are_a_bad_datum(form: str) -> None:
+    found = read(form, serialized(form, [(0, b"", b"", [])] * 10_001))
+    assert type(found) is BadDatum
+    assert found == "10001 elements (limit 10000)"
+
+
+@FORMS
+def test_a_message_that_was_cut_off_anywhere_is_an_error(form: str) -> None:
+    data = serialized(form, MOTORS)
+    for length in range(len(data)):
+        with pytest.raises(MessageError, match="too short, or no DiagnosticArray"):
+            read(form, data[:length])
+
+
+@FORMS
+def test_random_bytes_are_an_error_or_statuses(form: str) -> None:
+    dice = random.Random(1)
+    whole = serialized(form, MOTORS)
+    for _ in range(2000):
+        data = bytearray(whole)
+        for _ in range(dice.randrange(1, 4)):
+            data[dice.randrange(len(data))] = dice.randrange(256)
+        try:
+            found = read(form, bytes(data))
+        except MessageError:
+            continue
+        assert found is ABSENT or type(found) in (Elements, BadDatum)
+
+
+@pytest.mark.parametrize(
+    ("type_name", "field"),
+    [
+        ("other/Array", 'status["*"]'),
+        ("diagnostic_msgs/DiagnosticArray", "status[*]"),
+        ("diagnostic_msgs/DiagnosticArray", 'status["*"].level'),
+        ("diagnostic_msgs/DiagnosticArray", 'status["motor"]'),
+        ("diagnostic_msgs/DiagnosticArray", ""),
+    ],
+)
+def test_other_types_and_fields_need_messages(type_name: str, field: str) -> None:
+    assert statuses_getter(TYPES.__getitem__, type_name, field, is_cdr=True) is None
+    assert serialized_getter(TYPES.__getitem__, type_name, field, is_cdr=True) is None
+
+
+def test_numbers_are_read_as_before() -> None:
+    get = serialized_getter(TYPES.__getitem__, "other/Float", "data", is_cdr=False)
+    assert get is not None
+    assert get(struct.pack("<f", 19.5)) == 19.5

@@ -1,0 +1,254 @@
+"""The silences of a running monitor: what it sees of them, and when."""
+
+from __future__ import annotations
+
+import sqlite3
+from pathlib import Path
+from typing import List
+
+import pytest
+from harness.silences import NOON_S, Clock, announce, on_file
+from harness.waiting import wait_for
+
+from robot_health_monitor.core import Level
+from robot_health_monitor.core.values.errors import ConfigError
+from robot_health_monitor.core.values.faults import Faults
+from robot_health_monitor.ops.configuration import HistorySettings
+from robot_health_monitor.ops.store.active_silences import Silences
+from robot_health_monitor.ops.store.history import History
+from robot_health_monitor.ops.store.matchers import parse_matchers
+from robot_health_monitor.ops.store.recurrence import parse_recurrence
+from robot_health_monitor.ops.store.silences import add_silence, expire_silence, read_silences
+
+
+def test_an_alert_is_silenced_until_the_time_is_over(silences: Silences, clock: Clock) -> None:
+    silence = silences.add(parse_matchers("robot=r3,signal=battery*"), for_s=7200.0, reason="fan", author="ana")
+    assert silences.silence_of("r3", "battery_level") == silence
+    assert silences.silence_of("r3", "temperature") is None
+    assert silences.silence_of("r4", "battery_level") is None
+    assert silences.active() == [silence]
+    clock.now_s += 7199.9
+    assert silences.silence_of("r3", "battery_level") == silence
+    clock.now_s += 0.1
+    assert silences.silence_of("r3", "battery_level") is None
+    assert silences.active() == []
+
+
+def test_a_silence_ends_at_its_wall_time_after_the_clock_was_wrong_for_a_while(
+    silences: Silences, clock: Clock
+) -> None:
+    silence = silences.add(parse_matchers("robot=r3"), for_s=60.0)
+    clock.now_s = 1000.0  # a computer without a battery for its clock starts anew
+    found = silences.silence_of("r3", "link")
+    assert found is not None
+    assert (found.id, found.until_s) == (silence.id, 1060.0)
+    clock.now_s = NOON_S + 59.9
+    assert silences.silence_of("r3", "link") == silence
+    clock.now_s = NOON_S + 60.0
+    assert silences.silence_of("r3", "link") is None
+
+
+@pytest.mark.parametrize("in_file", [True, False])
+def test_a_silence_that_was_made_in_the_future_ends_after_its_duration_with_one_line(
+    tmp_path: Path, clock: Clock, in_file: bool
+) -> None:
+    settings = HistorySettings(str(tmp_path / "history.db")) if in_file else None
+    history = History(settings, wall_time_s=clock)
+    faults = Faults()
+    silences = Silences(history, faults, wall_time_s=clock)
+    clock.now_s = NOON_S + 300 * 86_400.0
+    silences.add(parse_matchers("robot=r3"), for_s=600.0)
+    clock.now_s = NOON_S
+    wait_for(lambda: "wall clock" in faults.current())
+    level, text = faults.current()["wall clock"]
+    assert level is Level.WARN
+    assert text.startswith("silence 1 was made at 2026-09-18 ")
+    assert ", which is in the future; it ends in 10 min, at 2025-11-22 " in text
+    found = silences.silence_of("r3", "link")
+    assert found is not None
+    assert found.until_s == NOON_S + 600.0
+    clock.now_s = NOON_S + 599.9
+    assert silences.silence_of("r3", "link") is not None
+    clock.now_s = NOON_S + 600.0
+    assert silences.silence_of("r3", "link") is None
+    wait_for(lambda: not faults.current())
+    clock.now_s = NOON_S + 300 * 86_400.0 + 1.0  # next autumn
+    assert silences.active() == []
+    (stored,) = history.read(read_silences)
+    assert (stored.ended_s, stored.ended_reason) == (NOON_S + 600.0, "it was made by a clock that was wrong")
+    history.close()
+
+
+def test_a_restart_does_not_prolong_a_silence_that_was_made_in_the_future(tmp_path: Path, clock: Clock) -> None:
+    settings = HistorySettings(str(tmp_path / "history.db"))
+    lines = []
+    for at_s, left_s in ((300 * 86_400.0, 600.0), (0.0, 600.0), (400.0, 200.0), (599.0, 1.0), (600.0, None)):
+        clock.now_s = NOON_S + at_s
+        history, faults = History(settings, wall_time_s=clock), Faults()
+        silences = Silences(history, faults, wall_time_s=clock)
+        if at_s == 300 * 86_400.0:
+            silences.add(parse_matchers("robot=r3"), for_s=600.0)
+        lines += [fault.text for part, fault in faults.current().items() if part == "wall clock"]
+        found = silences.silence_of("r3", "link")
+        assert (None if found is None else (found.until_s or 0.0) - clock.now_s) == left_s
+        history.close()
+    assert len(lines) == 1
+
+
+def test_several_silences_that_were_made_in_the_future_are_one_line(tmp_path: Path, clock: Clock) -> None:
+    history, faults = History(HistorySettings(str(tmp_path / "history.db")), wall_time_s=clock), Faults()
+    for _ in range(3):
+        history.run(lambda file: add_silence(file, parse_matchers("robot=r3"), NOON_S + 1000.0, for_s=60.0))
+    Silences(history, faults, wall_time_s=clock)
+    text = faults.current()["wall clock"].text
+    assert text.endswith("; so do 2 more silences, each after its duration")
+    history.close()
+
+
+def test_what_another_process_writes_is_in_force_for_whoever_looks(history: History, clock: Clock) -> None:
+    silences = Silences(history, wall_time_s=clock)
+    history.run(silences.look)
+    on_file(history, lambda file: add_silence(file, parse_matchers("robot=r3"), clock.now_s, for_s=60.0))
+    assert silences.silence_of("r3", "link") is None
+    history.run(silences.look)
+    assert silences.silence_of("r3", "link") is not None
+    on_file(history, lambda file: expire_silence(file, 1, clock.now_s))
+    history.run(silences.look)
+    assert silences.silence_of("r3", "link") is None
+
+
+def test_looking_reads_the_silences_only_if_another_process_has_written(history: History, clock: Clock) -> None:
+    silences = Silences(history, wall_time_s=clock)
+    statements: List[str] = []
+
+    def look(connection: sqlite3.Connection) -> List[str]:
+        statements.clear()
+        connection.set_trace_callback(statements.append)
+        silences.look(connection)
+        connection.set_trace_callback(None)
+        return list(statements)
+
+    history.run(look)
+    announce(history, "r3", "link", Level.WARN)
+    assert history.run(look) == ["PRAGMA data_version"]
+    on_file(history, lambda file: file.execute("INSERT INTO resets (wall_s, robot) VALUES (1.0, 'r3')"))
+    assert len(history.run(look)) > 1
+
+
+def test_of_several_silences_the_one_that_ends_last_is_shown(silences: Silences, clock: Clock) -> None:
+    silences.add(parse_matchers("robot=r3"), for_s=60.0, reason="short")
+    silences.add(parse_matchers("robot=*"), for_s=600.0, reason="long")
+    silences.add(parse_matchers("signal=*"), for_s=60.0, reason="short too")
+    found = silences.silence_of("r3", "link")
+    assert found is not None
+    assert found.reason == "long"
+
+
+def test_a_silence_until_resolved_applies_to_the_alerts_that_are_open(history: History, silences: Silences) -> None:
+    announce(history, "r3", "battery_level", Level.WARN)
+    announce(history, "r4", "battery_level", Level.ERROR)
+    announce(history, "r4", "link", Level.ERROR)
+    announce(history, "r4", "link", Level.OK, Level.ERROR)
+    silence = silences.add(parse_matchers("robot=*"), until_resolved=True)
+    assert silence.alerts == {("r3", "battery_level"), ("r4", "battery_level")}
+    assert silences.silence_of("r3", "battery_level") == silence
+    assert silences.silence_of("r4", "link") is None
+    announce(history, "r3", "temperature", Level.WARN)
+    assert silences.silence_of("r3", "temperature") is None  # it was not open
+
+
+def test_a_silence_until_resolved_ends_with_its_last_alert(history: History, silences: Silences) -> None:
+    announce(history, "r3", "battery_level", Level.WARN)
+    announce(history, "r3", "temperature", Level.WARN)
+    silence = silences.add(parse_matchers("robot=r3"), until_resolved=True)
+    announce(history, "r3", "battery_level", Level.ERROR, Level.WARN)
+    assert silences.silence_of("r3", "battery_level") is not None  # a change of level is the same alert
+    announce(history, "r3", "battery_level", Level.OK, Level.ERROR)
+    announce(history, "r3", "battery_level", Level.WARN)
+    assert silences.silence_of("r3", "battery_level") is None  # a new alert
+    assert silences.silence_of("r3", "temperature") is not None
+    announce(history, "r3", "temperature", Level.OK, Level.WARN)
+    assert silences.active() == []
+    (stored,) = history.read(read_silences)
+    assert (stored.id, stored.ended_s) == (silence.id, NOON_S)
+
+
+def test_with_a_duration_too_a_silence_until_resolved_ends_with_what_comes_first(
+    history: History, silences: Silences, clock: Clock
+) -> None:
+    announce(history, "r3", "battery_level", Level.WARN)
+    silences.add(parse_matchers("robot=r3"), for_s=60.0, until_resolved=True)
+    clock.now_s += 60.0
+    assert silences.silence_of("r3", "battery_level") is None
+
+
+def test_one_silence_is_expired_by_its_id(silences: Silences) -> None:
+    first = silences.add(parse_matchers("robot=r3"), for_s=60.0)
+    second = silences.add(parse_matchers("robot=r4"), for_s=60.0)
+    silences.expire(first.id)
+    assert silences.active() == [second]
+    assert silences.silence_of("r3", "link") is None
+    with pytest.raises(ConfigError, match=r"^silence 1 has ended already, at "):
+        silences.expire(first.id)
+    with pytest.raises(ConfigError, match=r"^there is no silence 77$"):
+        silences.expire(77)
+
+
+def test_what_another_process_writes_is_in_force_soon(history: History, silences: Silences, clock: Clock) -> None:
+    on_file(history, lambda connection: add_silence(connection, parse_matchers("robot=r3"), clock.now_s, for_s=60.0))
+    wait_for(lambda: silences.silence_of("r3", "link") is not None)
+    on_file(history, lambda connection: expire_silence(connection, 1, clock.now_s))
+    wait_for(lambda: silences.silence_of("r3", "link") is None)
+
+
+def test_silences_survive_a_restart(tmp_path: Path, clock: Clock) -> None:
+    settings = HistorySettings(str(tmp_path / "history.db"))
+    first = History(settings, wall_time_s=clock)
+    silence = Silences(first, wall_time_s=clock).add(parse_matchers("robot=r3"), for_s=60.0, reason="fan")
+    first.close()
+    second = History(settings, wall_time_s=clock)
+    assert Silences(second, wall_time_s=clock).silence_of("r3", "link") == silence
+    second.close()
+
+
+def test_silences_work_without_a_file(clock: Clock) -> None:
+    history = History(None, wall_time_s=clock)
+    silences = Silences(history, wall_time_s=clock)
+    silence = silences.add(parse_matchers("robot=r3"), for_s=60.0)
+    assert silences.silence_of("r3", "link") == silence
+    history.close()
+
+
+@pytest.mark.parametrize("statement", ["DROP TABLE silences", "ALTER TABLE silenced_alerts RENAME COLUMN robot TO r"])
+def test_known_silences_stay_in_force_when_their_table_is_altered(
+    history: History, clock: Clock, statement: str
+) -> None:
+    silences = Silences(history, wall_time_s=clock)
+    announce(history, "r3", "link", Level.WARN)
+    limited = silences.add(parse_matchers("robot=r4"), for_s=60.0)
+    resolving = silences.add(parse_matchers("robot=r3"), until_resolved=True)
+    on_file(history, lambda file: file.execute(statement))
+    wait_for(lambda: "history file" in history.faults.current())
+    assert (silences.silence_of("r4", "link"), silences.silence_of("r3", "link")) == (limited, resolving)
+    assert history.read(read_silences) == [limited, resolving]
+
+
+def test_many_silences_and_robots_cost_little(silences: Silences) -> None:
+    numbers: List[int] = [silences.add(parse_matchers(f"robot=r{number}"), for_s=60.0).id for number in range(100)]
+    found = [silences.silence_of(f"r{number}", "link") for _ in range(50) for number in range(200)]
+    assert [silence.id for silence in found[:100] if silence is not None] == numbers
+    assert found[100:200] == [None] * 100
+
+
+def test_a_silence_that_recurs_is_in_force_on_its_days_and_at_its_times_only(silences: Silences, clock: Clock) -> None:
+    rule = parse_recurrence("sat 13:00-14:00", "UTC")  # noon of 2025-11-22 is on a Saturday
+    silence = silences.add(parse_matchers("robot=r3"), every=rule, for_s=9 * 86_400.0, reason="charging room")
+    assert silence.text == "charging room (every sat 13:00-14:00 (UTC), until 2025-12-01 12:00 UTC)"
+    week_s = 7 * 86_400.0
+    for now_s, in_force in (
+        (0.0, False), (3600.0, True), (7199.0, True), (7200.0, False), (3601.0, True), (86_400.0 + 3600.0, False),
+        (week_s + 3600.0, True), (week_s + 7200.0, False), (2 * week_s + 3600.0, False),
+    ):  # fmt: skip
+        clock.now_s = NOON_S + now_s
+        assert (silences.silence_of("r3", "link") == silence) is in_force, now_s
+        assert silences.active() == ([silence] if now_s < 9 * 86_400.0 else [])
