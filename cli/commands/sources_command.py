@@ -112,9 +112,9 @@ def _answers(asks: Sequence[Callable[[float], Any]]) -> List[Any]:
 
 
 def _options(host_source: HostSource, found: Any) -> List[Dict[str, Any]]:
-    """Returns the options available here; without any, the default, whose error gives the reason."""
+    """Returns the options available here; without any, the example, whose error gives the reason."""
     available = [] if isinstance(found, SensorError) else list(found)
-    return available or [{option.name: option.default for option in host_source.options[:1]}]
+    return available or [host_source.example]
 
 
 def _reading(kind: str, options: Dict[str, Any], answer: Any) -> SourceReading:

@@ -8,7 +8,6 @@ docs/signals.md is generated from this table, and `robot-health sources` lists i
 
 from __future__ import annotations
 
-import itertools
 import os
 from dataclasses import dataclass
 from functools import partial
@@ -39,6 +38,13 @@ class HostSource(NamedTuple):
     """Returns the options of each that this machine has; raises SensorError if they cannot be read."""
     required: Tuple[str, ...] = ()
     """Names of options of which at least one must be given."""
+
+    @property
+    def example(self) -> Options:
+        """The options shown where `available` lists none: what a user may write, whose error gives the reason."""
+        if self.required:
+            return {"command": "*/amcl *"}
+        return {option.name: option.default for option in self.options[:1]}
 
     @property
     def options_text(self) -> str:
@@ -112,9 +118,7 @@ def _temperatures(paths: HostPaths) -> List[str]:
 
 
 def _nodes(paths: HostPaths) -> Iterable[Options]:
-    names = processes.Processes(paths).scan(paths).nodes()
-    # Without a node: how to select another process.
-    return [{"node": name} for name in itertools.islice(names, 50)] or [{"command": "*/amcl *"}]
+    return [{"node": name} for name in processes.Processes(paths).scan(paths).nodes()[:50]]
 
 
 _CORE = Parameter("core", int, None, "core, counted from 0; left out: all cores together", 0, 65535)

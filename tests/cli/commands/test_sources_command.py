@@ -150,3 +150,11 @@ def test_this_machine_is_listed_within_the_command_line_and_every_line_is_a_conf
     host = {f"metric{number}": yaml.safe_load(line[: line.index("}: ") + 1]) for number, line in enumerate(lines)}
     assert len(sensing.read_sources({"host": host})) == 3 + len(lines)
     assert any(line.startswith("{source: cpu_percent}: ") and line.endswith(" %") for line in lines)
+
+
+def test_every_line_is_a_configuration_where_nothing_can_be_listed(machine: Machine) -> None:
+    """Such as processes, on a machine so busy that their list takes too long."""
+    lines = lines_of(io.StringIO(), machine)
+    assert any(line.startswith('{source: process_running, command: "*/amcl *"}: ') for line in lines)
+    host = {f"metric{number}": yaml.safe_load(line[: line.index("}: ") + 1]) for number, line in enumerate(lines)}
+    assert len(sensing.read_sources({"host": host})) == 3 + len(lines)
