@@ -35,6 +35,12 @@ OF_ARRIVALS = ("frequency_hz", "largest_gap_s")
 
 BOUNDS = ("warn_below", "warn_above", "error_below", "error_above")
 
+GRAPH_KEYS = ("node", "publishers", "subscribers", "lifecycle")
+"""Keys in place of `topic`: what is counted in the robot's graph of nodes, or the state of a node in it."""
+
+ACTIVE = 3.0
+"""The id of the state `active` in lifecycle_msgs/State."""
+
 MOST_FORECAST_WINDOWS = 3
 """Largest `forecast_s`, in lengths of the window."""
 
@@ -113,6 +119,10 @@ class SignalConfig:
 
     name: str
     topic: str = declared(None, "topic of the signal; left out: the signal's name")
+    node: str = declared("", "in place of topic: name of nodes, which are counted; * and ? match as in file names")
+    publishers: str = declared("", "in place of topic: topic whose publishers are counted; * and ? match")
+    subscribers: str = declared("", "in place of topic: topic whose subscribers are counted; * and ? match")
+    lifecycle: str = declared("", "in place of topic: node whose lifecycle state is read; ERROR unless it is active")
     type: str = declared("", "message type, such as std_msgs/Float32; left out: the type that is published")
     field: str = declared("data", "path of the number in the message; empty: count arrivals, the value is 1")
     reduce: str = declared(
@@ -194,6 +204,11 @@ class SignalConfig:
         return steps[:-1] == ("status",) and type_name in ("", ARRAY_TYPE)
 
     @property
+    def graph(self) -> Optional[Tuple[str, str]]:
+        """The key of the robot's graph that it has in place of `topic`, and its name; None: it has a topic."""
+        return next(((key, getattr(self, key)) for key in GRAPH_KEYS if getattr(self, key)), None)
+
+    @property
     def bounds(self) -> Mapping[str, float]:
         """The bounds that are set, by their configuration names."""
         return {name: getattr(self, name) for name in BOUNDS if getattr(self, name) is not None}
@@ -257,8 +272,13 @@ def fill_in(name: str, values: Dict[str, Any]) -> None:
     window_s = values["window_s"] or (600.0 if is_forecast else 60.0)
     if not values["unit"] and values["reduce"] != "count" and _is_time(values["type"], values["field"]):
         values["unit"] = "s"
+    is_of_graph = any(values[key] for key in GRAPH_KEYS)
+    if values["lifecycle"]:
+        values.update(error_below=ACTIVE, error_above=ACTIVE)
+    elif is_of_graph and all(values[key] is None for key in BOUNDS):
+        values["error_below"] = 1.0
     defaults = {
-        "topic": name,
+        "topic": "" if is_of_graph else name,
         "window_s": window_s,
         "window_min_s": window_s if is_forecast else window_s / 2.0,
         "window_samples": 100_000 if is_forecast else 6000,
@@ -295,7 +315,9 @@ def _read_condition(found: object, path: Path) -> Condition:
 
 def _mistakes(signal: SignalConfig, given: Mapping[str, Any]) -> Iterator[Tuple[str, str]]:
     """Yields key and problem of each value that cannot be used, or contradicts another; `given` are the keys found."""
-    if not signal.topic:
+    if signal.graph is not None:
+        yield from _mistakes_of_graph(signal, given)
+    elif not signal.topic:
         yield "topic", "expected the name of a topic, got ''"
     if signal.type and split_type_name(signal.type) is None:
         yield "type", f"expected a type such as std_msgs/Float32, got {describe(signal.type)}"
@@ -326,6 +348,23 @@ def _mistakes(signal: SignalConfig, given: Mapping[str, Any]) -> Iterator[Tuple[
     yield from _mistakes_of_forecast(signal)
     yield from _mistakes_of_bounds(signal)
     yield from _mistakes_of_unit(signal)
+
+
+def _mistakes_of_graph(signal: SignalConfig, given: Mapping[str, Any]) -> Iterator[Tuple[str, str]]:
+    """Yields keys that contradict one of `GRAPH_KEYS`."""
+    keys = [key for key in ("topic", *GRAPH_KEYS) if given.get(key)]
+    if len(keys) > 1:
+        yield keys[1], f"expected one of topic, {', '.join(GRAPH_KEYS)}, got {' and '.join(keys)}"
+    for key in ("type", "field", "reduce", "placeholders", "scale", "unit", "valid_min", "valid_max"):
+        if key in given:
+            yield key, f"{keys[0]} has no message; remove this key"
+    if not signal.lifecycle:
+        return
+    if "*" in signal.lifecycle or "?" in signal.lifecycle:
+        yield "lifecycle", f"expected the name of one node, got {describe(signal.lifecycle)}"
+    for key in (*BOUNDS, "hysteresis", "statistic"):
+        if given.get(key) not in (None, "last", 0, 0.0):
+            yield key, "lifecycle is an ERROR unless the node is active; remove this key"
 
 
 def _mistakes_of_elements(signal: SignalConfig, given: Mapping[str, Any]) -> Iterator[Tuple[str, str]]:
