@@ -177,7 +177,8 @@ nox.options.envdir = ".venv"
 # The longest first. Those of Python 3.8 are short: what does not depend on the version runs on the newest.
 nox.options.sessions = [
     *(f"{name}-{NEWEST}" for name in ("processes", "core", "faults")), "ros1", "packaging", "ros2", "fleets", "dist",
-    *(f"{name}-3.8" for name in ("core", "processes", "faults") if NEWEST != "3.8"), "types", "docs", "lint", "coverage",
+    *(f"{name}-{OLDEST_AND_NEWEST[0]}" for name in ("core", "processes", "faults")),
+    "types", "docs", "lint", "coverage",
 ]  # fmt: skip
 nox.options.reuse_venv = "yes"
 nox.options.error_on_missing_interpreters = False
@@ -220,12 +221,15 @@ def missing_packages(packages: Iterable[str]) -> List[str]:
 def core(session: nox.Session) -> None:
     """The tests that need no ROS, on Python 3.8 and on the newest Python here.
 
-    Tests marked `newest_python` run on the newest only: comparisons with Prometheus, Nagios and numpy, and drawing in a
-    browser. The code that they check is arithmetic and text, and the other tests run it on both.
+    Tests marked `newest_python` run on the newest only: comparisons with Prometheus, Nagios and numpy, long random runs,
+    and drawing in a browser. The code that they check is arithmetic and text, and the other tests run it on both.
+    `tests/docs` compares pages with the sources, which no version of Python changes.
     """
     set_up(session, {}, "apprise")
     install_optional(session)
-    others = ("ros1", "ros2", "packaging", "distributions", "debs", "site")
+    others = ["ros1", "ros2", "packaging", "distributions", "debs", "site"]
+    if session.python != NEWEST:
+        others.append("docs")
     note_newest_python(session)
     ignored = [*(f"tests/{name}" for name in others), *COMMAND_LINE_TESTS, *FLEET_TESTS, *FAULT_TESTS]
     run_pytest(session, "tests", *(f"--ignore={path}" for path in ignored))
