@@ -174,9 +174,10 @@ MEASURED = (f"core-{NEWEST}", f"processes-{NEWEST}", f"faults-{NEWEST}", "fleets
 """Sessions whose coverage is measured: with sys.monitoring, which costs little, where Python has it (3.12)."""
 
 nox.options.envdir = ".venv"
-# The longest first.
+# The longest first. Those of Python 3.8 are short: what does not depend on the version runs on the newest.
 nox.options.sessions = [
-    "processes", "core", "faults", "ros1", "ros2", "fleets", "packaging", "dist", "docs", "lint", "types", "coverage",
+    *(f"{name}-{NEWEST}" for name in ("processes", "core", "faults")), "ros1", "packaging", "ros2", "fleets", "dist",
+    *(f"{name}-3.8" for name in ("core", "processes", "faults") if NEWEST != "3.8"), "types", "docs", "lint", "coverage",
 ]  # fmt: skip
 nox.options.reuse_venv = "yes"
 nox.options.error_on_missing_interpreters = False
@@ -408,7 +409,9 @@ def set_up(session: nox.Session, ros: Optional[Mapping[str, str]], *requirements
     """
     renew(session, (ros or {}).get("ROS_DISTRO", "no ROS"))
     session.env.update({**dict.fromkeys(ROS_VARIABLES), **(ros or {}), "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"})
-    install(session, *runtime_requirements(), *recordings_requirements(), *test_requirements(), *requirements)
+    measuring = COVERAGE if session.name in MEASURED else []
+    needed = [*runtime_requirements(), *recordings_requirements(), *test_requirements(), *measuring, *requirements]
+    install(session, *needed)
 
 
 def install_optional(session: nox.Session) -> None:
@@ -447,7 +450,6 @@ def run_pytest(session: nox.Session, *tests: str) -> None:
             old.unlink()
     python = ["python"]
     if session.name in MEASURED:
-        install(session, *COVERAGE)
         python = ["python", "-m", "coverage", "run", f"--data-file={data}"]
         if session.run("python", "-c", "import sys; print(hasattr(sys, 'monitoring'))", silent=True) == "True\n":
             session.env["COVERAGE_CORE"] = "sysmon"
