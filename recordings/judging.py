@@ -114,7 +114,7 @@ class SignalSummary:
     """Share of the recorded time per announced level, 0 to 1; empty if it was never known."""
     unknown: float = 1.0
     """Share of the recorded time before the first sample or alert, 0 to 1."""
-    alerts: int = 0  # transitions to a level other than OK, without repetitions
+    alerts: int = 0  # an alert that changes its level counts once
 
 
 OnEvent = Callable[[JudgedEvent], None]
@@ -308,6 +308,7 @@ class _JudgedSignal:
         self._skipped_s = 0.0
         self._begin_s = begin_s
         self._level = Level.OK
+        self._is_counted = False  # its open alert
         self._since_s: Optional[float] = None
         self._lasted_s = dict.fromkeys(Level, 0.0)
         self._alerted_s = math.inf  # time of the first alert
@@ -338,7 +339,9 @@ class _JudgedSignal:
         else:
             self._lasted_s[self._level] += now_s - self._since_s
         self._level, self._since_s = transition.to_level, now_s
-        self.summary.alerts += transition.to_level is not Level.OK
+        is_open = transition.to_level is not Level.OK
+        self.summary.alerts += is_open and not self._is_counted
+        self._is_counted = is_open
 
     def finish(self, wall_s: float) -> None:
         """Completes the summary."""
