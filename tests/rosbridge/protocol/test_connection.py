@@ -117,6 +117,7 @@ def test_any_text_and_any_bytes_raise_nothing_but_its_own_error(data: Any) -> No
     raises_only_its_own_error(Connection(), data)
 
 
+@pytest.mark.newest_python
 @settings(max_examples=300)
 @given(st.data())
 def test_a_damaged_message_raises_nothing_but_its_own_error(data: st.DataObject) -> None:
@@ -130,6 +131,7 @@ def test_a_damaged_message_raises_nothing_but_its_own_error(data: st.DataObject)
     raises_only_its_own_error(Connection(), cut)
 
 
+@pytest.mark.newest_python
 @settings(max_examples=200)
 @given(st.lists(st.dictionaries(st.sampled_from(["id", "num", "total", "data"]), JSON, max_size=4), max_size=10))
 def test_any_sequence_of_fragments_raises_nothing_but_its_own_error(sequence: List[Dict[str, Any]]) -> None:
@@ -138,6 +140,7 @@ def test_any_sequence_of_fragments_raises_nothing_but_its_own_error(sequence: Li
         raises_only_its_own_error(connection, json.dumps({**fields, "op": "fragment"}))
 
 
+@pytest.mark.newest_python
 @settings(max_examples=200)
 @given(st.dictionaries(st.text(max_size=10), JSON, max_size=5), st.integers(1, 50))
 def test_any_message_survives_any_fragment_size(message: Dict[str, Any], size: int) -> None:
