@@ -391,3 +391,11 @@ def test_a_recording_continues_from_the_states_at_its_beginning(
     assert found == levels
     assert [each.config.name for each in judge.summaries] == ["battery"]
     assert judge.summaries[0].shares[Level.WARN] == pytest.approx(5 / 8)
+
+
+def test_an_alert_that_changes_its_level_is_counted_once(tmp_path: Path) -> None:
+    levels = {"signals": {"battery": {"type": "std_msgs/Float32", "warn_below": 20.0, "error_below": 10.0}}}
+    falls = [50.0, 15.0, 5.0, 15.0, 50.0]
+    result = judge(tmp_path, values("/battery", [*falls, *falls]), levels)
+    assert [level for _, _, _, level in result.transitions] == ["WARN", "ERROR", "WARN", "OK"] * 2
+    assert result.summaries["a", "battery"].alerts == 2
