@@ -36,6 +36,7 @@ ROS1_PACKAGES = [
     "g++",
     "libdiagnostic-aggregator-tools",
     "make",
+    "python3-actionlib",
     "python3-catkin",
     "python3-diagnostic-msgs",
     "python3-diagnostic-updater",
@@ -174,9 +175,11 @@ MEASURED = (f"core-{NEWEST}", f"processes-{NEWEST}", f"faults-{NEWEST}", "fleets
 """Sessions whose coverage is measured: with sys.monitoring, which costs little, where Python has it (3.12)."""
 
 nox.options.envdir = ".venv"
-# The longest first.
+# The longest first. Those of Python 3.8 are short: what does not depend on the version runs on the newest.
 nox.options.sessions = [
-    "processes", "core", "faults", "ros1", "ros2", "fleets", "packaging", "dist", "docs", "lint", "types", "coverage",
+    *(f"{name}-{NEWEST}" for name in ("processes", "core", "faults")), "ros1", "packaging", "ros2", "fleets", "dist",
+    *(f"{name}-{OLDEST_AND_NEWEST[0]}" for name in ("core", "processes", "faults")),
+    "types", "docs", "lint", "coverage",
 ]  # fmt: skip
 nox.options.reuse_venv = "yes"
 nox.options.error_on_missing_interpreters = False
@@ -219,12 +222,15 @@ def missing_packages(packages: Iterable[str]) -> List[str]:
 def core(session: nox.Session) -> None:
     """The tests that need no ROS, on Python 3.8 and on the newest Python here.
 
-    Tests marked `newest_python` run on the newest only: comparisons with Prometheus, Nagios and numpy, and drawing in a
-    browser. The code that they check is arithmetic and text, and the other tests run it on both.
+    Tests marked `newest_python` run on the newest only: comparisons with Prometheus, Nagios and numpy, long random runs,
+    and drawing in a browser. The code that they check is arithmetic and text, and the other tests run it on both.
+    `tests/docs` compares pages with the sources, which no version of Python changes.
     """
     set_up(session, {}, "apprise")
     install_optional(session)
-    others = ("ros1", "ros2", "packaging", "distributions", "debs", "site")
+    others = ["ros1", "ros2", "packaging", "distributions", "debs", "site"]
+    if session.python != NEWEST:
+        others.append("docs")
     note_newest_python(session)
     ignored = [*(f"tests/{name}" for name in others), *COMMAND_LINE_TESTS, *FLEET_TESTS, *FAULT_TESTS]
     run_pytest(session, "tests", *(f"--ignore={path}" for path in ignored))
@@ -408,7 +414,9 @@ def set_up(session: nox.Session, ros: Optional[Mapping[str, str]], *requirements
     """
     renew(session, (ros or {}).get("ROS_DISTRO", "no ROS"))
     session.env.update({**dict.fromkeys(ROS_VARIABLES), **(ros or {}), "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"})
-    install(session, *runtime_requirements(), *recordings_requirements(), *test_requirements(), *requirements)
+    measuring = COVERAGE if session.name in MEASURED else []
+    needed = [*runtime_requirements(), *recordings_requirements(), *test_requirements(), *measuring, *requirements]
+    install(session, *needed)
 
 
 def install_optional(session: nox.Session) -> None:
@@ -447,7 +455,6 @@ def run_pytest(session: nox.Session, *tests: str) -> None:
             old.unlink()
     python = ["python"]
     if session.name in MEASURED:
-        install(session, *COVERAGE)
         python = ["python", "-m", "coverage", "run", f"--data-file={data}"]
         if session.run("python", "-c", "import sys; print(hasattr(sys, 'monitoring'))", silent=True) == "True\n":
             session.env["COVERAGE_CORE"] = "sysmon"

@@ -6,7 +6,7 @@ import argparse
 import contextlib
 import os
 import time
-from typing import Any, Counter, Dict, Iterator, List, Mapping, NamedTuple, Optional, Tuple
+from typing import Any, Counter, Dict, Iterator, List, Mapping, NamedTuple, Optional, Set, Tuple
 
 import numpy as np
 
@@ -95,6 +95,8 @@ class _Replay:
         self._plots: Dict[Tuple[str, str], PlottedSignal] = {}  # by configuration and signal; only for a report
         self._shown: List[ReportedAlert] = []
         self._shown_levels: Counter[Level] = Counter()  # new levels of all transitions that were shown
+        self._alerts = 0
+        self._open: Set[str] = set()  # signals with an open alert
         self._error: Optional[OSError] = None
         names = [configuration.name for configuration in configurations]
         self._differences = Differences(names, self._show) if self._several else None
@@ -127,7 +129,7 @@ class _Replay:
         head, rows = header(self._several), [row(summary, self._several) for summary in summaries]
         number, noun = sum(self._shown_levels.values()), "difference"
         if not self._several:  # else OK counts: an alert may end at another time
-            number, noun = number - self._shown_levels[Level.OK], "alert"
+            number, noun = self._alerts, "alert"
         verdict = count_text(number, noun) if number else f"no {noun}s"
         if missing:
             verdict += f"; {count_text(len(missing), 'signal')} not judged"
@@ -184,6 +186,9 @@ class _Replay:
         assert isinstance(transition, Transition)
         file = judged.file if self._several else ""
         self._shown_levels[transition.to_level] += 1
+        is_open = transition.to_level is not Level.OK
+        self._alerts += is_open and transition.signal not in self._open  # one that changes its level counts once
+        (self._open.add if is_open else self._open.discard)(transition.signal)
         if self._report_file and len(self._shown) < MOST_ALERTS:
             self._shown.append(ReportedAlert(judged.wall_s, file, transition))
         self._output.transition(judged.wall_s, transition, file)

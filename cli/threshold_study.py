@@ -55,6 +55,7 @@ class _Alerts:
     def __init__(self) -> None:
         self.by_bound: Counter[Tuple[str, Optional[float]]] = Counter()  # alerts by signal and bound
         self.stale: Counter[str] = Counter()
+        self.changes: Counter[str] = Counter()  # of both, those that changed the level of an open alert
         self.longest_s: Dict[str, float] = {}  # longest alert by signal
         self._since_s: Dict[str, float] = {}
 
@@ -64,9 +65,11 @@ class _Alerts:
             return
         self._end(event.signal, judged.wall_s)
         configured = template_name(event.signal)
-        if event.to_level is Level.STALE:
-            self.stale[configured] += 1
-        elif event.to_level is not Level.OK and event.bound is not None:
+        is_stale = event.to_level is Level.STALE
+        is_beyond = event.to_level not in (Level.OK, Level.STALE) and event.bound is not None
+        self.stale[configured] += is_stale
+        self.changes[configured] += (is_stale or is_beyond) and event.from_level is not Level.OK
+        if is_beyond:
             self.by_bound[configured, event.bound] += 1
             self._since_s[event.signal] = judged.wall_s
 
@@ -168,6 +171,7 @@ class _Study:
         watched = [signal for signal in proposed.signals if not signal.is_shown_only]
         bounds = [(each, key, value) for each in watched for key, value in each.settings.items() if key in BOUNDS]
         total = sum(alerts.count(*bound) or 0 for bound in bounds) + sum(alerts.stale.values())
+        total -= sum(alerts.changes[each.name] for each in by_name.values() if "for_s" not in each.suggestion.settings)
         names = [os.path.basename(os.path.abspath(path)) for path in self._paths]
         heading = [
             f"Suggested by `robot-health suggest` from {hours} of recordings: {list_text(names, 5)}",

@@ -114,7 +114,7 @@ class SignalSummary:
     """Share of the recorded time per announced level, 0 to 1; empty if it was never known."""
     unknown: float = 1.0
     """Share of the recorded time before the first sample or alert, 0 to 1."""
-    alerts: int = 0  # transitions to a level other than OK, without repetitions
+    alerts: int = 0  # an alert that changes its level counts once
 
 
 OnEvent = Callable[[JudgedEvent], None]
@@ -144,11 +144,12 @@ class Judge:
         tree = parameters if "signals" in parameters else {**parameters, "signals": DEFAULT_SIGNALS}
         config = read_monitor(Section((), tree))
         node_name = self._player.node_name("alert_system")
-        recordable = {name: signal for name, signal in config.signals.items() if signal.topic}
-        topics = {name: resolve_name(signal.topic, node_name) for name, signal in recordable.items()}
+        recordable = {name: signal for name, signal in config.signals.items() if signal.topics}
+        topics = {name: self._topic_of(signal, node_name) for name, signal in recordable.items()}
         absent = {name: self._player.why_not_recorded(topics[name], signal.type) for name, signal in recordable.items()}
         missing = {
-            name: absent[name] or self._player.why_unreadable(topics[name], signal.type, signal.field or None)
+            name: absent[name]
+            or self._player.why_unreadable(topics[name], signal.type, "" if signal.action else signal.field or None)
             for name, signal in recordable.items()
         }
         # A topic of which nothing can be read says nothing about the robot: its signal stays `waiting`.
@@ -173,6 +174,11 @@ class Judge:
                 judged.begin(_announced_level(saved, name))
             if signal.is_template:
                 self._templates[file, name] = signal
+
+    def _topic_of(self, signal: SignalConfig, node_name: str) -> str:
+        """Returns the absolute topic of a signal; of an action, which has two, the one that is recorded."""
+        topics = [resolve_name(topic, node_name) for topic in signal.topics]
+        return next((topic for topic in topics if not self._player.why_not_recorded(topic, "")), topics[0])
 
     def run(self, on_progress: Optional[Callable[[float], None]] = None) -> None:
         """Plays the recordings to their end; calls now and then with the fraction played, 0 to 1, which may raise."""
@@ -301,6 +307,7 @@ class _JudgedSignal:
         self._skipped_s = 0.0
         self._begin_s = begin_s
         self._level = Level.OK
+        self._is_counted = False  # its open alert
         self._since_s: Optional[float] = None
         self._lasted_s = dict.fromkeys(Level, 0.0)
         self._alerted_s = math.inf  # time of the first alert
@@ -331,7 +338,9 @@ class _JudgedSignal:
         else:
             self._lasted_s[self._level] += now_s - self._since_s
         self._level, self._since_s = transition.to_level, now_s
-        self.summary.alerts += transition.to_level is not Level.OK
+        is_open = transition.to_level is not Level.OK
+        self.summary.alerts += is_open and not self._is_counted
+        self._is_counted = is_open
 
     def finish(self, wall_s: float) -> None:
         """Completes the summary."""

@@ -9,13 +9,15 @@ from __future__ import annotations
 import sqlite3
 from typing import Any, Callable, Dict, Mapping, Sequence, Tuple
 
+from ...core.config.signal_config import template_name
 from ...core.nodes.outlets import json_line
 from ...core.values.formatting import printable
 from ...core.values.model import Level, Transition
 from ...core.values.version import package_version
 from . import schema
+from .queries import configuration
 from .queries import transition as stored_transition
-from .rows import is_text, is_time
+from .rows import StoredTransition, is_text, is_time
 
 _Name = Tuple[str, str]
 """Robot and signal."""
@@ -38,6 +40,15 @@ def alert_json(transition: Transition, alert_id: int, **further: object) -> str:
     if transition.status.what_to_do:
         further["what_to_do"] = transition.status.what_to_do
     return json_line(transition, alert_id=alert_id, **further)
+
+
+def _past_alert_json(connection: sqlite3.Connection, stored: StoredTransition) -> str:
+    """Formats a transition of an earlier run as `alert_json`, with what to do by the configuration in force then."""
+    kept = configuration(connection, stored.robot, stored.wall_s) or {}
+    settings = kept.get(stored.signal) or kept.get(template_name(stored.signal))
+    advice = settings.get("what_to_do") if isinstance(settings, dict) else None
+    further = {"what_to_do": printable(advice)} if isinstance(advice, str) else {}
+    return json_line(stored, alert_id=stored.alert_id, **further)
 
 
 class PresentState:
@@ -84,14 +95,14 @@ class PresentState:
     def keep_lines(self, connection: sqlite3.Connection) -> None:
         """From now on, stores the JSON of each open alert, which only notifications need: it takes most of the space.
 
-        That of an alert of an earlier run is made from its transition, without what to do.
+        That of an alert of an earlier run is made from its transition.
         """
         self._keeps_lines = True
         for name, alert in self._alerts.items():
             line = alert[-1]
             stored = None if line else stored_transition(connection, alert[3])
             if stored is not None:
-                line = json_line(stored, alert_id=stored.alert_id)
+                line = _past_alert_json(connection, stored)
                 self._alerts[name] = (*alert[:-1], line)
             update = (
                 "UPDATE open_alerts SET transition_json = ? WHERE robot = ? AND signal = ? AND transition_json = ''"

@@ -133,7 +133,8 @@ class Installed:
         subprocess.run([python, "-m", "venv", str(folder / "venv")], check=True)
         own = ("PYTHON", "VIRTUAL_ENV", "PYTEST_")
         self.variables = {name: value for name, value in os.environ.items() if not name.startswith(own)}
-        pip = [str(folder / "venv/bin/python"), "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
+        pip = [str(folder / "venv/bin/python"), "-m", "pip", "install", "--quiet"]
+        pip += ["--disable-pip-version-check", "--no-compile"]
         subprocess.run([*pip, f"{wheel}[recordings]"], check=True, cwd=folder, env=self.variables)
 
     def command(self, *arguments: object) -> List[str]:

@@ -35,7 +35,7 @@ class Installed:
         self.variables: Dict[str, str] = workspace.variables
         run([python, "-m", "venv", str(self.folder)], workspace.folder, self.variables)
         # In the source tree, as people do: pip on Python 3.8 reads a setup.cfg that is there.
-        pip = ["-m", "pip", "install", "--disable-pip-version-check", *options, source]
+        pip = ["-m", "pip", "install", "--no-compile", "--disable-pip-version-check", *options, source]
         run([str(self.folder / "bin" / "python"), *pip], workspace.package, self.variables)
 
     def run(self, command: str, *arguments: str) -> str:

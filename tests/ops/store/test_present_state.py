@@ -62,7 +62,9 @@ def test_an_alert_that_begins_again_has_a_new_number() -> None:
 def test_the_json_of_open_alerts_is_stored_once_something_needs_it(tmp_path: Path) -> None:
     file, query = tmp_path / "history.db", "SELECT signal, transition_json FROM open_alerts ORDER BY signal"
     with closing(opened(file)) as history:
-        history.of_robot("r1").record(transition(signal="fan", value=15.0), {}, ())
+        robot = history.of_robot("r1")
+        robot.record_configuration({"fan": {"what_to_do": "clean it"}})
+        robot.record(transition(signal="fan", value=15.0), {}, ())
         assert history.run(lambda connection: connection.execute(query).fetchall()) == [("fan", "")]
     with closing(opened(file)) as history:
         history.of_robot("r1").record(transition(signal="link"), {}, ())
@@ -75,6 +77,7 @@ def test_the_json_of_open_alerts_is_stored_once_something_needs_it(tmp_path: Pat
     found = [(line["signal"], line["alert_id"], line["to_level"], line["value"]) for line in lines.values()]
     expected = [(name, number, "WARN", 15.0) for number, name in enumerate(("fan", "link", "motor"), 1)]
     assert found == expected  # fan is of the run before
+    assert lines["fan"].pop("what_to_do") == "clean it"
     assert lines["fan"].keys() == lines["motor"].keys()
 
 
