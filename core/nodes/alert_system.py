@@ -112,9 +112,7 @@ class AlertSystem:
         self_report = replace(
             self_report,
             published_topics=lambda: alerts,
-            signals=lambda: (
-                sum(not is_source(name) for name in self.monitor.configs()) or len(self.monitor.config.signals)
-            ),
+            signals=self._count_signals,
             simulated=lambda: filter(self.is_simulated, self._config.signals),
             without_sensor=lambda: sorted(self._unavailable),
             silenced=self.count_silenced,
