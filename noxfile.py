@@ -36,6 +36,7 @@ ROS1_PACKAGES = [
     "g++",
     "libdiagnostic-aggregator-tools",
     "make",
+    "python3-actionlib",
     "python3-catkin",
     "python3-diagnostic-msgs",
     "python3-diagnostic-updater",

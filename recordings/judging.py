@@ -144,12 +144,13 @@ class Judge:
         tree = parameters if "signals" in parameters else {**parameters, "signals": DEFAULT_SIGNALS}
         config = read_monitor(Section((), tree))
         node_name = self._player.node_name("alert_system")
-        topics = {name: resolve_name(signal.topic, node_name) for name, signal in config.signals.items()}
+        topics = {name: self._topic_of(signal, node_name) for name, signal in config.signals.items()}
         absent = {
             name: self._player.why_not_recorded(topics[name], signal.type) for name, signal in config.signals.items()
         }
         missing = {
-            name: absent[name] or self._player.why_unreadable(topics[name], signal.type, signal.field or None)
+            name: absent[name]
+            or self._player.why_unreadable(topics[name], signal.type, "" if signal.action else signal.field or None)
             for name, signal in config.signals.items()
         }
         # A topic of which nothing can be read says nothing about the robot: its signal stays `waiting`.
@@ -174,6 +175,11 @@ class Judge:
                 judged.begin(_announced_level(saved, name))
             if signal.is_template:
                 self._templates[file, name] = signal
+
+    def _topic_of(self, signal: SignalConfig, node_name: str) -> str:
+        """Returns the absolute topic of a signal; of an action, which has two, the one that is recorded."""
+        topics = [resolve_name(topic, node_name) for topic in signal.topics]
+        return next((topic for topic in topics if not self._player.why_not_recorded(topic, "")), topics[0])
 
     def run(self, on_progress: Optional[Callable[[float], None]] = None) -> None:
         """Plays the recordings to their end; calls now and then with the fraction played, 0 to 1, which may raise."""

@@ -16,6 +16,7 @@ from ..values.elements import ARRAY_TYPE, STATUS_TYPE
 from ..values.errors import ConfigError, Path, Problems
 from ..values.field_path import Every, Keyed, every_step, parse_field_path
 from ..values.formatting import bound_text, describe, number_text
+from ..values.goals import STATUS_TOPICS
 from ..values.names import canonical_type, split_type_name
 from ..values.reduction import REDUCTIONS
 from .parameters import Parameter, read_parameters, require_mapping
@@ -113,6 +114,7 @@ class SignalConfig:
 
     name: str
     topic: str = declared(None, "topic of the signal; left out: the signal's name")
+    action: str = declared("", "in place of topic: name of an action; per goal that ended 0 succeeded, 1 aborted")
     type: str = declared("", "message type, such as std_msgs/Float32; left out: the type that is published")
     field: str = declared("data", "path of the number in the message; empty: count arrivals, the value is 1")
     reduce: str = declared(
@@ -156,7 +158,9 @@ class SignalConfig:
     flap_detection: bool = declared(False, "announce a signal that changes too often once, not at each change")
     flap_high: float = declared(50.0, "state change at which flapping begins, in %", 0.0, 100.0)
     flap_low: float = declared(25.0, "state change below which flapping ends, in %", 0.0, 100.0)
-    stale_after_s: float = _duration(5.0, "time without a sample after which it is STALE, in s; 0: never")
+    stale_after_s: float = _duration(
+        None, "time without a sample after which it is STALE, in s; 0: never; left out: 5, 0 for an action"
+    )
     startup_grace_s: float = _duration(10.0, "stale_after_s before the first sample, in s")
     max_elements: int = declared(200, "maximum number of elements that are signals of their own", 1, 10_000)
     forget_after_s: float = _duration(
@@ -192,6 +196,11 @@ class SignalConfig:
         if len(steps) == 1:
             return type_name == STATUS_TYPE
         return steps[:-1] == ("status",) and type_name in ("", ARRAY_TYPE)
+
+    @property
+    def topics(self) -> Tuple[str, ...]:
+        """The topics that bring its samples: of an action those of ROS 2 and of ROS 1."""
+        return tuple(self.action.rstrip("/") + end for end in STATUS_TOPICS) if self.action else (self.topic,)
 
     @property
     def bounds(self) -> Mapping[str, float]:
@@ -258,7 +267,8 @@ def fill_in(name: str, values: Dict[str, Any]) -> None:
     if not values["unit"] and values["reduce"] != "count" and _is_time(values["type"], values["field"]):
         values["unit"] = "s"
     defaults = {
-        "topic": name,
+        "topic": values["action"] or name,
+        "stale_after_s": 0.0 if values["action"] else 5.0,
         "window_s": window_s,
         "window_min_s": window_s if is_forecast else window_s / 2.0,
         "window_samples": 100_000 if is_forecast else 6000,
@@ -295,10 +305,7 @@ def _read_condition(found: object, path: Path) -> Condition:
 
 def _mistakes(signal: SignalConfig, given: Mapping[str, Any]) -> Iterator[Tuple[str, str]]:
     """Yields key and problem of each value that cannot be used, or contradicts another; `given` are the keys found."""
-    if not signal.topic:
-        yield "topic", "expected the name of a topic, got ''"
-    if signal.type and split_type_name(signal.type) is None:
-        yield "type", f"expected a type such as std_msgs/Float32, got {describe(signal.type)}"
+    yield from _mistakes_of_topic(signal, given)
     try:
         parse_field_path(signal.field)
     except ValueError as error:
@@ -326,6 +333,16 @@ def _mistakes(signal: SignalConfig, given: Mapping[str, Any]) -> Iterator[Tuple[
     yield from _mistakes_of_forecast(signal)
     yield from _mistakes_of_bounds(signal)
     yield from _mistakes_of_unit(signal)
+
+
+def _mistakes_of_topic(signal: SignalConfig, given: Mapping[str, Any]) -> Iterator[Tuple[str, str]]:
+    if not signal.topic:
+        yield "topic", "expected the name of a topic, got ''"
+    if signal.type and split_type_name(signal.type) is None:
+        yield "type", f"expected a type such as std_msgs/Float32, got {describe(signal.type)}"
+    for key, none in (("topic", signal.action), ("type", ""), ("field", "data")) if signal.action else ():
+        if given.get(key) not in (None, "", none):
+            yield key, f"expected either action or {key}; remove one of them"
 
 
 def _mistakes_of_elements(signal: SignalConfig, given: Mapping[str, Any]) -> Iterator[Tuple[str, str]]:

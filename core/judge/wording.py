@@ -430,13 +430,21 @@ def _value_reason(judgement: Judgement) -> str:
     value = judged_text(config, number_text(judged, bound)) + decided
     side = f"{'below' if rule.is_below else 'above'} {with_unit(bound_text(bound), unit)}"
     if judged < bound if rule.is_below else judged > bound:
-        text = f"{value} is {side}"
+        text = f"{value} is {side}{_goals_text(judgement)}"
     elif rule.condition or rule.held_back:
         clears_at = bound + config.hysteresis if rule.is_below else bound - config.hysteresis
         text = f"{value} was {side}, clears at {with_unit(number_text(clears_at, judged), unit)}"
     else:
         text = f"{value} is no longer {side}"
     return _with_state(text, judgement)
+
+
+def _goals_text(judgement: Judgement) -> str:
+    """Returns how many goals of an action were aborted, in round brackets after a space; empty for other signals."""
+    config, mean, goals = judgement.config, judgement.judged, judgement.window_samples
+    if not config.action or config.statistic != "mean" or mean is None:
+        return ""
+    return f" ({round(mean * goals)} of {count_text(goals, 'goal')} aborted)"
 
 
 def _reported_text(judgement: Judgement) -> str:

@@ -8,7 +8,7 @@ from types import MappingProxyType
 from typing import Any, Callable, Dict, FrozenSet, List, Mapping, Optional, Set, Tuple
 
 from ..config.monitor_config import DEFAULT_SIGNALS, MonitorConfig, described_parameters, is_whole_file, load_config
-from ..config.signal_config import LINK
+from ..config.signal_config import LINK, SignalConfig
 from ..judge.causes import causes_first
 from ..judge.continuity import Continuity, SignalHistory
 from ..judge.element_signals import MOST_REFUSED
@@ -22,6 +22,7 @@ from ..values.errors import ConfigError
 from ..values.faults import Fault
 from ..values.field_path import ABSENT
 from ..values.formatting import printable
+from ..values.goals import STATUS_TOPICS, Goals
 from ..values.model import Changes, Level, Sample, Status, Transition
 from ..values.names import resolve_name
 from . import node
@@ -111,9 +112,7 @@ class AlertSystem:
         self_report = replace(
             self_report,
             published_topics=lambda: alerts,
-            signals=lambda: (
-                sum(not is_source(name) for name in self.monitor.configs()) or len(self.monitor.config.signals)
-            ),
+            signals=self._count_signals,
             simulated=lambda: filter(self.is_simulated, self._config.signals),
             without_sensor=lambda: sorted(self._unavailable),
             silenced=self.count_silenced,
@@ -261,7 +260,10 @@ class AlertSystem:
     def _follow_topics(self, config: MonitorConfig) -> None:
         """Subscribes to new topics, then ends old subscriptions; one that is refused is a ConfigError and no change."""
         wanted = {
-            (name, signal.topic, signal.type, signal.field) for name, signal in config.signals.items() if name != LINK
+            (name, topic, signal.type, "" if signal.action else signal.field)
+            for name, signal in config.signals.items()
+            if name != LINK
+            for topic in signal.topics
         }
         added: Dict[_Source, Subscription] = {}
         try:
@@ -271,8 +273,14 @@ class AlertSystem:
             new = wanted - self._subscriptions.keys()
             for source in sorted(new, key=lambda key: (key[3] == "", key[2] == "", order[key[0]])):
                 name, topic, type_name, field = source
-                take = partial(self._take, name)
-                added[source] = self._middleware.subscribe(topic, type_name, take, field=field or None)
+                if config.signals[name].action:
+                    take = partial(self._take_goals, name, Goals())
+                    # The last message says which goals had ended before.
+                    subscription = self._middleware.subscribe(topic, type_name, take, latched=True)
+                else:
+                    take = partial(self._take, name)
+                    subscription = self._middleware.subscribe(topic, type_name, take, field=field or None)
+                added[source] = subscription
         except ConfigError as error:
             for subscription in added.values():
                 self._middleware.unsubscribe(subscription)
@@ -280,8 +288,11 @@ class AlertSystem:
         for source in self._subscriptions.keys() - wanted:
             self._middleware.unsubscribe(self._subscriptions.pop(source))
         self._subscriptions.update(added)
-        self._topics = {key[0]: subscription.topic for key, subscription in self._subscriptions.items()}
-        self.monitor.expect_sources({key[1]: each.topic for key, each in self._subscriptions.items()})
+        self._topics = {
+            key[0]: _source_name(config.signals[key[0]], subscription)
+            for key, subscription in self._subscriptions.items()
+        }
+        self.monitor.expect_sources({config.signals[name].topic: topic for name, topic in self._topics.items()})
         self._simulated = frozenset(self._signals_on(self._simulated_topics))
 
     def _take(self, name: str, value: Any, now_s: float) -> None:
@@ -300,6 +311,11 @@ class AlertSystem:
             changes = self.monitor.observe_value(name, value, now_s)
         if changes or changes.notices:
             self._announce(changes, now_s)
+
+    def _take_goals(self, name: str, goals: Goals, message: Any, now_s: float) -> None:
+        """Judges each goal of an action that ended."""
+        for value in goals.take(message) or (ABSENT,):
+            self._take(name, value, now_s)
 
     def _note_unavailable(self, metrics: Any, now_s: float) -> None:
         """Applies the list from battery_sensor: signals that no sensor will ever publish are not watched."""
@@ -384,7 +400,7 @@ class AlertSystem:
     def _look_up_hints(self, now_s: float) -> None:
         """Looks up why signals have no samples, before they are announced as STALE."""
         for config in self.monitor.without_samples(now_s):
-            self.monitor.note_hint(config.name, self._middleware.why_silent(config.topic, config.type) or "")
+            self.monitor.note_hint(config.name, self._middleware.why_silent(config.topics[0], config.type) or "")
 
     def _check(self, now_s: float) -> None:
         """Runs on steady time."""
@@ -475,3 +491,11 @@ class AlertSystem:
         self._configure_monitor(self._middleware.now_s())
         before = node.sections_of(old, log_level=given.get(node.LOG_LEVEL, "INFO"))
         return node.describe_changes(before, node.sections_of(config, log_level=tree.get(node.LOG_LEVEL, "INFO")))
+
+
+def _source_name(config: SignalConfig, subscription: Subscription) -> str:
+    """Returns the resolved topic of a signal; of an action, which has two, the resolved name."""
+    ends = STATUS_TOPICS if config.action else ()
+    return next(
+        (subscription.topic[: -len(end)] for end in ends if subscription.topic.endswith(end)), subscription.topic
+    )
