@@ -35,7 +35,10 @@ class FoxgloveConnection(BridgeConnection):
     server_kind = "foxglove server"
 
     def __init__(self, url: str, **options: Any) -> None:
-        """Creates a connection that is down, with the `options` of `BridgeConnection`; `run` connects."""
+        """Creates a connection that is down, with the `options` of `BridgeConnection`; `run` connects.
+
+        `url` is `foxglove://host:port`, or `foxglove+tls://host:port` for TLS.
+        """
         super().__init__(url, **options)
         self.channels = Channels(self.send_wire, functools.partial(self._log.write, "channels", Severity.WARN))
         self._is_refused = False
