@@ -58,6 +58,8 @@ _MAIN_SIGNALS = 3
 
 _DEEPEST_SECTION = 8
 """Deepest namespace above a `ros__parameters`."""
+_MOST_SHARED = 512
+"""Most signals that are kept to be shared by robots that configure the same."""
 
 
 @dataclass(frozen=True)
@@ -273,7 +275,13 @@ def _read_signals(tree: Mapping[str, Any], path: Path) -> Dict[str, SignalConfig
         for problem in _mistakes_of_causes(name, read, signals):
             problems.add(ConfigError(problem, (*path, name, "depends_on")))
     problems.raise_if_any()
-    return read
+    return {name: _shared(signal) for name, signal in read.items()}
+
+
+@lru_cache(maxsize=_MOST_SHARED)
+def _shared(signal: SignalConfig) -> SignalConfig:
+    """Returns the first signal that was equal: the robots of a fleet have the same, of 2 kB each."""
+    return signal
 
 
 def _may_refer_to(other: str, name: str, read: Mapping[str, SignalConfig], given: Mapping[str, Any]) -> bool:
@@ -286,12 +294,12 @@ def _may_refer_to(other: str, name: str, read: Mapping[str, SignalConfig], given
 def _mistakes_of_causes(name: str, read: Mapping[str, SignalConfig], given: Mapping[str, Any]) -> Iterator[str]:
     """Yields what is wrong with that on which a signal depends: unknown names, itself, its own topic, circles."""
     signal = read[name]
-    topics = {each.topic.lstrip("/") for each in read.values()}
+    topics = {each.topic.lstrip("/") for each in read.values() if each.topic}
     for cause in signal.depends_on:
         is_signal = cause in given or cause == LINK or is_element_name(cause)
         if template_name(cause) == name:
             yield f"expected other signals, got {describe(cause)}: it would depend on itself"
-        elif not is_signal and cause.lstrip("/") == signal.topic.lstrip("/"):
+        elif not is_signal and signal.topic and cause.lstrip("/") == signal.topic.lstrip("/"):
             yield f"expected topics of other signals, got {describe(cause)}: its own silence is one alert already"
         elif not _may_refer_to(cause, name, read, given) and cause.lstrip("/") not in topics:
             others = list_text([other for other in given if other != name] + [LINK], 20)

@@ -16,6 +16,7 @@ from ..values.elements import ARRAY_TYPE, STATUS_TYPE
 from ..values.errors import ConfigError, Path, Problems
 from ..values.field_path import Every, Keyed, every_step, parse_field_path
 from ..values.formatting import bound_text, describe, number_text
+from ..values.goals import STATUS_TOPICS
 from ..values.names import canonical_type, split_type_name
 from ..values.reduction import REDUCTIONS
 from .parameters import Parameter, read_parameters, require_mapping
@@ -34,6 +35,12 @@ OF_ARRIVALS = ("frequency_hz", "largest_gap_s")
 """Statistics of the times of arrival, whatever the values are."""
 
 BOUNDS = ("warn_below", "warn_above", "error_below", "error_above")
+
+GRAPH_KEYS = ("node", "publishers", "subscribers", "lifecycle")
+"""Keys in place of `topic`: what is counted in the robot's graph of nodes, or the state of a node in it."""
+
+ACTIVE = 3.0
+"""The id of the state `active` in lifecycle_msgs/State."""
 
 MOST_FORECAST_WINDOWS = 3
 """Largest `forecast_s`, in lengths of the window."""
@@ -113,6 +120,11 @@ class SignalConfig:
 
     name: str
     topic: str = declared(None, "topic of the signal; left out: the signal's name")
+    node: str = declared("", "in place of topic: name of nodes, which are counted; * and ? match as in file names")
+    publishers: str = declared("", "in place of topic: topic whose publishers are counted; * and ? match")
+    subscribers: str = declared("", "in place of topic: topic whose subscribers are counted; * and ? match")
+    lifecycle: str = declared("", "in place of topic: node whose lifecycle state is read; ERROR unless it is active")
+    action: str = declared("", "in place of topic: name of an action; per goal that ended 0 succeeded, 1 aborted")
     type: str = declared("", "message type, such as std_msgs/Float32; left out: the type that is published")
     field: str = declared("data", "path of the number in the message; empty: count arrivals, the value is 1")
     reduce: str = declared(
@@ -156,7 +168,9 @@ class SignalConfig:
     flap_detection: bool = declared(False, "announce a signal that changes too often once, not at each change")
     flap_high: float = declared(50.0, "state change at which flapping begins, in %", 0.0, 100.0)
     flap_low: float = declared(25.0, "state change below which flapping ends, in %", 0.0, 100.0)
-    stale_after_s: float = _duration(5.0, "time without a sample after which it is STALE, in s; 0: never")
+    stale_after_s: float = _duration(
+        None, "time without a sample after which it is STALE, in s; 0: never; left out: 5, 0 for an action"
+    )
     startup_grace_s: float = _duration(10.0, "stale_after_s before the first sample, in s")
     max_elements: int = declared(200, "maximum number of elements that are signals of their own", 1, 10_000)
     forget_after_s: float = _duration(
@@ -192,6 +206,18 @@ class SignalConfig:
         if len(steps) == 1:
             return type_name == STATUS_TYPE
         return steps[:-1] == ("status",) and type_name in ("", ARRAY_TYPE)
+
+    @property
+    def graph(self) -> Optional[Tuple[str, str]]:
+        """The key of the robot's graph that it has in place of `topic`, and its name; None: it has a topic."""
+        return next(((key, getattr(self, key)) for key in GRAPH_KEYS if getattr(self, key)), None)
+
+    @property
+    def topics(self) -> Tuple[str, ...]:
+        """The topics that bring its samples: of an action those of ROS 2 and of ROS 1; none of the robot's graph."""
+        if self.graph is not None:
+            return ()
+        return tuple(self.action.rstrip("/") + end for end in STATUS_TOPICS) if self.action else (self.topic,)
 
     @property
     def bounds(self) -> Mapping[str, float]:
@@ -257,8 +283,14 @@ def fill_in(name: str, values: Dict[str, Any]) -> None:
     window_s = values["window_s"] or (600.0 if is_forecast else 60.0)
     if not values["unit"] and values["reduce"] != "count" and _is_time(values["type"], values["field"]):
         values["unit"] = "s"
+    is_of_graph = any(values[key] for key in GRAPH_KEYS)
+    if values["lifecycle"]:
+        values.update(error_below=ACTIVE, error_above=ACTIVE)
+    elif is_of_graph and all(values[key] is None for key in BOUNDS):
+        values["error_below"] = 1.0
     defaults = {
-        "topic": name,
+        "topic": "" if is_of_graph else values["action"] or name,
+        "stale_after_s": 0.0 if values["action"] else 5.0,
         "window_s": window_s,
         "window_min_s": window_s if is_forecast else window_s / 2.0,
         "window_samples": 100_000 if is_forecast else 6000,
@@ -295,10 +327,10 @@ def _read_condition(found: object, path: Path) -> Condition:
 
 def _mistakes(signal: SignalConfig, given: Mapping[str, Any]) -> Iterator[Tuple[str, str]]:
     """Yields key and problem of each value that cannot be used, or contradicts another; `given` are the keys found."""
-    if not signal.topic:
-        yield "topic", "expected the name of a topic, got ''"
-    if signal.type and split_type_name(signal.type) is None:
-        yield "type", f"expected a type such as std_msgs/Float32, got {describe(signal.type)}"
+    if signal.graph is None:
+        yield from _mistakes_of_topic(signal, given)
+    else:
+        yield from _mistakes_of_graph(signal, given)
     try:
         parse_field_path(signal.field)
     except ValueError as error:
@@ -326,6 +358,33 @@ def _mistakes(signal: SignalConfig, given: Mapping[str, Any]) -> Iterator[Tuple[
     yield from _mistakes_of_forecast(signal)
     yield from _mistakes_of_bounds(signal)
     yield from _mistakes_of_unit(signal)
+
+
+def _mistakes_of_graph(signal: SignalConfig, given: Mapping[str, Any]) -> Iterator[Tuple[str, str]]:
+    """Yields keys that contradict one of `GRAPH_KEYS`."""
+    keys = [key for key in ("topic", "action", *GRAPH_KEYS) if given.get(key)]
+    if len(keys) > 1:
+        yield keys[1], f"expected one of topic, action, {', '.join(GRAPH_KEYS)}, got {' and '.join(keys)}"
+    for key in ("type", "field", "reduce", "placeholders", "scale", "unit", "valid_min", "valid_max"):
+        if key in given:
+            yield key, f"{keys[0]} has no message; remove this key"
+    if not signal.lifecycle:
+        return
+    if "*" in signal.lifecycle or "?" in signal.lifecycle:
+        yield "lifecycle", f"expected the name of one node, got {describe(signal.lifecycle)}"
+    for key in (*BOUNDS, "hysteresis", "statistic"):
+        if given.get(key) not in (None, "last", 0, 0.0):
+            yield key, "lifecycle is an ERROR unless the node is active; remove this key"
+
+
+def _mistakes_of_topic(signal: SignalConfig, given: Mapping[str, Any]) -> Iterator[Tuple[str, str]]:
+    if not signal.topic:
+        yield "topic", "expected the name of a topic, got ''"
+    if signal.type and split_type_name(signal.type) is None:
+        yield "type", f"expected a type such as std_msgs/Float32, got {describe(signal.type)}"
+    for key, none in (("topic", signal.action), ("type", ""), ("field", "data")) if signal.action else ():
+        if given.get(key) not in (None, "", none):
+            yield key, f"expected either action or {key}; remove one of them"
 
 
 def _mistakes_of_elements(signal: SignalConfig, given: Mapping[str, Any]) -> Iterator[Tuple[str, str]]:

@@ -68,7 +68,10 @@ def thresholds_tree(
     `topics` has the absolute name for each topic that it names otherwise.
     """
     signals = {
-        name: {**settings_of(signal), "topic": topics.get(signal.topic, signal.topic)}
+        name: {
+            **settings_of(signal),
+            "action" if signal.action else "topic": topics.get(signal.topic, signal.topic),
+        }
         for name, signal in config.signals.items()
     }
     parameters: Dict[str, Any] = {"robot_name": robot, "publish_rate": config.publish_rate, "signals": signals}

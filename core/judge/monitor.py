@@ -238,7 +238,8 @@ class Monitor:
         return [
             config
             for config, staleness in configs
-            if staleness.is_half_over(now_s, config.startup_grace_s, latest_s.get(config.topic, -math.inf))
+            if config.topic
+            and staleness.is_half_over(now_s, config.startup_grace_s, latest_s.get(config.topic, -math.inf))
         ]
 
     def note_hint(self, signal: str, hint: str) -> None:

@@ -105,9 +105,8 @@ class Rule:
 
     def configure(self, config: RuleConfig) -> None:
         """Takes new bounds and durations; the state stays until the rule advances."""
-        infinity = float("inf")
-        self._below = -infinity if config.below is None else config.below
-        self._above = infinity if config.above is None else config.above
+        self._below = -math.inf if config.below is None else config.below
+        self._above = math.inf if config.above is None else config.above
         self._below_clear = self._below + config.hysteresis
         self._above_clear = self._above - config.hysteresis
         self._for_s = config.for_s

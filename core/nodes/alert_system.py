@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import partial
 from types import MappingProxyType
-from typing import Any, Callable, Dict, FrozenSet, List, Mapping, Optional, Set, Tuple
+from typing import Any, Callable, Dict, FrozenSet, List, Mapping, Optional, Set, Tuple, Union
 
 from ..config.monitor_config import DEFAULT_SIGNALS, MonitorConfig, described_parameters, is_whole_file, load_config
-from ..config.signal_config import LINK
+from ..config.signal_config import LINK, SignalConfig
 from ..judge.causes import causes_first
 from ..judge.continuity import Continuity, SignalHistory
 from ..judge.element_signals import MOST_REFUSED
@@ -16,12 +16,14 @@ from ..judge.monitor import Monitor
 from ..judge.sources import is_source
 from ..judge.wording import source_text
 from ..messages.dialect import Message
-from ..port.middleware import Middleware, Result, Severity, Subscription
+from ..port.graph import Found, Wanted
+from ..port.middleware import Middleware, Result, Severity, Subscription, Timer
 from ..values.elements import ARRAY_TYPE, STATUS_TYPE, with_ages
-from ..values.errors import ConfigError
+from ..values.errors import ConfigError, ServiceError
 from ..values.faults import Fault
 from ..values.field_path import ABSENT
 from ..values.formatting import printable
+from ..values.goals import STATUS_TOPICS, Goals
 from ..values.model import Changes, Level, Sample, Status, Transition
 from ..values.names import resolve_name
 from . import node
@@ -90,6 +92,7 @@ class AlertSystem:
         self._watches_defaults = "signals" not in given and not is_whole_file(given)
         self._config = config = self._read_config(given)
         self._unavailable: Set[str] = set()
+        self._not_in_graph: FrozenSet[str] = frozenset()
         self._excess: Set[str] = set()
         self._simulated_topics = ""
         self._simulated: FrozenSet[str] = frozenset()
@@ -113,9 +116,7 @@ class AlertSystem:
         self_report = replace(
             self_report,
             published_topics=lambda: alerts,
-            signals=lambda: (
-                sum(not is_source(name) for name in self.monitor.configs()) or len(self.monitor.config.signals)
-            ),
+            signals=self._count_signals,
             simulated=lambda: filter(self.is_simulated, self._config.signals),
             without_sensor=lambda: sorted(self._unavailable),
             silenced=self.count_silenced,
@@ -124,6 +125,9 @@ class AlertSystem:
         """Watches the node itself and makes its status."""
         self._continuity = None if history is None else Continuity(self.monitor, history)
         self._subscriptions: Dict[_Source, Subscription] = {}
+        self._graph_timer: Optional[Timer] = None
+        self._of_graph: Mapping[str, Wanted] = {}
+        """What each signal of the robot's graph counts."""
         self._topics: Mapping[str, str] = {}
         """The resolved topic of each signal."""
         described = described_parameters(config, are_default=self._watches_defaults)
@@ -142,7 +146,8 @@ class AlertSystem:
         if self._watches_defaults:
             middleware.log(Severity.INFO, f"no signals configured: watching {', '.join(DEFAULT_SIGNALS)}")
         for name, signal in config.signals.items():
-            middleware.log(Severity.INFO, f"watching {source_text(signal, self._topics[name])}")
+            if name not in self._not_in_graph:
+                middleware.log(Severity.INFO, f"watching {source_text(signal, self._topics.get(name, ''))}")
         latching = [name for name, signal in config.signals.items() if signal.latch]
         if latching and (history is None or not history.is_kept):
             text = f"no history: latched alerts of an earlier run are not restored ({', '.join(latching)})"
@@ -151,6 +156,8 @@ class AlertSystem:
     def _begin(self, config: MonitorConfig) -> None:
         """Subscribes, and continues from the saved states."""
         self._follow_topics(config)
+        if self._not_in_graph:
+            self.monitor.configure(self._watched())
         if self._continuity is not None:
             now_s = self._middleware.now_s()
             self._continuity.record_configuration(config)
@@ -264,8 +271,12 @@ class AlertSystem:
     def _follow_topics(self, config: MonitorConfig) -> None:
         """Subscribes to new topics, then ends old subscriptions; one that is refused is a ConfigError and no change."""
         wanted = {
-            (name, signal.topic, signal.type, signal.field) for name, signal in config.signals.items() if name != LINK
+            (name, topic, signal.type, "" if signal.action else signal.field)
+            for name, signal in config.signals.items()
+            if name != LINK
+            for topic in signal.topics
         }
+        of_graph, unknown = self._check_graph(config)
         added: Dict[_Source, Subscription] = {}
         try:
             # Signals with a type and a field first: those that only count messages can share their subscription. Of one
@@ -274,8 +285,14 @@ class AlertSystem:
             new = wanted - self._subscriptions.keys()
             for source in sorted(new, key=lambda key: (key[3] == "", key[2] == "", order[key[0]])):
                 name, topic, type_name, field = source
-                take = partial(self._take, name)
-                added[source] = self._middleware.subscribe(topic, type_name, take, field=field or None)
+                if config.signals[name].action:
+                    take = partial(self._take_goals, name, Goals())
+                    # The last message says which goals had ended before.
+                    subscription = self._middleware.subscribe(topic, type_name, take, latched=True)
+                else:
+                    take = partial(self._take, name)
+                    subscription = self._middleware.subscribe(topic, type_name, take, field=field or None)
+                added[source] = subscription
         except ConfigError as error:
             for subscription in added.values():
                 self._middleware.unsubscribe(subscription)
@@ -283,9 +300,49 @@ class AlertSystem:
         for source in self._subscriptions.keys() - wanted:
             self._middleware.unsubscribe(self._subscriptions.pop(source))
         self._subscriptions.update(added)
-        self._topics = {key[0]: subscription.topic for key, subscription in self._subscriptions.items()}
-        self.monitor.expect_sources({key[1]: each.topic for key, each in self._subscriptions.items()})
+        self._topics = {
+            key[0]: _source_name(config.signals[key[0]], subscription)
+            for key, subscription in self._subscriptions.items()
+        }
+        self.monitor.expect_sources({config.signals[name].topic: topic for name, topic in self._topics.items()})
         self._simulated = frozenset(self._signals_on(self._simulated_topics))
+        self._follow_graph(of_graph)
+        for name in sorted(unknown.keys() - self._not_in_graph):
+            self.outlets.emit(
+                Notice(self._middleware.now_s(), Severity.INFO, f"{name} is not watched: {unknown[name]}")
+            )
+        self._not_in_graph = frozenset(unknown)
+
+    def _check_graph(self, config: MonitorConfig) -> Tuple[Mapping[str, Wanted], Mapping[str, str]]:
+        """Returns what signals of the graph count, and why others cannot be watched here; may raise ConfigError."""
+        known: Dict[str, Wanted] = {}
+        unknown: Dict[str, str] = {}
+        for name, signal in config.signals.items():
+            if signal.graph is not None:
+                try:
+                    self._middleware.check_graph(signal.graph[0])
+                    known[name] = signal.graph
+                except ServiceError as error:
+                    unknown[name] = str(error)
+                except ConfigError as error:
+                    raise ConfigError(error.problem, ("signals", name, signal.graph[0])) from None
+        return known, unknown
+
+    def _follow_graph(self, of_graph: Mapping[str, Wanted]) -> None:
+        self._of_graph = of_graph
+        if of_graph and self._graph_timer is None:
+            self._graph_timer = self._middleware.follow_graph(lambda: set(self._of_graph.values()), self._take_graph)
+        elif not of_graph and self._graph_timer is not None:
+            self._graph_timer.cancel()
+            self._graph_timer = None
+
+    def _take_graph(self, found: Union[Found, str], now_s: float) -> None:
+        """Judges what was found in the robot's graph, or notes why it cannot be read."""
+        for name, wanted in self._of_graph.items():
+            if isinstance(found, str):
+                self.monitor.note_hint(name, found)
+            elif wanted in found:
+                self._announce(self.monitor.observe_value(name, found[wanted], now_s), now_s)
 
     def _take(self, name: str, value: Any, now_s: float) -> None:
         """Judges a message on the topic of a signal; it may hold no sample of it."""
@@ -303,6 +360,11 @@ class AlertSystem:
             changes = self.monitor.observe_value(name, value, now_s)
         if changes or changes.notices:
             self._announce(changes, now_s)
+
+    def _take_goals(self, name: str, goals: Goals, message: Any, now_s: float) -> None:
+        """Judges each goal of an action that ended."""
+        for value in goals.take(message) or (ABSENT,):
+            self._take(name, value, now_s)
 
     def _note_unavailable(self, metrics: Any, now_s: float) -> None:
         """Applies the list from battery_sensor: signals that no sensor will ever publish are not watched."""
@@ -339,8 +401,13 @@ class AlertSystem:
     def _configure_monitor(self, now_s: float) -> None:
         """Watches all signals but those that have no sensor."""
         self._record_samples(now_s)
-        signals = {name: signal for name, signal in self._config.signals.items() if name not in self._unavailable}
-        self._announce(self.monitor.configure(replace(self._config, signals=signals)), now_s)
+        self._announce(self.monitor.configure(self._watched()), now_s)
+
+    def _watched(self) -> MonitorConfig:
+        """Returns the configuration without the signals that nothing brings samples for."""
+        left_out = self._unavailable | self._not_in_graph
+        signals = {name: signal for name, signal in self._config.signals.items() if name not in left_out}
+        return replace(self._config, signals=signals)
 
     def _record_samples(self, now_s: float) -> None:
         """Stores the samples of signals that may leave the configuration."""
@@ -391,7 +458,7 @@ class AlertSystem:
     def _look_up_hints(self, now_s: float) -> None:
         """Looks up why signals have no samples, before they are announced as STALE."""
         for config in self.monitor.without_samples(now_s):
-            self.monitor.note_hint(config.name, self._middleware.why_silent(config.topic, config.type) or "")
+            self.monitor.note_hint(config.name, self._middleware.why_silent(config.topics[0], config.type) or "")
 
     def _check(self, now_s: float) -> None:
         """Runs on steady time."""
@@ -462,7 +529,13 @@ class AlertSystem:
                 changes_default = name in merged and isinstance(given, Mapping)
                 merged[name] = {**merged[name], **given} if changes_default else given
             tree = {**tree, "signals": merged}
-        return load_config(tree)
+        config = load_config(tree)
+        resolved = {
+            name: replace(signal, **{key: resolve_name(getattr(signal, key), self._middleware.name)})
+            for name, signal in config.signals.items()
+            for key, _ in filter(None, [signal.graph])
+        }
+        return replace(config, signals={**config.signals, **resolved}) if resolved else config
 
     def _reconfigure(self, tree: Mapping[str, Any]) -> str:
         old = self._config
@@ -482,3 +555,11 @@ class AlertSystem:
         self._configure_monitor(self._middleware.now_s())
         before = node.sections_of(old, log_level=given.get(node.LOG_LEVEL, "INFO"))
         return node.describe_changes(before, node.sections_of(config, log_level=tree.get(node.LOG_LEVEL, "INFO")))
+
+
+def _source_name(config: SignalConfig, subscription: Subscription) -> str:
+    """Returns the resolved topic of a signal; of an action, which has two, the resolved name."""
+    ends = STATUS_TOPICS if config.action else ()
+    return next(
+        (subscription.topic[: -len(end)] for end in ends if subscription.topic.endswith(end)), subscription.topic
+    )

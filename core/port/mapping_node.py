@@ -7,9 +7,8 @@ callbacks and the reading of fields. A subclass adds publishing, subscribing, se
 from __future__ import annotations
 
 import abc
-import collections
 import threading
-from typing import Any, Callable, Deque, Dict, Mapping, Optional, Protocol, Sequence, Tuple
+from typing import Any, Callable, Collection, Dict, List, Mapping, Optional, Protocol, Sequence, Tuple
 
 from ..config.parameters import Parameter
 from ..messages.dialect import Message
@@ -21,6 +20,7 @@ from ..values.faults import Faults
 from ..values.field_path import ABSENT
 from ..values.formatting import printable
 from ..values.names import resolve_name
+from .graph import GraphCallback, Wanted
 from .hints import Answer, Hints
 from .log_limit import LimitedLog
 from .middleware import Callback, OnChange, RawCallback, RawFormat, Result, Severity
@@ -149,7 +149,7 @@ class MappingNode(abc.ABC):
         self._hints = Hints(self.look_up_silence, self.steady_s)
         self.failures = LimitedLog(self.log, self.steady_s)
         """Writes what is wrong with messages, by topic: a robot may invent topics."""
-        self._waiting: Deque[Tuple[Delivery, Any]] = collections.deque(maxlen=_MAX_WAITING)
+        self._waiting: List[Tuple[Delivery, Any]] = []
 
     @abc.abstractmethod
     def log(self, severity: Severity, text: str) -> None: ...
@@ -160,6 +160,12 @@ class MappingNode(abc.ABC):
 
     def why_silent(self, topic: str, type_name: str) -> Optional[str]:
         return self._hints.get(self.resolve(topic), type_name)
+
+    def check_graph(self, key: str) -> None:
+        raise ServiceError("the robot's graph is not known here")
+
+    def follow_graph(self, wanted: Callable[[], Collection[Wanted]], callback: GraphCallback) -> ClockTimer:
+        raise ServiceError("the robot's graph is not known here")
 
     def now_s(self) -> float:
         return self._clock() if self._sim_time_s is None else self._sim_time_s
@@ -230,7 +236,7 @@ class MappingNode(abc.ABC):
             if was_waiting:
                 self._sim_timers.restart(now_s)
                 while self._waiting:
-                    self.call_back(*self._waiting.popleft())
+                    self.call_back(*self._waiting.pop(0))
             self._run_due(self._sim_timers, now_s)
 
     def type_of(self, topic: str) -> str:
@@ -288,7 +294,7 @@ class MappingNode(abc.ABC):
         """Passes a value to a subscription's callback, with the time; waits for /clock under `use_sim_time`."""
         with self._lock:
             if self._sim_time_s == 0.0:
-                self._waiting.append((subscription, value))
+                self._waiting = [*self._waiting[1 - _MAX_WAITING :], (subscription, value)]
             elif subscription.active and not self.closed:
                 try:
                     subscription.callback(value, self.now_s())

@@ -131,7 +131,7 @@ class WebInterface:
         self._worker = ThreadPool("web", 8, _MOST_PENDING, _READ_TIMEOUT_S)
         self._past = ThreadPool("web history", _PAST_AT_ONCE, _MOST_PAST_PENDING, _READ_TIMEOUT_S)
         self._readers: Dict[AlertSystem, RobotReader] = {}
-        self._answers: Dict[Tuple[object, ...], asyncio.Future[bytes]] = {}
+        self._answers: Dict[Tuple[object, ...], asyncio.Future[Any]] = {}
         self._announced: Set[AlertSystem] = set()
         self._next_read = 0
         self._own_state = OwnState(robots, process_faults)
@@ -243,16 +243,16 @@ class WebInterface:
         robot, window = request.query.get("robot", ""), request.query.get("window", "1") != "0"
         if robot:
             self._require_reader(robot)
-        encode = partial(self._encode_state, robot, window)
-        return encoded_response(await self._shared_answer(("state", robot, window), encode, _KEPT_S))
+        state = await self._shared_answer(("state", robot, window), partial(self._read_state, robot, window), _KEPT_S)
+        return await _streamed(request, state.parts(), "application/json; charset=utf-8")
 
     async def _shared_answer(
-        self, key: Tuple[object, ...], encode: Callable[[], Awaitable[bytes]], kept_s: float
-    ) -> bytes:
+        self, key: Tuple[object, ...], read: Callable[[], Awaitable[Result]], kept_s: float
+    ) -> Result:
         """Returns an answer that serves all requests with the same key at the same time, and `kept_s` after it came."""
         answer = self._answers.get(key)
         if answer is None:
-            answer = self._answers[key] = asyncio.ensure_future(encode())
+            answer = self._answers[key] = asyncio.ensure_future(read())
 
             def forget() -> None:
                 if self._answers.get(key) is answer:
@@ -260,10 +260,8 @@ class WebInterface:
 
             loop = asyncio.get_event_loop()
             answer.add_done_callback(lambda done: loop.call_later(0.0 if done.exception() else kept_s, forget))
-        return await asyncio.shield(answer)
-
-    async def _encode_state(self, robot: str, window: bool) -> bytes:
-        return (await self._read_state(robot, window)).encoded()
+        result: Result = await asyncio.shield(answer)
+        return result
 
     async def _read_update(self, before: Optional[State], plotted: Collection[str]) -> State:
         """Returns the state. What was `before` counts for most robots of a large fleet: to read all costs too much."""
@@ -405,13 +403,7 @@ class WebInterface:
             parts, content_type = self._metrics.render(robots, profile)
         except ImportError as error:
             raise ApiError(501, f"no metrics: {METRICS_LIBRARY} cannot be imported: {error}") from None
-        response = web.StreamResponse(headers={**API_HEADERS, "Content-Type": content_type})
-        await response.prepare(request)
-        if request.method != "HEAD":
-            for part in parts:  # of large fleets, all of them take much memory and time
-                await response.write(part)
-                await asyncio.sleep(0)
-        return response
+        return await _streamed(request, parts, content_type)
 
     async def _get_health(self, request: web.Request) -> web.StreamResponse:
         late = [robot for robot in self._robots() if robot.tick_age_s > LATEST_TICK_S]
@@ -420,6 +412,17 @@ class WebInterface:
             return json_response({"ok": True, "faults": self._own_state.texts()} if admitted else {"ok": True})
         oldest_s = max(robot.tick_age_s for robot in late)
         return json_response({"ok": False, "error": f"no tick for {oldest_s:.0f} s"}, status=503)
+
+
+async def _streamed(request: web.Request, parts: Iterable[bytes], content_type: str) -> web.StreamResponse:
+    """Sends an answer in parts: of large fleets, all of them take much memory and time."""
+    response = web.StreamResponse(headers={**API_HEADERS, "Content-Type": content_type})
+    await response.prepare(request)
+    if request.method != "HEAD":
+        for part in parts:
+            await response.write(part)
+            await asyncio.sleep(0)
+    return response
 
 
 def _required(found: Optional[Result], problem: str) -> Result:

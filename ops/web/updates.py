@@ -6,7 +6,7 @@ import asyncio
 import json
 import time
 from collections import Counter
-from typing import Any, Awaitable, Callable, Collection, Dict, Mapping, NamedTuple, Optional, Sequence, Set
+from typing import Any, Awaitable, Callable, Collection, Dict, Iterator, Mapping, NamedTuple, Optional, Sequence, Set
 
 from aiohttp import web
 
@@ -47,10 +47,13 @@ class State(NamedTuple):
     common: Json  # as in `/api/state`, without the robots
     robots: Mapping[str, RobotState]
 
-    def encoded(self) -> bytes:
-        """Returns it as `/api/state` has it."""
-        robots = b",".join(json_bytes(name) + b":" + robot.data for name, robot in self.robots.items())
-        return json_bytes(self.common)[:-1] + b',"robots":{' + robots + b"}}"
+    def parts(self) -> Iterator[bytes]:
+        """Yields it as `/api/state` has it: of a thousand robots, a copy of the whole takes 7 MB."""
+        yield json_bytes(self.common)[:-1] + b',"robots":{'
+        for number, (name, robot) in enumerate(self.robots.items()):
+            yield (b"," if number else b"") + json_bytes(name) + b":"
+            yield robot.data
+        yield b"}}"
 
 
 class _Page:
@@ -59,7 +62,8 @@ class _Page:
     def __init__(self, robots: Sequence[str], address: str) -> None:
         self.robots = robots  # those whose samples it gets
         self.address = address
-        self.waiting: asyncio.Queue[bytes] = asyncio.Queue(MOST_WAITING + 1 + MOST_ROBOTS)  # `state`, `samples` first
+        # `retry`, `state` and `samples` come first.
+        self.waiting: asyncio.Queue[bytes] = asyncio.Queue(MOST_WAITING + 2 + MOST_ROBOTS)
         self.ends = asyncio.Event()
 
     def send(self, event: bytes) -> None:
@@ -165,7 +169,8 @@ class Updates:
             for robot in page.robots:
                 if robot not in self._state.robots:
                     raise ApiError(404, f"there is no robot {robot}")
-            page.send(_RETRY + self._state_event())
+            page.send(_RETRY)
+            page.send(self._state_event())
             self._make_room()
             self._pages[page] = None
             if self._task is None:
@@ -237,7 +242,7 @@ class Updates:
     def _state_event(self) -> bytes:
         if self._encoded_state is None:
             assert self._state is not None
-            self._encoded_state = _event("state", self._state.encoded())
+            self._encoded_state = _event("state", *self._state.parts())
         return self._encoded_state
 
     def _samples_event(self, robot: str, samples: Samples) -> bytes:
@@ -250,8 +255,8 @@ class Updates:
         return _event("samples", json_bytes(data))
 
 
-def _event(kind: str, data: bytes) -> bytes:
-    return b"event: %s\ndata: %s\n\n" % (kind.encode("ascii"), data)
+def _event(kind: str, *data: bytes) -> bytes:
+    return b"".join((b"event: ", kind.encode("ascii"), b"\ndata: ", *data, b"\n\n"))
 
 
 async def _write_events(page: _Page, response: web.StreamResponse) -> None:

@@ -41,7 +41,10 @@ class ServerConnection(BridgeConnection):
     server_kind = "rosbridge server"
 
     def __init__(self, url: str, *, limits: Limits = DEFAULT_LIMITS, **options: Any) -> None:
-        """Creates a connection that is down, with the `options` of `BridgeConnection`; `run` connects."""
+        """Creates a connection that is down, with the `options` of `BridgeConnection`; `run` connects.
+
+        `limits` are for messages that are decoded; of larger ones only the arrival counts.
+        """
         super().__init__(url, **options)
         self.calls = ServiceCalls(self.send, lambda: None if self.up else f"no connection to {self.address}")
         self.subscriptions = Subscriptions(self.send, self.calls.call)
@@ -86,8 +89,7 @@ class ServerConnection(BridgeConnection):
             return
         # A lost subscription would be a silent failure; after a reconnection all of them are sent again.
         may_drop = isinstance(operation, operations.Publish)
-        for wire in self._protocol.send(operation, compression=self._compression):
-            self.send_wire(wire, may_drop=may_drop)
+        self.send_wire(self._protocol.send(operation, compression=self._compression), may_drop=may_drop)
 
     async def run(self) -> None:
         """Keeps the connection up until it is cancelled or `close` is called."""

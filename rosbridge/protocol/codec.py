@@ -1,4 +1,4 @@
-"""The encodings of messages: JSON, CBOR (RFC 8949), and text as a PNG image.
+"""The encodings of messages: JSON and CBOR (RFC 8949).
 
 The CBOR decoder accepts only what rosbridge peers send: the types of JSON, byte strings and typed arrays, all of
 definite length. General CBOR libraries also follow shared references, big numbers and string references, with which a
@@ -11,10 +11,8 @@ from __future__ import annotations
 import base64
 import contextlib
 import json
-import math
 import re
 import struct
-import zlib
 from typing import Any, Callable, Dict, Iterator, List, Mapping, Optional, Tuple, Union
 
 from ...core.values.errors import MessageError
@@ -27,7 +25,7 @@ except ImportError:  # optional, and only for encoding: the Debian packages of t
     cbor2 = None  # type: ignore[assignment]
 
 CBOR_PROBLEM = missing_text(["cbor2"]) if cbor2 is None else ""
-"""Why CBOR cannot be sent; empty: it can."""
+"""Why CBOR cannot be sent; empty if it can."""
 
 Wire = Union[str, bytes]
 """One WebSocket message: text for JSON, binary for CBOR."""
@@ -41,9 +39,10 @@ _SLICE = 100
 
 
 def decode(data: Wire, limits: Limits) -> Dict[str, Any]:
-    """Returns the object in JSON text, UTF-8 bytes of JSON, or CBOR bytes; ProtocolError: none, or over a limit.
+    """Returns the object in JSON text, UTF-8 bytes of JSON, or CBOR bytes.
 
-    Takes time and memory proportional to the length of `data`.
+    Raises ProtocolError if there is none, or if it exceeds a limit. Takes time and memory proportional to the
+    length of `data`.
     """
     if len(data) > limits.message_bytes:
         raise ProtocolError(f"message longer than {limits.message_bytes} bytes")
@@ -180,7 +179,7 @@ _FLOATS = {25: struct.Struct(">e"), 26: struct.Struct(">f"), 27: struct.Struct("
 
 
 def encode_cbor(value: Mapping[str, Any]) -> bytes:
-    """Returns `value` as CBOR; MessageError: it contains a type that cannot be encoded, or `CBOR_PROBLEM`."""
+    """Returns `value` as CBOR; raises MessageError for a type that cannot be encoded, or with `CBOR_PROBLEM`."""
     if cbor2 is None:
         raise MessageError(CBOR_PROBLEM)
     try:
@@ -313,12 +312,12 @@ def topic_of_message(data: Wire) -> Optional[str]:
 
 
 def _members_of_json(text: str) -> Iterator[Tuple[str, str]]:
-    found = re.match(r"\s*\{", text)
+    member = re.match(r"\s*\{", text)
     with contextlib.suppress(ValueError):  # an escape that JSON does not have
-        while found:
-            found = _JSON_MEMBER.match(text, found.end())
-            if found:
-                yield found[1], json.loads(found[2])
+        while member:
+            member = _JSON_MEMBER.match(text, member.end())
+            if member:
+                yield member[1], json.loads(member[2])
 
 
 def _members_of_cbor(data: bytes) -> Iterator[Tuple[str, str]]:
@@ -333,43 +332,17 @@ def _members_of_cbor(data: bytes) -> Iterator[Tuple[str, str]]:
 
 
 def serialized_publication(data: bytes) -> Optional[Tuple[str, bytes]]:
-    """Returns topic and bytes of a message of the compression `cbor-raw`, of any size; None: another message."""
+    """Returns topic and bytes of a message of the compression `cbor-raw`, of any size; None for another message."""
     decoder = _CborDecoder(data, DEFAULT_LIMITS)
-    found: Dict[str, Any] = {}
+    fields: Dict[str, Any] = {}
     try:
         if decoder.head() != (_MAP, 3):
             return None
         for _ in range(3):
             name = decoder.key()
-            found[name] = decoder.serialized() if name == "msg" else decoder.key()
+            fields[name] = decoder.serialized() if name == "msg" else decoder.key()
     except ProtocolError:
         return None
-    if found.keys() != {"op", "topic", "msg"} or found["op"] != "publish" or found["msg"] is None:
+    if fields.keys() != {"op", "topic", "msg"} or fields["op"] != "publish" or fields["msg"] is None:
         return None
-    return found["topic"], found["msg"]
-
-
-_BYTES_PER_PIXEL = 3
-_COMPRESSION_LEVEL = 1  # the default takes four times as long for a few percent
-
-
-def encode_png(text: str) -> str:
-    """Returns `text` as a base64 PNG file: rosbridge's compression `png`.
-
-    Its UTF-8 bytes, padded with line feeds, are the pixels of an 8-bit RGB image that is about as wide as high. There
-    is no decoder: neither rosbridge servers nor this package's client receive images.
-    """
-    data = text.encode("utf-8")
-    width = max(1, math.isqrt(len(data) // _BYTES_PER_PIXEL))
-    stride = width * _BYTES_PER_PIXEL
-    height = max(1, -(-len(data) // stride))
-    data = data.ljust(stride * height, b"\n")
-    rows = b"".join(b"\0" + data[start : start + stride] for start in range(0, len(data), stride))
-    header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
-    chunks = ((b"IHDR", header), (b"IDAT", zlib.compress(rows, _COMPRESSION_LEVEL)), (b"IEND", b""))
-    file = b"\x89PNG\r\n\x1a\n" + b"".join(_chunk(kind, body) for kind, body in chunks)
-    return base64.b64encode(file).decode("ascii")
-
-
-def _chunk(kind: bytes, body: bytes) -> bytes:
-    return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
+    return fields["topic"], fields["msg"]

@@ -243,6 +243,7 @@ def test_a_new_address_is_connected_to_without_an_alert_of_the_link(tmp_path: Pa
     run()
 
 
+@pytest.mark.newest_python
 def test_a_robot_that_waits_for_its_next_attempt_follows_a_new_address_at_once(tmp_path: Path) -> None:
     @scenario
     async def run() -> None:

@@ -22,6 +22,7 @@ def test_each_configuration_has_tests() -> None:
     }
 
 
+@pytest.mark.newest_python
 @pytest.mark.parametrize("file", TESTS, ids=lambda file: file.name)
 def test_its_tests_pass(robot_health: Callable[..., LineProcess], file: Path) -> None:
     process = robot_health("test", file)

@@ -111,6 +111,7 @@ def test_a_healthy_differential_drive_robot_is_ok() -> None:
     assert values["motor_left_temperature"].values["value"] == "50"
 
 
+@pytest.mark.newest_python
 @pytest.mark.parametrize(
     ("seconds", "values", "expected"),
     [
@@ -140,6 +141,7 @@ def test_problems_of_a_differential_drive_robot_are_announced(
     assert robot.changes == expected
 
 
+@pytest.mark.newest_python
 def test_a_discharge_of_a_differential_drive_robot_is_one_alert_of_its_voltage() -> None:
     robot = Robot("differential_drive.yaml")
     robot.drive(15)

@@ -82,6 +82,7 @@ def replay(signal: Dict[str, Any], calls: List[Tuple[str, float]], number: type)
     return [*results, monitor.report(now_s)]
 
 
+@pytest.mark.newest_python
 @pytest.mark.parametrize("seed", range(20))
 def test_the_fast_path_gives_what_the_full_path_gives(seed: int) -> None:
     dice = random.Random(seed)
@@ -154,6 +155,7 @@ def replay_statuses(signal: Dict[str, Any], calls: List[Tuple[str, int]], level:
     return [*results, monitor.report(now_s)]
 
 
+@pytest.mark.newest_python
 @pytest.mark.parametrize("seed", range(100))
 def test_statuses_of_drivers_give_the_same_on_both_paths(seed: int) -> None:
     random_ = random.Random(seed)

@@ -282,6 +282,7 @@ def whole_text(transitions: Sequence[Transition]) -> str:
     return repr([dataclasses.replace(each, value=repr_or_type(each.value)) for each in transitions])
 
 
+@pytest.mark.newest_python
 @settings(max_examples=200)
 @given(configs, st.lists(calls, max_size=40))
 def test_no_call_raises_and_transitions_chain_up_to_the_report(config: MonitorConfig, sequence: List[Call]) -> None:
@@ -315,6 +316,7 @@ FEATURES: Sequence[Mapping[str, Any]] = (
 )
 
 
+@pytest.mark.newest_python
 @settings(max_examples=100)
 @given(configs, st.lists(calls, max_size=40))
 def test_reports_between_the_calls_change_nothing(config: MonitorConfig, sequence: List[Call]) -> None:
@@ -399,6 +401,7 @@ plain_trees = st.fixed_dictionaries(
 )
 
 
+@pytest.mark.newest_python
 @settings(max_examples=200)
 @given(st.lists(plain_trees, min_size=2, max_size=2), st.lists(plain_calls, max_size=60))
 def test_a_whole_number_is_judged_alike_as_int_and_as_float(

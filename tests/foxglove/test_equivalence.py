@@ -17,6 +17,7 @@ class TestFoxglove(Equivalence):
         return FoxgloveHarness()
 
 
+@pytest.mark.newest_python
 def test_messages_in_json_give_the_same_transitions() -> None:
     """But for infinities, for which JSON has null: they are not among these fields."""
     from harness.foxglove import FoxgloveHarness

@@ -305,9 +305,8 @@ class Protocol(Target):
             assert connection.fragment_chars <= Limits().message_bytes
             if operation is not None:
                 for compression in COMPRESSIONS:
-                    for size in (None, 300):
-                        with contextlib.suppress(MessageError):
-                            connection.send(operation, compression=compression, fragment_size=size)
+                    with contextlib.suppress(MessageError):
+                        connection.send(operation, compression=compression)
 
     def allowed(self, data: Any) -> Work:
         return Work(20_000 + 300 * size_of(data), 3_000_000 + 1_000 * size_of(data))

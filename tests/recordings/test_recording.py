@@ -22,6 +22,7 @@ HEADER_OF_BAG = range(200, 4000)
 """Padding of a bag's header: one place in it is as good as any other."""
 
 
+@pytest.mark.newest_python
 @pytest.mark.parametrize("name", WRITERS)
 def test_a_file_that_ends_at_any_byte_is_read_up_to_there_with_one_line(tmp_path: Path, name: str) -> None:
     write: Callable[[Path], str] = WRITERS[name]
@@ -43,6 +44,7 @@ def test_a_file_that_ends_at_any_byte_is_read_up_to_there_with_one_line(tmp_path
         assert "\n" not in problem and "buffer" not in problem, size
 
 
+@pytest.mark.newest_python
 def test_a_wrong_bit_anywhere_in_an_mcap_file_is_noticed_or_harmless(tmp_path: Path) -> None:
     data = Path(WRITERS["none.mcap"](tmp_path / "a.mcap")).read_bytes()
     path = tmp_path / "damaged.mcap"

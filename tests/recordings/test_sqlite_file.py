@@ -61,6 +61,7 @@ def test_the_journal_of_a_recorder_that_was_killed_is_applied(tmp_path: Path) ->
     assert len(read(str(copy)).messages) == 10
 
 
+@pytest.mark.newest_python
 def test_a_file_that_is_cut_off_anywhere_is_read_as_far_as_possible(tmp_path: Path) -> None:
     """At many places of a page, because SQLite fills a page that is cut off with zeros."""
     data = database(tmp_path / "bag").read_bytes()

@@ -29,6 +29,7 @@ def test_the_installed_configuration_is_right_and_its_contents_are_summed_up(rob
     ]
 
 
+@pytest.mark.newest_python
 @pytest.mark.parametrize("file", sorted((ROOT / "config").glob("*.yaml")), ids=lambda file: file.name)
 def test_every_configuration_that_is_installed_is_right(robot_health: Start, file: Path) -> None:
     process = robot_health("check", file)
@@ -247,6 +248,7 @@ def test_a_file_of_thousands_of_mistakes_ends_after_a_hundred(robot_health: Star
     assert process.errors[-1] == f"{file}: further mistakes are not shown"
 
 
+@pytest.mark.newest_python
 @pytest.mark.parametrize(
     ("signal", "problem"),
     [

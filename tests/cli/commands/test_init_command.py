@@ -86,6 +86,7 @@ def test_a_robot_behind_rosbridge_gets_a_file_that_check_accepts(
     assert not any("charge_rate" in line for line in out(watched))
 
 
+@pytest.mark.newest_python
 def test_what_was_heard_for_too_short_a_time_is_said_with_what_to_do(
     robot_health: Start, start_robot: Callable[[float], str]
 ) -> None:
@@ -96,6 +97,7 @@ def test_what_was_heard_for_too_short_a_time_is_said_with_what_to_do(
     assert re.search(rf"{reason}; --seconds (60|120) listens longer$", line)
 
 
+@pytest.mark.newest_python
 def test_beside_nothing_but_the_monitor_itself_there_is_nothing_to_watch(robot_health: Start) -> None:
     port = reserved.free_port()
     robot_health("run", "--port", port).wait_for_text("battery_sensor")

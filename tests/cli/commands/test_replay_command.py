@@ -152,6 +152,7 @@ def test_several_recordings_are_one_timeline(
     assert levels == ["WARN", "OK"]
 
 
+@pytest.mark.newest_python
 def test_skipped_times_are_no_late_ticks(tmp_path: Path, thresholds: str, capsys: pytest.CaptureFixture[str]) -> None:
     messages = values("/battery", [50.0] * 10)
     first = write_bag(tmp_path / "first.bag", messages)
@@ -500,6 +501,7 @@ def test_output_that_cannot_be_written_is_a_failure(
     assert ended.stderr == "robot-health: the output cannot be written: No space left on device\n"
 
 
+@pytest.mark.newest_python
 @pytest.mark.parametrize(
     "name", [b"caf\xe9", b"esc\x1b[31m", b"two\nlines", "r\u202eev".encode(), b" ", b"?#%41&"], ids=repr
 )

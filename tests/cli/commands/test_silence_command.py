@@ -259,6 +259,7 @@ def webhook() -> Iterator[Webhook]:
     thread.join()
 
 
+@pytest.mark.newest_python
 def test_beside_a_running_monitor_a_silence_is_in_force_within_about_a_second(
     robot_health: Start, tmp_path: Path, webhook: Webhook
 ) -> None:

@@ -92,6 +92,7 @@ def test_a_file_with_evidence_that_check_accepts(robot_health: Start, tmp_path: 
     assert robot_health("replay", bag, "--thresholds", suggested).wait() == 0
 
 
+@pytest.mark.newest_python
 def test_healthy_excursions_give_a_duration(robot_health: Start, tmp_path: Path) -> None:
     values = TRIANGLE * 5
     values[1300:1303] = [90.0] * 3
@@ -101,6 +102,7 @@ def test_healthy_excursions_give_a_duration(robot_health: Start, tmp_path: Path)
     assert out(process)[1] == "# Replayed with these thresholds, the recordings raise 0 alerts."
 
 
+@pytest.mark.newest_python
 def test_alerts_that_the_suggestion_raises_are_counted(robot_health: Start, tmp_path: Path) -> None:
     # battery ends after 1,000 s, the other topic lasts for 2,000 s.
     topics = [("/battery", "Float64", TRIANGLE, 1.0), ("/other", "Float64", TRIANGLE * 2, 1.0)]
@@ -147,6 +149,7 @@ def test_suggestions_for_the_signals_of_a_file(robot_health: Start, tmp_path: Pa
     assert "        # not recorded: unchanged" in out(process)
 
 
+@pytest.mark.newest_python
 def test_namespaces(robot_health: Start, tmp_path: Path) -> None:
     bag = write_bag(tmp_path / "a.bag", [(f"/r1/{name}", "Float64", TRIANGLE, 1.0) for name in ("battery", "2d")])
     for arguments, names, topics in (
@@ -159,6 +162,7 @@ def test_namespaces(robot_health: Start, tmp_path: Path) -> None:
         assert [line.split()[1] for line in out(process) if "topic:" in line][::2] == topics
 
 
+@pytest.mark.newest_python
 def test_the_output_is_the_same_in_every_run(robot_health: Start, tmp_path: Path) -> None:
     bag = write_bag(tmp_path / "a.bag", [("/battery", "Float64", TRIANGLE * 20, 0.1)])
     runs = [robot_health("suggest", bag) for _ in range(2)]
@@ -272,6 +276,7 @@ def test_bounds_of_a_short_recording_are_comments(robot_health: Start, tmp_path:
     )
 
 
+@pytest.mark.newest_python
 def test_a_long_excursion_gives_a_bound_from_the_extreme_and_its_alerts_are_counted(
     robot_health: Start, tmp_path: Path
 ) -> None:

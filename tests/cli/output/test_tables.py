@@ -339,6 +339,7 @@ def test_robots_for_which_there_is_no_room_are_counted_by_level(five: Robots) ->
     ]
 
 
+@pytest.mark.newest_python
 @pytest.mark.parametrize("width", [24, 30, 40, 50, 60, 80, 100, 120, 200, 300])
 @pytest.mark.parametrize("height", [3, 5, 10, 50])
 @pytest.mark.parametrize("count", [2, 5, 200])

@@ -64,6 +64,7 @@ def test_with_several_alerts_they_are_listed(tmp_path: Path, capsys: pytest.Capt
     assert capsys.readouterr().err == f"{file}: --number 9: expected 1 to 2\n"
 
 
+@pytest.mark.newest_python
 @pytest.mark.parametrize("statistic", ["last", "mean", "min", "max", "stddev", "frequency_hz"])
 def test_alerts_of_random_black_boxes_occur_again(
     statistic: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -298,3 +298,10 @@ def test_the_main_signals_are_the_first_three_with_a_unit_or_those_of_show() -> 
 def test_show_names_signals_of_the_configuration(name: str) -> None:
     with pytest.raises(ConfigError, match=r"^show: expected names of signals \(a, b, c, d, e, cells\), got "):
         load_config({"signals": SHOWN, "show": [name]})
+
+
+def test_robots_with_the_same_signal_share_its_configuration() -> None:
+    first, second = (load_config({"signals": {"charge": {"warn_below": 21.5}}}) for _ in range(2))
+    other = load_config({"signals": {"charge": {"warn_below": 21.0}}})
+    assert first.signals["charge"] is second.signals["charge"]
+    assert other.signals["charge"].warn_below == 21.0

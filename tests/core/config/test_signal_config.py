@@ -311,6 +311,7 @@ def with_a_new_key(tmp_path: Path) -> Path:
     return tmp_path
 
 
+@pytest.mark.newest_python
 def test_a_key_is_one_line_of_the_table(with_a_new_key: Path) -> None:
     def run(*command: str) -> str:
         done = subprocess.run(

@@ -404,6 +404,7 @@ def test_a_template_has_a_short_name() -> None:
 elements = st.lists(st.tuples(st.text(max_size=3) | st.integers(), st.floats() | st.text(max_size=2) | st.none()))
 
 
+@pytest.mark.newest_python
 @given(st.lists(st.tuples(elements | st.floats() | st.none(), st.floats()), max_size=20))
 def test_nothing_makes_it_raise_and_the_transitions_form_chains(calls: List[Tuple[Any, float]]) -> None:
     watched = monitor(cells={**CELLS, "max_elements": 5, "forget_after_s": 30.0, "flap_detection": True})

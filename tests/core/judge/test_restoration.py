@@ -489,6 +489,7 @@ class Player:
         )
 
 
+@pytest.mark.newest_python
 @settings(max_examples=150)
 @given(
     st.lists(plain_trees, min_size=2, max_size=2),
@@ -590,6 +591,7 @@ def test_a_storm_of_any_form_ends_within_a_minute(number: Any, first: Any, last:
     assert transition.text.startswith("a WARN: 15 is below 20 (was OK for ")
 
 
+@pytest.mark.newest_python
 @settings(max_examples=150)
 @given(
     st.sampled_from(places(full_state())), json_values, st.sampled_from(("a", "b", "link", "gone", "not a name\n", ""))

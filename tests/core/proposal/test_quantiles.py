@@ -23,6 +23,7 @@ def test_without_numbers_there_is_no_quantile() -> None:
     assert math.isnan(quantiles.quantile(0.5))
 
 
+@pytest.mark.newest_python
 @pytest.mark.parametrize("order", ["rising", "falling", "shuffled"])
 def test_a_million_numbers_have_quantiles_within_0_02_percent_of_the_ranks(order: str) -> None:
     numbers = [float(number) for number in range(1_000_000)]

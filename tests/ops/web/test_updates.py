@@ -26,7 +26,13 @@ def changes(before: Dict[str, Any], after: Dict[str, Any]) -> Any:
 
 
 def test_a_state_is_encoded_with_its_robots() -> None:
-    assert json.loads(encoded(state()).encoded()) == state()
+    assert json.loads(b"".join(encoded(state()).parts())) == state()
+
+
+def test_the_state_of_each_robot_is_a_part_of_its_own_and_is_not_copied() -> None:
+    whole = encoded(state())
+    parts = list(whole.parts())
+    assert all(any(part is robot.data for part in parts) for robot in whole.robots.values())
 
 
 def test_nothing_changed() -> None:
