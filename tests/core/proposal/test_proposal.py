@@ -7,6 +7,7 @@ from typing import Any, Callable, Dict, List, Tuple
 
 from robot_health_monitor.core.messages.definitions import parse_definition
 from robot_health_monitor.core.messages.standard_messages import definition
+from robot_health_monitor.core.nodes import AlertSystem
 from robot_health_monitor.core.port.local import LocalBus
 from robot_health_monitor.core.proposal.candidates import Topic
 from robot_health_monitor.core.proposal.proposal import Proposal, Proposed, Signal
@@ -205,3 +206,21 @@ def test_states_of_goals_on_a_topic_that_is_no_actions_are_a_topic_like_others()
     proposal = Proposal()
     proposal.take([Topic("/goals", "actionlib_msgs/GoalStatusArray", None)])
     assert proposal.result().not_watched == {"/goals": "no message"}
+
+
+def test_a_proposed_action_raises_no_alert_in_the_ten_minutes_after() -> None:
+    """Not even if its first goals are aborted: the bound is a comment."""
+    proposal = Proposal()
+    proposal.take([Topic("/dock/status", "actionlib_msgs/GoalStatusArray", None)])
+    (signal,) = proposal.result().signals
+    bus, alerts = LocalBus(), []
+    server = bus.node("server")
+    server.advertise("/dock/status", "actionlib_msgs/GoalStatusArray")
+    system = AlertSystem(
+        bus.node("alert_system", parameters={"signals": {signal.name: signal.settings}}), {"test": alerts.append}
+    )
+    server.publish("/dock/status", {"status_list": []})
+    server.publish("/dock/status", {"status_list": [{"goal_id": {"id": "a"}, "status": 4}]})
+    bus.run_until(600.0)
+    assert system.monitor.judged_value("dock_goals") == 1.0
+    assert alerts == []
