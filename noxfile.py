@@ -36,6 +36,7 @@ ROS1_PACKAGES = [
     "g++",
     "libdiagnostic-aggregator-tools",
     "make",
+    "python3-actionlib",
     "python3-catkin",
     "python3-diagnostic-msgs",
     "python3-diagnostic-updater",
@@ -61,6 +62,9 @@ FLEET_TESTS = [
     f"tests/ops/export/test_{name}.py" for name in ("delayed_truth", "fleet_readme", "pushing_fleet", "two_engines")
 ]
 """Fleets and their centres."""
+
+CONNECT_TESTS = ["tests/cli/commands/test_connect_command.py", "tests/cli/commands/test_notify_command.py"]
+"""Tests of the command line about fleets and what is notified: on the newest Python the session `fleets` runs them."""
 
 FAULT_TESTS = [
     "tests/chaos",
@@ -221,8 +225,8 @@ def missing_packages(packages: Iterable[str]) -> List[str]:
 def core(session: nox.Session) -> None:
     """The tests that need no ROS, on Python 3.8 and on the newest Python here.
 
-    Tests marked `newest_python` run on the newest only: comparisons with Prometheus, Nagios and numpy, long random runs,
-    and drawing in a browser. The code that they check is arithmetic and text, and the other tests run it on both.
+    Tests marked `newest_python` run on the newest only: comparisons with Prometheus, Nagios and numpy, long random
+    runs, and drawing in a browser. The code that they check is arithmetic and text; the other tests run it on both.
     `tests/docs` compares pages with the sources, which no version of Python changes.
     """
     set_up(session, {}, "apprise")
@@ -239,15 +243,16 @@ def core(session: nox.Session) -> None:
 def processes(session: nox.Session) -> None:
     """The tests of the command line. As those of `fleets` and `faults`, they wait for most of their time."""
     set_up(session, {})
-    note_newest_python(session)
-    run_pytest(session, *COMMAND_LINE_TESTS)
+    elsewhere = CONNECT_TESTS if session.python == NEWEST else []
+    note_newest_python(session, " or fleets")
+    run_pytest(session, *COMMAND_LINE_TESTS, *(f"--ignore={path}" for path in elsewhere))
 
 
 @nox.session(python=NEWEST, requires=["apt"])
 def fleets(session: nox.Session) -> None:
-    """The tests of fleets that push to Prometheus and to VictoriaMetrics."""
+    """The tests of fleets that push to Prometheus and to VictoriaMetrics, and of `connect` and `notify`."""
     set_up(session, {})
-    run_pytest(session, *FLEET_TESTS)
+    run_pytest(session, *FLEET_TESTS, *CONNECT_TESTS)
 
 
 @nox.session(python=OLDEST_AND_NEWEST, requires=["apt"])
@@ -400,10 +405,10 @@ def require_ros1(session: nox.Session) -> None:
         session.skip("no ROS 1: Noetic is not in /opt/ros and Debian's ros-core is not installed")
 
 
-def note_newest_python(session: nox.Session) -> None:
+def note_newest_python(session: nox.Session, others: str = "") -> None:
     """Names the session that runs the tests that do not depend on the version of Python, for tests/conftest.py."""
     if session.python != NEWEST:
-        session.env["NEWEST_PYTHON_SESSION"] = f"{session.name.rpartition('-')[0]}-{NEWEST}"
+        session.env["NEWEST_PYTHON_SESSION"] = f"{session.name.rpartition('-')[0]}-{NEWEST}{others}"
 
 
 def set_up(session: nox.Session, ros: Optional[Mapping[str, str]], *requirements: str) -> None:

@@ -147,6 +147,9 @@ class Operations:
                 ),
             )
             undo.pop_all()
+        if self.silences is not None:
+            note_causes = partial(self.silences.note_causes, name)
+            alert_system.on_tick.append(lambda now_s: note_causes(alert_system.monitor.causes()))
         if black_box is not None:
             middleware.exclusively(partial(black_box.attach, alert_system))
         self._robots[name] = _Robot(alert_system, history, black_box)

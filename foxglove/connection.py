@@ -35,7 +35,10 @@ class FoxgloveConnection(BridgeConnection):
     server_kind = "foxglove server"
 
     def __init__(self, url: str, **options: Any) -> None:
-        """Creates a connection that is down, with the `options` of `BridgeConnection`; `run` connects."""
+        """Creates a connection that is down, with the `options` of `BridgeConnection`; `run` connects.
+
+        `url` is `foxglove://host:port`, or `foxglove+tls://host:port` for TLS.
+        """
         super().__init__(url, **options)
         self.channels = Channels(self.send_wire, functools.partial(self._log.write, "channels", Severity.WARN))
         self._is_refused = False
@@ -67,9 +70,9 @@ class FoxgloveConnection(BridgeConnection):
 
     def _receive(self, data: Wire, now_s: float) -> Optional[Awaitable[None]]:
         if isinstance(data, bytes):
-            found = read_message(data)
-            if found is not None:
-                self.channels.deliver(*found)
+            publication = read_message(data)
+            if publication is not None:
+                self.channels.deliver(*publication)
             return None
         if self._is_refused:
             if self._answered is not None and '"service_response"' in data[:_LARGE_TEXT]:

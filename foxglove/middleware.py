@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import abc
 import math
-import ssl
 from typing import Any, Callable, List, Mapping, Optional
 
 from ..core.messages.standard_messages import check_field, check_type
@@ -24,7 +23,6 @@ from .channels import Messages
 from .connection import FoxgloveConnection
 from .protocol import Channel
 
-_LOG_NAME = "foxglove"
 _LARGEST_JSON_BYTES = 1_000_000
 """Larger messages in JSON are not decoded, as over rosbridge: a robot's messages must not delay those of others."""
 
@@ -33,33 +31,8 @@ class FoxgloveClient(BridgeClient["FoxgloveMiddleware"]):
     """The connection to one robot's foxglove_bridge, shared by the nodes that `node` makes."""
 
     connection: FoxgloveConnection
-
-    def __init__(
-        self,
-        url: str,
-        *,
-        token: str = "",
-        ssl_context: Optional[ssl.SSLContext] = None,
-        heartbeat_s: float = 5.0,
-        probation_s: float = 0.5,
-        **options: Any,
-    ) -> None:
-        """Creates a client that is not connected; `run` connects.
-
-        `url` is `foxglove://host:port`, or `foxglove+tls://host:port` for TLS. The other arguments are those of
-        `RosbridgeClient` and, as `options`, of `BridgeClient`. Raises ConfigError for another address.
-        """
-        super().__init__(_LOG_NAME, **options)
-        self.connection = FoxgloveConnection(
-            url,
-            token=token,
-            ssl_context=ssl_context,
-            heartbeat_s=heartbeat_s,
-            probation_s=probation_s,
-            on_change=self.on_link,
-            on_log=self.log,
-            clock=self.clock,
-        )
+    connection_class = FoxgloveConnection
+    log_name = "foxglove"
 
     def _new_node(self, name: str, *binding: Any) -> FoxgloveMiddleware:
         return FoxgloveMiddleware(self, name, *binding)
@@ -119,7 +92,7 @@ class _Receiver(abc.ABC):
     dropped = 0
 
     def __init__(self, node: FoxgloveMiddleware, topic: str, type_name: str, callback: Callback) -> None:
-        """Binds the resolved topic and its type, empty: any."""
+        """Binds the resolved topic and its type, which is empty if any is taken."""
         if type_name:
             check_type(type_name)
         self.topic = topic
@@ -156,7 +129,7 @@ class _Receiver(abc.ABC):
 
 
 class _FieldReceiver(_Receiver):
-    """Reads one field; None: counts arrivals."""
+    """Reads one field, or counts arrivals if it is None."""
 
     def __init__(
         self, node: FoxgloveMiddleware, topic: str, type_name: str, field: Optional[str], callback: Callback

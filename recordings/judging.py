@@ -144,18 +144,17 @@ class Judge:
         tree = parameters if "signals" in parameters else {**parameters, "signals": DEFAULT_SIGNALS}
         config = read_monitor(Section((), tree))
         node_name = self._player.node_name("alert_system")
-        topics = {name: self._topic_of(signal, node_name) for name, signal in config.signals.items()}
-        absent = {
-            name: self._player.why_not_recorded(topics[name], signal.type) for name, signal in config.signals.items()
-        }
+        recordable = {name: signal for name, signal in config.signals.items() if signal.topics}
+        topics = {name: self._topic_of(signal, node_name) for name, signal in recordable.items()}
+        absent = {name: self._player.why_not_recorded(topics[name], signal.type) for name, signal in recordable.items()}
         missing = {
             name: absent[name]
             or self._player.why_unreadable(topics[name], signal.type, "" if signal.action else signal.field or None)
-            for name, signal in config.signals.items()
+            for name, signal in recordable.items()
         }
         # A topic of which nothing can be read says nothing about the robot: its signal stays `waiting`.
         signals = {
-            name: {**signal, "stale_after_s": 0.0} if missing[name] else signal
+            name: {**signal, "stale_after_s": 0.0} if missing.get(name) else signal
             for name, signal in tree["signals"].items()
         }
         node = self._player.node("alert_system", {**tree, "signals": signals})
@@ -167,7 +166,7 @@ class Judge:
                 system.tick_with(TICKS)
         system.monitor.collect_samples(lambda signal: self._tape(file, signal))
         self._player.on_gap.append(system.skip)
-        for name, signal in config.signals.items():
+        for name, signal in recordable.items():
             own, is_recorded = own_config(signal), not absent[name]
             summary = SignalSummary(file, own, topics[name], is_recorded, missing[name], SignalStatistics())
             judged = self._signals[file, name] = _JudgedSignal(summary, self._player.wall_s)
@@ -200,7 +199,7 @@ class Judge:
         return [self._signals[key].summary for key in keys]
 
     def config_of(self, file: str, signal: str) -> Optional[SignalConfig]:
-        """Returns the configuration of a signal, which may be an element; None: it is not judged."""
+        """Returns the configuration of a signal, which may be an element; None if it is not judged."""
         judged = self._find(file, signal)
         return None if judged is None else judged.summary.config
 

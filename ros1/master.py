@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import http.client
 import threading
+import time
 import xml.parsers.expat
 import xmlrpc.client
-from typing import Any, Callable, Dict, List, Optional, Tuple, TypeVar
+from typing import Any, Callable, Dict, List, Optional, Set, Tuple, TypeVar
 
 import rosgraph
 import rospy.core
@@ -33,6 +34,10 @@ _ERRORS = (
 """What a failed call raises, and an answer that is not XML, not XML-RPC, or not of the expected form."""
 _TIMEOUT_S = 3.0
 _ROSPY_TIMEOUT_S = 10.0
+_NODE_TIMEOUT_S = 1.0
+_CHECK_PERIOD_S = 10.0
+_LONGEST_CHECKS_S = 2.0
+"""Time after which no further node is checked in one reading of the graph."""
 _LONGEST_ERROR = 200
 
 _Value = TypeVar("_Value")
@@ -75,6 +80,14 @@ class Master:
     def find_service(self, name: str) -> Optional[str]:
         """Returns the address of a service, `rosrpc://host:port`; None if there is no such service."""
         return self._read(_text, self._call("lookupService", name, default=None))
+
+    def answers(self, node: str) -> bool:
+        """Returns whether a node answers its own API within 1 s: the master goes on listing one that crashed."""
+        uri = self._read(_text, self._call("lookupNode", node, default=None))
+        try:
+            return bool(xmlrpc.client.ServerProxy(uri or "", _Transport(_NODE_TIMEOUT_S)).getPid(self._caller))
+        except _ERRORS:
+            return False
 
     def parameter(self, name: str, default: Any) -> Any:
         """Returns a parameter, or `default` if it is not set."""
@@ -127,6 +140,29 @@ class Master:
     def _proxy(self, timeout_s: float = _TIMEOUT_S) -> xmlrpc.client.ServerProxy:
         """Returns a connection for one call: a ServerProxy is not thread-safe."""
         return xmlrpc.client.ServerProxy(self.uri, _Transport(timeout_s))
+
+
+class NodeChecks:
+    """Finds nodes that crashed: they did not answer twice, 10 s apart. Used in one thread."""
+
+    def __init__(self, master: Master, clock: Callable[[], float] = time.monotonic) -> None:
+        """Checks nothing yet; `clock` returns monotonic seconds."""
+        self._master = master
+        self._clock = clock
+        self._checks: Dict[str, Tuple[float, int]] = {}
+        """When each node is checked next, in s, and how often it has not answered since it did last."""
+
+    def gone(self, nodes: Set[str]) -> Set[str]:
+        """Checks the nodes that are due, and returns those that are gone. Raises ServiceError as the master does."""
+        begin_s = self._clock()
+        self._checks = {node: self._checks.get(node, (begin_s, 0)) for node in nodes}
+        for node in sorted(nodes, key=self._checks.__getitem__):
+            due_s, misses = self._checks[node]
+            if due_s > begin_s or self._clock() - begin_s > _LONGEST_CHECKS_S:
+                break
+            misses = 0 if self._master.answers(node) else misses + 1
+            self._checks[node] = begin_s + (_CHECK_PERIOD_S if misses < 2 else 0.0), misses
+        return {node for node, (_, misses) in self._checks.items() if misses >= 2}
 
 
 class MasterWatch(threading.Thread):

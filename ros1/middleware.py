@@ -13,7 +13,7 @@ import threading
 import time
 import weakref
 from functools import partial
-from typing import Any, Callable, Container, Dict, List, Mapping, Optional, Sequence, Set, Tuple
+from typing import Any, Callable, Collection, Container, Dict, Iterator, List, Mapping, Optional, Sequence, Set, Tuple
 
 import rospy
 import rospy.core
@@ -22,6 +22,7 @@ import rospy.topics
 
 from ..core.config.parameters import Parameter
 from ..core.messages.dialect import Message
+from ..core.port.graph import NOT_COUNTED, Found, Wanted, count
 from ..core.port.hints import Answer, explain, similar_topics
 from ..core.port.middleware import Callback, OnChange, RawCallback, RawFormat, Severity
 from ..core.port.timers import PeriodicSchedule
@@ -29,10 +30,11 @@ from ..core.values.errors import ConfigError, ServiceError
 from ..core.values.field_path import ABSENT, Getter
 from ..core.values.formatting import with_degree_sign
 from ..core.values.names import canonical_type, resolve_name, split_type_name
+from ..core.values.patterns import matches_pattern
 from ..runtime.native_node import NativeNode
 from ..runtime.threads import MonotonicEvent
 from . import messages
-from .master import Master
+from .master import Master, NodeChecks
 from .parameters import NodeParameters, set_log_level
 from .serialized import BytesReader, Decoder, FieldReader
 
@@ -50,6 +52,8 @@ _QUEUE_SIZE = 1000
 class Ros1Middleware(NativeNode):
     """One logical node of this process; implements `core.middleware.Middleware`. Call `rospy.init_node` first."""
 
+    graph_period_s = 2.0
+
     def __init__(self, name: str = "") -> None:
         """Creates the node.
 
@@ -58,6 +62,7 @@ class Ros1Middleware(NativeNode):
                 the process, which `__name:=` may have changed.
         """
         self._master = Master(rospy.get_name())
+        self._node_checks = NodeChecks(self._master)
         super().__init__(
             resolve_name(name or rospy.get_name(), rospy.get_name()),
             messages.native,
@@ -156,6 +161,30 @@ class Ros1Middleware(NativeNode):
     def why_silent(self, topic: str, type_name: str) -> Optional[str]:
         return self._hints.get(rospy.resolve_name(self._resolve(topic)), type_name)
 
+    def check_graph(self, key: str) -> None:
+        if key == "lifecycle":
+            raise ConfigError("ROS 1 has no lifecycle nodes")
+
+    def _find(self, wanted: Collection[Wanted]) -> Found:
+        publishers, subscribers, services = self._master.system_state()
+        nodes = {node for kind in (publishers, subscribers, services) for _, users in kind for node in users}
+        watched = {node for node in nodes for key, name in wanted if key == "node" and matches_pattern(node, name)}
+        for kind, endpoints in (("publishers", publishers), ("subscribers", subscribers)):
+            topics = [name for key, name in wanted if key == kind]
+            for topic, users in endpoints:
+                if any(matches_pattern(topic, name) for name in topics):
+                    watched.update(users)
+        own, own_topics = rospy.get_name(), self._own_topics()
+        gone = self._node_checks.gone(watched - {own}) | {NOT_COUNTED}
+
+        def others(endpoints: Sequence[Tuple[str, List[str]]]) -> Iterator[str]:
+            for topic, users in endpoints:
+                for user in users:
+                    if user not in gone and not (user == own and topic in own_topics):
+                        yield topic
+
+        return count(wanted, nodes - gone, others(publishers), others(subscribers))
+
     def advertise_service(self, service: str, type_name: str, handler: Callable[[Message], Message]) -> None:
         def locked(request: Message) -> Message:
             with self._lock:
@@ -177,7 +206,7 @@ class Ros1Middleware(NativeNode):
     def close(self) -> None:
         with self._lock:
             self._closed = True
-            for timer in self._timers:
+            for timer in (*self._timers, *self._graph_timers):
                 timer.cancel()
             for subscription in self._subscriptions:
                 subscription.active = False

@@ -9,7 +9,7 @@ from __future__ import annotations
 import collections
 import functools
 from dataclasses import dataclass
-from typing import Any, Callable, Deque, Dict, List, Mapping, Optional, Sequence, Set, Tuple
+from typing import Any, Callable, Collection, Deque, Dict, Iterator, List, Mapping, Optional, Sequence, Set, Tuple
 
 from rclpy.clock import Clock, ClockType, JumpThreshold, TimeJump
 from rclpy.context import Context
@@ -20,14 +20,17 @@ from rclpy.serialization import deserialize_message, serialize_message
 
 from ..core.config.parameters import Parameter
 from ..core.messages.dialect import Message
+from ..core.port.graph import Found, Wanted, count, is_pattern
 from ..core.port.middleware import Callback, OnChange, RawCallback, RawFormat, Severity
 from ..core.values.errors import ConfigError
 from ..core.values.field_path import Getter
 from ..core.values.formatting import with_degree_sign
 from ..core.values.names import canonical_type
+from ..core.values.patterns import matches_pattern
 from ..runtime.native_node import NativeNode
 from . import messages
 from .definitions import raw_format
+from .lifecycle import LifecycleStates
 from .parameters import NodeParameters, ParameterNode
 from .publishers import PublisherLookup, are_latched, has_best_effort
 
@@ -45,6 +48,7 @@ _LOG: Mapping[Severity, Callable[[Any, str], object]] = {
     Severity.FATAL: lambda logger, text: logger.fatal(text),
 }
 """One line each: rclpy remembers the severity of each calling line."""
+_GET_STATE = "lifecycle_msgs/GetState"
 _MOST_WAITING_FOR_CLOCK = 1000
 _QOS_CHECK_PERIOD_S = 1.0
 """Period of the check for publishers with an incompatible QoS, in s."""
@@ -71,6 +75,7 @@ class Ros2Middleware(NativeNode):
             self._ros_time_s if self._ros_clock.ros_time_is_active else None,
         )
         self.parameters = NodeParameters(self.node)
+        self._states = LifecycleStates(self.node)
         self._steady_clock = Clock(clock_type=ClockType.STEADY_TIME)
         self._channels: Dict[Tuple[str, Any, bool], _Channel] = {}
         self._qos_timer: Optional[Any] = None
@@ -132,6 +137,34 @@ class Ros2Middleware(NativeNode):
         with self._lock:
             return self._hints.get(self._resolve(topic), type_name)
 
+    def check_graph(self, key: str) -> None:
+        if key == "lifecycle":
+            messages.service_class(_GET_STATE)
+
+    def _find(self, wanted: Collection[Wanted]) -> Found:
+        node = self.node
+        names = [f"{namespace.rstrip('/')}/{name}" for name, namespace in node.get_node_names_and_namespaces()]
+        publishers = self._endpoints("publishers", wanted, node.get_publishers_info_by_topic)
+        subscribers = self._endpoints("subscribers", wanted, node.get_subscriptions_info_by_topic)
+        found = count(wanted, names, publishers, subscribers)
+        watched = {name for key, name in wanted if key == "lifecycle"}
+        found.update((("lifecycle", name), 0.0) for name in watched.difference(names))
+        for name, state in self._states.read(watched.intersection(names)).items():
+            found["lifecycle", name] = state
+        return found
+
+    def _endpoints(self, key: str, wanted: Collection[Wanted], infos: Callable[[str], Any]) -> Iterator[str]:
+        """Yields the topic of each endpoint of another node."""
+        names = {name for its_key, name in wanted if its_key == key}
+        topics = {name for name in names if not is_pattern(name)}
+        if topics != names:
+            present = self.topic_types()
+            topics |= {each for each in present if any(matches_pattern(each, name) for name in names)}
+        for topic in topics:
+            for info in infos(topic):
+                if f"{info.node_namespace.rstrip('/')}/{info.node_name}" != self.name:
+                    yield topic
+
     def advertise_service(self, service: str, type_name: str, handler: Callable[[Message], Message]) -> None:
         cls = messages.service_class(type_name)
 
@@ -163,6 +196,8 @@ class Ros2Middleware(NativeNode):
             if self._closed:
                 return
             self._closed = True
+            for graph_timer in self._graph_timers:
+                graph_timer.cancel()
             for timer in self._timers:
                 timer.active = False
             for subscription in self._subscriptions:

@@ -8,21 +8,26 @@ from __future__ import annotations
 import abc
 import threading
 import time
-from typing import Any, Callable, Dict, List, Optional, Tuple
+from typing import Any, Callable, Collection, Dict, List, Optional, Tuple, Union
 
 from ..core.messages.dialect import Message
 from ..core.messages.native_messages import NativeMessages
+from ..core.port.graph import Found, GraphCallback, Wanted
 from ..core.port.hints import Answer, Hints
 from ..core.port.log_limit import LimitedLog
 from ..core.port.middleware import NOTHING_CHANGED, Result, Severity
 from ..core.values.errors import ConfigError, MessageError, ServiceError
 from ..core.values.faults import Faults
+from .threads import StepThread
 
 Log = Callable[[Severity, str], None]
 
 
 class NativeNode(abc.ABC):
     """One node; the base of classes that implement `core.middleware.Middleware`."""
+
+    graph_period_s = 1.0
+    """Time between two readings of the graph, in s."""
 
     def __init__(
         self,
@@ -31,7 +36,7 @@ class NativeNode(abc.ABC):
         look_up: Callable[[str, str, Answer], None],
         simulated_s: Optional[Callable[[], float]],
     ) -> None:
-        """Connects nothing; `look_up` is for `Hints`, `simulated_s` gives the time under `use_sim_time`; None: not."""
+        """Connects nothing; `look_up` is for `Hints`, `simulated_s` gives the time under `use_sim_time`."""
         self.name = name
         self.faults = Faults()
         self._messages = messages
@@ -43,6 +48,7 @@ class NativeNode(abc.ABC):
         """Publisher and class of its messages, by resolved topic."""
         self._subscriptions: List[Any] = []
         self._timers: List[Any] = []
+        self._graph_timers: List[GraphTimer] = []
         self._hints = Hints(look_up, time.monotonic)
         self._failures = LimitedLog(self.log, time.monotonic)
         """Writes what is wrong with messages, by topic: a robot may invent topics."""
@@ -61,6 +67,15 @@ class NativeNode(abc.ABC):
     @abc.abstractmethod
     def _stamp(self) -> Any:
         """Returns the present ROS time as messages have it."""
+
+    @abc.abstractmethod
+    def _find(self, wanted: Collection[Wanted]) -> Found:
+        """Returns what is wanted of the graph; called in a thread. Raises ServiceError if it cannot be read."""
+
+    def follow_graph(self, wanted: Callable[[], Collection[Wanted]], callback: GraphCallback) -> GraphTimer:
+        timer = GraphTimer(self, wanted, callback)
+        self._graph_timers.append(timer)
+        return timer
 
     def now_s(self) -> float:
         return self._clock()
@@ -115,6 +130,33 @@ class NativeNode(abc.ABC):
         text = failure_text(error)
         self.log(Severity.ERROR, text)
         return text
+
+
+class GraphTimer:
+    """Reads the graph again and again in a thread, until it is cancelled."""
+
+    def __init__(self, node: NativeNode, wanted: Callable[[], Collection[Wanted]], callback: GraphCallback) -> None:
+        """Begins to read."""
+        self.active = True
+        self._node, self._wanted, self._callback = node, wanted, callback
+        self._thread = StepThread("graph", self._read, node._log_failure)
+        self._thread.start()
+
+    def cancel(self) -> None:
+        """Ends the thread after the present reading; nothing is called back any more."""
+        self.active = False
+        self._thread.close()
+
+    def _read(self) -> float:
+        node = self._node
+        if self.active and not node.waiting_for_clock():
+            found: Union[Found, str]
+            try:
+                found = node._find(self._wanted())
+            except ServiceError as error:
+                found = str(error)
+            node._call_timer(self, lambda now_s: self._callback(found, now_s))
+        return node.graph_period_s
 
 
 def failure_text(error: Exception) -> str:

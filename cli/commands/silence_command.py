@@ -9,8 +9,10 @@ import sys
 import time
 from typing import Any, Dict, List, Optional, Sequence, TextIO
 
+from ...core.judge.sources import is_source
 from ...core.values.formatting import printable
 from ...ops.store.matchers import matchers_text, parse_matchers
+from ...ops.store.queries import configuration
 from ...ops.store.recurrence import parse_recurrence
 from ...ops.store.silences import (
     Alert,
@@ -142,6 +144,10 @@ def _add(connection: sqlite3.Connection, arguments: argparse.Namespace, now_s: f
     is_in_force = added.in_force(now_s)
     covered = [alert for alert in open_alerts(connection) if is_in_force and added.covers(*alert)]
     lines = [f"silence {added.id}: {matchers_text(added.matchers)}, {_state(added, now_s)}; {_open_text(covered)}"]
+    for robot, signal in covered[:_MOST_NAMED]:
+        kept = configuration(connection, robot, now_s) or {}
+        if is_source(signal) or any(signal in each.get("depends_on", ()) for each in kept.values()):
+            lines.append(f"{robot} {signal}: covers the signals that it affects, as long as it lasts")
     known = connection.execute("SELECT robot, signal FROM signal_states")
     if not covered and not any(added.matches(*row) for row in known):
         lines.append(f"so far, no signal in this history matches {matchers_text(added.matchers)}")

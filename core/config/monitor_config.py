@@ -294,12 +294,12 @@ def _may_refer_to(other: str, name: str, read: Mapping[str, SignalConfig], given
 def _mistakes_of_causes(name: str, read: Mapping[str, SignalConfig], given: Mapping[str, Any]) -> Iterator[str]:
     """Yields what is wrong with that on which a signal depends: unknown names, itself, its own topic, circles."""
     signal = read[name]
-    topics = {each.topic.lstrip("/") for each in read.values()}
+    topics = {each.topic.lstrip("/") for each in read.values() if each.topic}
     for cause in signal.depends_on:
         is_signal = cause in given or cause == LINK or is_element_name(cause)
         if template_name(cause) == name:
             yield f"expected other signals, got {describe(cause)}: it would depend on itself"
-        elif not is_signal and cause.lstrip("/") == signal.topic.lstrip("/"):
+        elif not is_signal and signal.topic and cause.lstrip("/") == signal.topic.lstrip("/"):
             yield f"expected topics of other signals, got {describe(cause)}: its own silence is one alert already"
         elif not _may_refer_to(cause, name, read, given) and cause.lstrip("/") not in topics:
             others = list_text([other for other in given if other != name] + [LINK], 20)

@@ -36,6 +36,12 @@ OF_ARRIVALS = ("frequency_hz", "largest_gap_s")
 
 BOUNDS = ("warn_below", "warn_above", "error_below", "error_above")
 
+GRAPH_KEYS = ("node", "publishers", "subscribers", "lifecycle")
+"""Keys in place of `topic`: what is counted in the robot's graph of nodes, or the state of a node in it."""
+
+ACTIVE = 3.0
+"""The id of the state `active` in lifecycle_msgs/State."""
+
 MOST_FORECAST_WINDOWS = 3
 """Largest `forecast_s`, in lengths of the window."""
 
@@ -114,6 +120,10 @@ class SignalConfig:
 
     name: str
     topic: str = declared(None, "topic of the signal; left out: the signal's name")
+    node: str = declared("", "in place of topic: name of nodes, which are counted; * and ? match as in file names")
+    publishers: str = declared("", "in place of topic: topic whose publishers are counted; * and ? match")
+    subscribers: str = declared("", "in place of topic: topic whose subscribers are counted; * and ? match")
+    lifecycle: str = declared("", "in place of topic: node whose lifecycle state is read; ERROR unless it is active")
     action: str = declared("", "in place of topic: name of an action; per goal that ended 0 succeeded, 1 aborted")
     type: str = declared("", "message type, such as std_msgs/Float32; left out: the type that is published")
     field: str = declared("data", "path of the number in the message; empty: count arrivals, the value is 1")
@@ -198,8 +208,15 @@ class SignalConfig:
         return steps[:-1] == ("status",) and type_name in ("", ARRAY_TYPE)
 
     @property
+    def graph(self) -> Optional[Tuple[str, str]]:
+        """The key of the robot's graph that it has in place of `topic`, and its name; None: it has a topic."""
+        return next(((key, getattr(self, key)) for key in GRAPH_KEYS if getattr(self, key)), None)
+
+    @property
     def topics(self) -> Tuple[str, ...]:
-        """The topics that bring its samples: of an action those of ROS 2 and of ROS 1."""
+        """The topics that bring its samples: of an action those of ROS 2 and of ROS 1; none of the robot's graph."""
+        if self.graph is not None:
+            return ()
         return tuple(self.action.rstrip("/") + end for end in STATUS_TOPICS) if self.action else (self.topic,)
 
     @property
@@ -266,8 +283,13 @@ def fill_in(name: str, values: Dict[str, Any]) -> None:
     window_s = values["window_s"] or (600.0 if is_forecast else 60.0)
     if not values["unit"] and values["reduce"] != "count" and _is_time(values["type"], values["field"]):
         values["unit"] = "s"
+    is_of_graph = any(values[key] for key in GRAPH_KEYS)
+    if values["lifecycle"]:
+        values.update(error_below=ACTIVE, error_above=ACTIVE)
+    elif is_of_graph and all(values[key] is None for key in BOUNDS):
+        values["error_below"] = 1.0
     defaults = {
-        "topic": values["action"] or name,
+        "topic": "" if is_of_graph else values["action"] or name,
         "stale_after_s": 0.0 if values["action"] else 5.0,
         "window_s": window_s,
         "window_min_s": window_s if is_forecast else window_s / 2.0,
@@ -305,7 +327,10 @@ def _read_condition(found: object, path: Path) -> Condition:
 
 def _mistakes(signal: SignalConfig, given: Mapping[str, Any]) -> Iterator[Tuple[str, str]]:
     """Yields key and problem of each value that cannot be used, or contradicts another; `given` are the keys found."""
-    yield from _mistakes_of_topic(signal, given)
+    if signal.graph is None:
+        yield from _mistakes_of_topic(signal, given)
+    else:
+        yield from _mistakes_of_graph(signal, given)
     try:
         parse_field_path(signal.field)
     except ValueError as error:
@@ -333,6 +358,23 @@ def _mistakes(signal: SignalConfig, given: Mapping[str, Any]) -> Iterator[Tuple[
     yield from _mistakes_of_forecast(signal)
     yield from _mistakes_of_bounds(signal)
     yield from _mistakes_of_unit(signal)
+
+
+def _mistakes_of_graph(signal: SignalConfig, given: Mapping[str, Any]) -> Iterator[Tuple[str, str]]:
+    """Yields keys that contradict one of `GRAPH_KEYS`."""
+    keys = [key for key in ("topic", "action", *GRAPH_KEYS) if given.get(key)]
+    if len(keys) > 1:
+        yield keys[1], f"expected one of topic, action, {', '.join(GRAPH_KEYS)}, got {' and '.join(keys)}"
+    for key in ("type", "field", "reduce", "placeholders", "scale", "unit", "valid_min", "valid_max"):
+        if key in given:
+            yield key, f"{keys[0]} has no message; remove this key"
+    if not signal.lifecycle:
+        return
+    if "*" in signal.lifecycle or "?" in signal.lifecycle:
+        yield "lifecycle", f"expected the name of one node, got {describe(signal.lifecycle)}"
+    for key in (*BOUNDS, "hysteresis", "statistic"):
+        if given.get(key) not in (None, "last", 0, 0.0):
+            yield key, "lifecycle is an ERROR unless the node is active; remove this key"
 
 
 def _mistakes_of_topic(signal: SignalConfig, given: Mapping[str, Any]) -> Iterator[Tuple[str, str]]:

@@ -48,7 +48,8 @@ class SignalMonitor:
 
     __slots__ = (
         "_announcer", "_calm_max", "_calm_min", "_fingerprint", "_healthy_max", "_level", "_level_since_s", "_quality",
-        "_robot", "_rules", "_samples", "_statistics", "config", "down_cause", "held", "judged", "staleness", "window",
+        "_robot", "_rules", "_samples", "_statistics", "_zero_s", "config", "down_cause", "held", "judged", "staleness",
+        "window",
     )  # fmt: skip
 
     def __init__(self, config: SignalConfig, robot: str, now_s: float) -> None:
@@ -69,6 +70,8 @@ class SignalMonitor:
         self.staleness = Staleness(config, now_s)
         self._level = Level.OK
         self._level_since_s = now_s
+        self._zero_s: Optional[float] = None
+        """When nothing was found in the graph, in the startup grace; None: not, or something was."""
         self.down_cause = ""
         """Why the link is down, for the signal `link`."""
         self.held: Optional[Held] = None
@@ -154,6 +157,10 @@ class SignalMonitor:
             if self._samples is not None:
                 self._samples.note_level(_OK, now_s)
             return None  # everything is at rest, and stays so until a sample comes
+        if self._zero_s is not None and not staleness.is_in_grace(now_s):
+            if now_s - self._zero_s <= max(self.config.stale_after_s, 5.0):
+                return self._judge(0.0, now_s)
+            self._zero_s = None
         if staleness.is_due(now_s):
             self._freeze_or_thaw(self._fall_silent())
         self._rules.advance(now_s)
@@ -405,6 +412,13 @@ class SignalMonitor:
 
     def _judge(self, value: object, now_s: float) -> Optional[Transition]:
         self._calm_max = -math.inf
+        if self.config.graph is None:
+            return self._judge_datum(value, now_s)
+        # What is not there at the start may not have been discovered yet.
+        self._zero_s = now_s if value == 0 and self.staleness.is_in_grace(now_s) else None
+        return None if self._zero_s is not None else self._judge_datum(value, now_s)
+
+    def _judge_datum(self, value: object, now_s: float) -> Optional[Transition]:
         staleness, window, config, rules = self.staleness, self.window, self.config, self._rules
         if staleness.is_due(now_s):
             self._freeze_or_thaw(self._fall_silent())  # no tick noticed
@@ -539,4 +553,4 @@ class SignalMonitor:
 
 def _source(config: SignalConfig) -> Tuple[object, ...]:
     """Returns what decides which kind of value a signal receives, and whether it has bounds."""
-    return config.topic, config.type, config.field, config.reduce, bool(config.bounds)
+    return config.topic, config.graph, config.type, config.field, config.reduce, bool(config.bounds)

@@ -262,7 +262,8 @@ class Sources:
         """Follows the topics of the configured signals; the alert of a topic that none reads any more ends."""
         self._topics = {}
         for config in configs:
-            self._topics.setdefault(self.resolved(config.topic), []).append(config)
+            if config.topic:
+                self._topics.setdefault(self.resolved(config.topic), []).append(config)
         before, self._by_name, self._by_signal = self._by_name, {}, {}
         for name, of_topic in self._topics.items():
             source, config = before.pop(name, None), _config(name, of_topic)

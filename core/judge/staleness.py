@@ -93,6 +93,11 @@ class Staleness:
         self.counted_anew_s = self.silence_s(now_s)
         self.limit_s = max(self.limit_s, self.counted_anew_s + limit_s)
 
+    def is_in_grace(self, now_s: float) -> bool:
+        """Whether the startup grace counts, and has not passed: what is not there may be there soon."""
+        counts = self.waiting or self.counted_anew_s > 0.0
+        return counts and now_s - self.counts_from_s < self._limits.startup_grace_s - TIME_TOLERANCE_S
+
     def is_due(self, now_s: float) -> bool:
         """Whether a signal that is not stale has been silent for too long."""
         return not self.stale and self.unreachable_since_s is None and self.is_silent(now_s)

@@ -9,7 +9,7 @@ import math
 from typing import Dict, Mapping, NamedTuple, Optional, Sequence
 
 from ..config.remarks import doubt_of
-from ..config.signal_config import CONDITIONS, LINK, SignalConfig
+from ..config.signal_config import ACTIVE, CONDITIONS, LINK, SignalConfig
 from ..values.elements import Age, BadDatum, DriverStatus
 from ..values.field_path import element_path
 from ..values.formatting import bound_text, count_text, datum_text, duration_text, number_text, printable, with_unit
@@ -33,6 +33,12 @@ STATES: Mapping[str, str] = {
 
 _LONGEST_DATUM = 200  # characters of the reason why a datum is bad
 _LONGEST_NAME = 120  # characters of the name of an element
+
+_LIFECYCLE = {
+    1: "unconfigured", 2: "inactive", 3: "active", 4: "finalized", 10: "configuring", 11: "cleaningup",
+    12: "shuttingdown", 13: "activating", 14: "deactivating", 15: "errorprocessing",
+}  # fmt: skip
+"""Labels of lifecycle_msgs/State by id."""
 
 _LEVELS: Mapping[float, str] = {float(level): level.name for level in Level}
 _LONGEST_MESSAGE = 200
@@ -251,6 +257,8 @@ def judged_text(config: SignalConfig, value: str) -> str:
 
 def bounds_text(config: SignalConfig) -> str:
     """Returns the bounds in words, with the unit of the statistic: `WARN below 20 %, ERROR below 10 %`; empty: none."""
+    if config.lifecycle:
+        return "ERROR unless active"
     unit = judged_unit(config)
     words = (name.split("_") for name in config.bounds)
     numbers = (with_unit(bound_text(bound), unit) for bound in config.bounds.values())
@@ -264,6 +272,8 @@ def source_text(config: SignalConfig, topic: str) -> str:
     """
     bounds = bounds_text(config)
     statistic = "" if config.statistic == "last" else f"{config.statistic} "
+    if config.graph is not None:
+        topic = " ".join(config.graph)
     return f"{config.name} on {topic}" + (f": {statistic}{bounds}" if bounds else "")
 
 
@@ -423,6 +433,8 @@ def _value_reason(judgement: Judgement) -> str:
         return shown_text(judgement)
     if judgement.reports_level:
         return _with_state(_reported_text(judgement), judgement)
+    if config.graph is not None and config.statistic == "last":
+        return _with_state(_graph_text(judgement, int(judged), *config.graph), judgement)
     bound = None if rule is None else rule.bound
     decided = decided_text(judgement)
     if rule is None or bound is None:
@@ -437,6 +449,31 @@ def _value_reason(judgement: Judgement) -> str:
     else:
         text = f"{value} is no longer {side}"
     return _with_state(text, judgement)
+
+
+def _graph_text(judgement: Judgement, number: int, key: str, name: str) -> str:
+    """Returns what was found in the robot's graph, and the bound that it is beyond."""
+    config, rule = judgement.config, judgement.rule
+    if key == "lifecycle":
+        if not number:
+            return f"{name} is not there"
+        text = f"{name} is {_LIFECYCLE.get(number, f'in state {number}')}"
+        return text if number == ACTIVE else f"{text}, expected active"
+    if key != "node":
+        text = f"{number or 'no'} {key if number > 1 else key[:-1]} on {name}"
+    elif "*" in name or "?" in name:
+        text = f"{number or 'no'} {'nodes match' if number > 1 else 'node matches'} {name}"
+    elif number == 0 or (number == 1 and (rule is None or judgement.level is Level.OK)):
+        text = f"node {name} is {'there' if number else 'not there'}"
+    else:
+        text = f"{number} {'nodes are' if number > 1 else 'node is'} named {name}"
+    if rule is None or rule.bound is None or not number or not rule.condition:
+        return text
+    side, bound = "below" if rule.is_below else "above", rule.bound
+    if number < bound if rule.is_below else number > bound:
+        return f"{text}, {side} {bound_text(bound)}"
+    clears_at = bound + config.hysteresis if rule.is_below else bound - config.hysteresis
+    return f"{text}, was {side} {bound_text(bound)}, clears at {bound_text(clears_at)}"
 
 
 def _goals_text(judgement: Judgement) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import partial
 from types import MappingProxyType
-from typing import Any, Callable, Dict, FrozenSet, List, Mapping, Optional, Set, Tuple
+from typing import Any, Callable, Dict, FrozenSet, List, Mapping, Optional, Set, Tuple, Union
 
 from ..config.monitor_config import DEFAULT_SIGNALS, MonitorConfig, described_parameters, is_whole_file, load_config
 from ..config.signal_config import LINK, SignalConfig
@@ -16,9 +16,10 @@ from ..judge.monitor import Monitor
 from ..judge.sources import is_source
 from ..judge.wording import source_text
 from ..messages.dialect import Message
-from ..port.middleware import Middleware, Result, Severity, Subscription
+from ..port.graph import Found, Wanted
+from ..port.middleware import Middleware, Result, Severity, Subscription, Timer
 from ..values.elements import ARRAY_TYPE, STATUS_TYPE, with_ages
-from ..values.errors import ConfigError
+from ..values.errors import ConfigError, ServiceError
 from ..values.faults import Fault
 from ..values.field_path import ABSENT
 from ..values.formatting import printable
@@ -37,7 +38,7 @@ from .outlets import (
     event_text,
     status_message,
 )
-from .self_monitor import CHECK_PERIOD_S, EMPTY_REPORT, SelfMonitor, SelfReport
+from .self_monitor import CHECK_PERIOD_S, EMPTY_REPORT, LONGEST_STEP_S, SelfMonitor, SelfReport
 
 TRIGGER_TYPE = "std_srvs/Trigger"
 TICK_PERIOD_S = 1.0
@@ -84,11 +85,14 @@ class AlertSystem:
         self._middleware = middleware
         self._announce_pauses = announce_pauses
         self._excused_since_s: Optional[float] = None
+        self._begun: Optional[Tuple[float, float]] = None
+        """When a restored state began to count, until the first tick: in s, and in s of steady time."""
         self._node = node.base_name(middleware)
         given = middleware.given_parameters()
         self._watches_defaults = "signals" not in given and not is_whole_file(given)
         self._config = config = self._read_config(given)
         self._unavailable: Set[str] = set()
+        self._not_in_graph: FrozenSet[str] = frozenset()
         self._excess: Set[str] = set()
         self._simulated_topics = ""
         self._simulated: FrozenSet[str] = frozenset()
@@ -121,6 +125,9 @@ class AlertSystem:
         """Watches the node itself and makes its status."""
         self._continuity = None if history is None else Continuity(self.monitor, history)
         self._subscriptions: Dict[_Source, Subscription] = {}
+        self._graph_timer: Optional[Timer] = None
+        self._of_graph: Mapping[str, Wanted] = {}
+        """What each signal of the robot's graph counts."""
         self._topics: Mapping[str, str] = {}
         """The resolved topic of each signal."""
         described = described_parameters(config, are_default=self._watches_defaults)
@@ -139,7 +146,8 @@ class AlertSystem:
         if self._watches_defaults:
             middleware.log(Severity.INFO, f"no signals configured: watching {', '.join(DEFAULT_SIGNALS)}")
         for name, signal in config.signals.items():
-            middleware.log(Severity.INFO, f"watching {source_text(signal, self._topics[name])}")
+            if name not in self._not_in_graph:
+                middleware.log(Severity.INFO, f"watching {source_text(signal, self._topics.get(name, ''))}")
         latching = [name for name, signal in config.signals.items() if signal.latch]
         if latching and (history is None or not history.is_kept):
             text = f"no history: latched alerts of an earlier run are not restored ({', '.join(latching)})"
@@ -148,9 +156,12 @@ class AlertSystem:
     def _begin(self, config: MonitorConfig) -> None:
         """Subscribes, and continues from the saved states."""
         self._follow_topics(config)
+        if self._not_in_graph:
+            self.monitor.configure(self._watched())
         if self._continuity is not None:
             now_s = self._middleware.now_s()
             self._continuity.record_configuration(config)
+            self._begun = now_s, self._middleware.steady_s()
             restored = self._continuity.restore(now_s, at_first_call=self._middleware.waiting_for_clock())
             self._announce(restored, now_s)
 
@@ -265,6 +276,7 @@ class AlertSystem:
             if name != LINK
             for topic in signal.topics
         }
+        of_graph, unknown = self._check_graph(config)
         added: Dict[_Source, Subscription] = {}
         try:
             # Signals with a type and a field first: those that only count messages can share their subscription. Of one
@@ -294,6 +306,43 @@ class AlertSystem:
         }
         self.monitor.expect_sources({config.signals[name].topic: topic for name, topic in self._topics.items()})
         self._simulated = frozenset(self._signals_on(self._simulated_topics))
+        self._follow_graph(of_graph)
+        for name in sorted(unknown.keys() - self._not_in_graph):
+            self.outlets.emit(
+                Notice(self._middleware.now_s(), Severity.INFO, f"{name} is not watched: {unknown[name]}")
+            )
+        self._not_in_graph = frozenset(unknown)
+
+    def _check_graph(self, config: MonitorConfig) -> Tuple[Mapping[str, Wanted], Mapping[str, str]]:
+        """Returns what signals of the graph count, and why others cannot be watched here; may raise ConfigError."""
+        known: Dict[str, Wanted] = {}
+        unknown: Dict[str, str] = {}
+        for name, signal in config.signals.items():
+            if signal.graph is not None:
+                try:
+                    self._middleware.check_graph(signal.graph[0])
+                    known[name] = signal.graph
+                except ServiceError as error:
+                    unknown[name] = str(error)
+                except ConfigError as error:
+                    raise ConfigError(error.problem, ("signals", name, signal.graph[0])) from None
+        return known, unknown
+
+    def _follow_graph(self, of_graph: Mapping[str, Wanted]) -> None:
+        self._of_graph = of_graph
+        if of_graph and self._graph_timer is None:
+            self._graph_timer = self._middleware.follow_graph(lambda: set(self._of_graph.values()), self._take_graph)
+        elif not of_graph and self._graph_timer is not None:
+            self._graph_timer.cancel()
+            self._graph_timer = None
+
+    def _take_graph(self, found: Union[Found, str], now_s: float) -> None:
+        """Judges what was found in the robot's graph, or notes why it cannot be read."""
+        for name, wanted in self._of_graph.items():
+            if isinstance(found, str):
+                self.monitor.note_hint(name, found)
+            elif wanted in found:
+                self._announce(self.monitor.observe_value(name, found[wanted], now_s), now_s)
 
     def _take(self, name: str, value: Any, now_s: float) -> None:
         """Judges a message on the topic of a signal; it may hold no sample of it."""
@@ -352,8 +401,13 @@ class AlertSystem:
     def _configure_monitor(self, now_s: float) -> None:
         """Watches all signals but those that have no sensor."""
         self._record_samples(now_s)
-        signals = {name: signal for name, signal in self._config.signals.items() if name not in self._unavailable}
-        self._announce(self.monitor.configure(replace(self._config, signals=signals)), now_s)
+        self._announce(self.monitor.configure(self._watched()), now_s)
+
+    def _watched(self) -> MonitorConfig:
+        """Returns the configuration without the signals that nothing brings samples for."""
+        left_out = self._unavailable | self._not_in_graph
+        signals = {name: signal for name, signal in self._config.signals.items() if name not in left_out}
+        return replace(self._config, signals=signals)
 
     def _record_samples(self, now_s: float) -> None:
         """Stores the samples of signals that may leave the configuration."""
@@ -376,6 +430,10 @@ class AlertSystem:
 
     def _tick(self, now_s: float) -> None:
         self._look_for_pause(now_s)
+        if self._begun is not None:
+            (begun_s, steady_s), self._begun = self._begun, None
+            if self._middleware.steady_s() - steady_s > LONGEST_STEP_S:  # a start on a busy machine is no silence
+                self._announce(self.monitor.skip(begun_s, now_s), now_s)
         for note in self.on_tick:
             note(now_s)
         self.self_monitor.note_tick(now_s)
@@ -471,7 +529,13 @@ class AlertSystem:
                 changes_default = name in merged and isinstance(given, Mapping)
                 merged[name] = {**merged[name], **given} if changes_default else given
             tree = {**tree, "signals": merged}
-        return load_config(tree)
+        config = load_config(tree)
+        resolved = {
+            name: replace(signal, **{key: resolve_name(getattr(signal, key), self._middleware.name)})
+            for name, signal in config.signals.items()
+            for key, _ in filter(None, [signal.graph])
+        }
+        return replace(config, signals={**config.signals, **resolved}) if resolved else config
 
     def _reconfigure(self, tree: Mapping[str, Any]) -> str:
         old = self._config

@@ -7,18 +7,21 @@ numbers. Simulated time comes from the bus's topic `/clock`, as on a robot.
 
 from __future__ import annotations
 
+import contextlib
 import math
 from functools import partial
-from typing import Any, Callable, Dict, Iterable, List, Mapping, NamedTuple, Optional, Tuple, Union
+from typing import Any, Callable, Collection, Dict, Iterable, List, Mapping, NamedTuple, Optional, Tuple, Union
 
 from ..messages.dialect import Message
 from ..messages.standard_messages import check_type, definition
 from ..values.errors import ConfigError, ServiceError
 from ..values.names import split_type_name
+from .graph import Found, GraphCallback, Wanted, count, state_of
 from .hints import Answer, explain, similar_topics
 from .mapping_node import CLOCK, MappingNode, MappingSubscription, RawSubscription
 from .middleware import Callback, Graph, NodeInfo, RawCallback, RawFormat, Severity
 from .raw_messages import json_format
+from .timers import ClockTimer
 
 
 class LogLine(NamedTuple):
@@ -206,6 +209,30 @@ class LocalMiddleware(MappingNode):
         own = {*self._advertised, *(subscription.topic for subscription in self._subscriptions)}
         types = [published[topic]] if topic in published else []
         answer(explain(topic, type_name, types, similar_topics(topic, type_name, published, own)))
+
+    def check_graph(self, key: str) -> None:
+        """All of it is known."""
+
+    def follow_graph(self, wanted: Callable[[], Collection[Wanted]], callback: GraphCallback) -> ClockTimer:
+        def read(now_s: float) -> None:
+            if not self.waiting_for_clock():
+                callback(self._find(wanted()), now_s)
+
+        return self.create_timer(1.0, read, steady=True)
+
+    def _find(self, wanted: Collection[Wanted]) -> Found:
+        names = [node.name for node in self._bus.nodes]
+        others = [node for node in self._bus.nodes if node is not self]
+        publishers = (topic for node in others for topic in node._advertised)
+        subscribers = (topic for node in others for topic in {each.topic for each in node._subscriptions})
+        found = count(wanted, names, publishers, subscribers)
+        for key, name in wanted:
+            if key == "lifecycle" and name not in names:
+                found[key, name] = 0.0
+            elif key == "lifecycle":
+                with contextlib.suppress(Exception):  # whatever its handler raises
+                    found[key, name] = state_of(self._bus.call_service(f"{name}/get_state"))
+        return found
 
     def unsubscribe(self, subscription: Any) -> None:
         if subscription in self._subscriptions:

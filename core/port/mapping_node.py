@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import abc
 import threading
-from typing import Any, Callable, Dict, List, Mapping, Optional, Protocol, Sequence, Tuple
+from typing import Any, Callable, Collection, Dict, List, Mapping, Optional, Protocol, Sequence, Tuple
 
 from ..config.parameters import Parameter
 from ..messages.dialect import Message
@@ -20,6 +20,7 @@ from ..values.faults import Faults
 from ..values.field_path import ABSENT
 from ..values.formatting import printable
 from ..values.names import resolve_name
+from .graph import GraphCallback, Wanted
 from .hints import Answer, Hints
 from .log_limit import LimitedLog
 from .middleware import Callback, OnChange, RawCallback, RawFormat, Result, Severity
@@ -159,6 +160,12 @@ class MappingNode(abc.ABC):
 
     def why_silent(self, topic: str, type_name: str) -> Optional[str]:
         return self._hints.get(self.resolve(topic), type_name)
+
+    def check_graph(self, key: str) -> None:
+        raise ServiceError("the robot's graph is not known here")
+
+    def follow_graph(self, wanted: Callable[[], Collection[Wanted]], callback: GraphCallback) -> ClockTimer:
+        raise ServiceError("the robot's graph is not known here")
 
     def now_s(self) -> float:
         return self._clock() if self._sim_time_s is None else self._sim_time_s

@@ -24,11 +24,12 @@ Every implementation guarantees:
 from __future__ import annotations
 
 import enum
-from typing import Any, Callable, Mapping, NamedTuple, Optional, Protocol, Sequence, Tuple, TypeVar
+from typing import Any, Callable, Collection, Mapping, NamedTuple, Optional, Protocol, Sequence, Tuple, TypeVar
 
 from ..config.parameters import Parameter
 from ..messages.dialect import Message
 from ..values.faults import Faults
+from .graph import GraphCallback, Wanted
 
 Callback = Callable[[Any, float], None]
 """Receives a value and the time of its arrival, in s."""
@@ -197,6 +198,16 @@ class Middleware(Protocol):
         Never waits. Where a server has to be asked, the first call returns None and asks; a later call returns the
         answer. However often it is called, each topic is looked up at most every 10 s. The texts are those of
         `hints.py`; a topic is named as resolved. An empty `type_name` stands for any type.
+        """
+
+    def check_graph(self, key: str) -> None:
+        """Raises ServiceError if what a signal with this key counts is not known here, ConfigError if there is none."""
+
+    def follow_graph(self, wanted: Callable[[], Collection[Wanted]], callback: GraphCallback) -> Timer:
+        """Calls back every 1 to 2 s of steady time with what is wanted of the graph, or why it cannot be read.
+
+        Reads in another thread or task if reading may wait; `wanted` is called there. Endpoints of this node are not
+        counted.
         """
 
     def unsubscribe(self, subscription: Subscription) -> None:

@@ -41,7 +41,10 @@ class ServerConnection(BridgeConnection):
     server_kind = "rosbridge server"
 
     def __init__(self, url: str, *, limits: Limits = DEFAULT_LIMITS, **options: Any) -> None:
-        """Creates a connection that is down, with the `options` of `BridgeConnection`; `run` connects."""
+        """Creates a connection that is down, with the `options` of `BridgeConnection`; `run` connects.
+
+        `limits` are for messages that are decoded; of larger ones only the arrival counts.
+        """
         super().__init__(url, **options)
         self.calls = ServiceCalls(self.send, lambda: None if self.up else f"no connection to {self.address}")
         self.subscriptions = Subscriptions(self.send, self.calls.call)

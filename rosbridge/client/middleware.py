@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import concurrent.futures
-import ssl
 from typing import Any, Callable, Coroutine, List, Mapping, Optional, TypeVar
 
 from ...core.messages.dialect import Message
@@ -12,16 +11,14 @@ from ...core.port.hints import Answer
 from ...core.port.mapping_node import CLOCK, CLOCK_TYPE
 from ...core.port.middleware import Callback, RawCallback, RawFormat
 from ...core.values.errors import LinkError, ServiceError
-from ...runtime.bridge.connection import LARGEST_MESSAGE_BYTES
 from ...runtime.bridge.node import BridgeClient, BridgeNode, KnownTopic
-from ..protocol import DEFAULT_LIMITS, Limits
+from ..protocol import Limits
 from ..protocol.operations import Publish
 from .connection import ServerConnection
 from .receivers import CaptureReceiver, ClockReceiver, FieldReceiver
 from .services import Call, PublisherLookup, find_types
 from .topics import list_topics
 
-_LOG_NAME = "rosbridge"
 _ANSWER_TIMEOUT_S = 30.0
 
 T = TypeVar("T")
@@ -31,51 +28,16 @@ class RosbridgeClient(BridgeClient["RosbridgeMiddleware"]):
     """The connection to one robot's rosbridge server, shared by the nodes that `node` makes."""
 
     connection: ServerConnection
+    connection_class = ServerConnection
+    log_name = "rosbridge"
 
-    def __init__(
-        self,
-        url: str,
-        *,
-        token: str = "",
-        ssl_context: Optional[ssl.SSLContext] = None,
-        heartbeat_s: float = 5.0,
-        probation_s: float = 0.5,
-        limits: Limits = DEFAULT_LIMITS,
-        largest_message_bytes: int = LARGEST_MESSAGE_BYTES,
-        read_only: bool = False,
-        **options: Any,
-    ) -> None:
-        """Creates a client that is not connected; `run` connects.
+    def __init__(self, url: str, *, read_only: bool = False, **options: Any) -> None:
+        """Creates a client that is not connected, with the `options` of `BridgeClient`; `run` connects.
 
-        Args:
-            url: `ws://host:port` or `wss://host:port`.
-            token: presented to the server; empty: none.
-            ssl_context: for `wss://`; None trusts the system's certificate authorities.
-            heartbeat_s: period of pings in s; the connection is down when one is not answered within half of it.
-            probation_s: how long a new connection must last before it is reported as up, in s: a server that accepts
-                connections only to close them is not up.
-            limits: bounds for messages that are decoded. Of larger ones only the arrival counts.
-            largest_message_bytes: a message above this size ends the connection.
-            read_only: nothing is published or offered on the robot.
-            options: clocks and callbacks of `BridgeClient`.
-
-        Raises:
-            ConfigError: `url` is not the address of a WebSocket server.
+        With `read_only`, nothing is published or offered on the robot.
         """
-        super().__init__(_LOG_NAME, **options)
+        super().__init__(url, **options)
         self.read_only = read_only
-        self.connection = ServerConnection(
-            url,
-            token=token,
-            ssl_context=ssl_context,
-            heartbeat_s=heartbeat_s,
-            probation_s=probation_s,
-            limits=limits,
-            largest_message_bytes=largest_message_bytes,
-            on_change=self.on_link,
-            on_log=self.log,
-            clock=self.clock,
-        )
         self.publishers = PublisherLookup(self.connection.calls.call)
 
     def _new_node(self, name: str, *binding: Any) -> RosbridgeMiddleware:

@@ -98,10 +98,23 @@ class BridgeConnection(abc.ABC):
         on_log: Callable[[Severity, str], None],
         clock: Callable[[], float],
     ) -> None:
-        """Creates a connection that is down; `run` connects. `BridgeClient` describes the other arguments.
+        """Creates a connection that is down; `run` connects.
 
-        `on_change` is called in the loop with (True, `UP`) or (False, cause) at every change, first when the first
-        attempt has succeeded or failed; `on_log` with lines about what the server sends, bounded to a few per minute.
+        Args:
+            url: `ws://host:port` or `wss://host:port`, or with the scheme of the subclass.
+            token: presented to the server, if it is not empty.
+            ssl_context: for TLS; None trusts the system's certificate authorities.
+            heartbeat_s: period of pings in s; the connection is down when one is not answered within half of it.
+            largest_message_bytes: a message above this size ends the connection.
+            probation_s: how long a new connection must last before it is reported as up, in s: a server that accepts
+                connections only to close them is not up.
+            on_change: called in the loop with (True, `UP`) or (False, cause) at every change, first when the first
+                attempt has succeeded or failed.
+            on_log: called with lines about what the server sends, bounded to a few per minute.
+            clock: monotonic seconds.
+
+        Raises:
+            ConfigError: `url` is not the address of a WebSocket server.
         """
         host_and_port(url)
         self.address = shown_address(url)

@@ -10,7 +10,7 @@ import asyncio
 import contextlib
 import math
 import time
-from typing import Any, Callable, Generic, List, Mapping, NamedTuple, Optional, Protocol, TypeVar
+from typing import Any, Callable, ClassVar, Generic, List, Mapping, NamedTuple, Optional, Protocol, Type, TypeVar
 
 from ...core.messages.dialect import Message
 from ...core.messages.standard_messages import check_type, complete
@@ -36,7 +36,7 @@ class KnownTopic(NamedTuple):
     type_name: str
     """`package/Type`; empty where the server does not know it."""
     definition: str
-    """The definition of the type with those that it contains, as from `gendeps --cat`; empty: the server has none."""
+    """The definition of the type with those that it contains, as from `gendeps --cat`; empty if the server has none."""
     form: str = "msg"
     """The format of the definition, `msg` or `idl`."""
 
@@ -56,25 +56,33 @@ class BridgeClient(abc.ABC, Generic[Node]):
     """The connection to one robot's server, shared by the nodes that `node` makes."""
 
     connection: BridgeConnection
+    connection_class: ClassVar[Type[BridgeConnection]]
+    log_name: ClassVar[str]
+    """Node of log lines about the connection."""
 
     def __init__(
         self,
-        log_name: str,
+        url: str,
         *,
         clock: Callable[[], float] = time.monotonic,
         wall_clock: Callable[[], float] = time.time,
         on_log: Optional[Callable[[LogLine], None]] = None,
         on_link: Optional[Callable[[bool, Cause], None]] = None,
+        **options: Any,
     ) -> None:
         """Creates a client that is not connected; `run` connects.
 
         Args:
-            log_name: node of log lines about the connection.
+            url: address of the server.
             clock: monotonic seconds, for nodes without simulated time.
             wall_clock: seconds since 1970, for the ages of stamps.
             on_log: called with every log line; None keeps them in `log_lines`.
             on_link: called in the loop when the connection is up (with an empty cause), when it is down, and when the
                 cause changes. None logs each.
+            options: those of the connection, which are described at `BridgeConnection` and its subclass.
+
+        Raises:
+            ConfigError: `url` is not the address of such a server.
         """
         self.log_lines: List[LogLine] = []
         self.on_log: Callable[[LogLine], None] = on_log or self.log_lines.append
@@ -82,8 +90,8 @@ class BridgeClient(abc.ABC, Generic[Node]):
         self.wall_clock = wall_clock
         self.on_link = on_link or self._log_link
         self.loop: Optional[asyncio.AbstractEventLoop] = None
-        self._log_name = log_name
         self._nodes: List[Node] = []
+        self.connection = self.connection_class(url, on_change=self.on_link, on_log=self.log, clock=clock, **options)
 
     @abc.abstractmethod
     def _new_node(self, name: str, *binding: Any) -> Node: ...
@@ -133,7 +141,7 @@ class BridgeClient(abc.ABC, Generic[Node]):
 
     def log(self, severity: Severity, text: str) -> None:
         """Logs a line about the connection."""
-        self.on_log(LogLine(self.clock(), self._log_name, severity, text))
+        self.on_log(LogLine(self.clock(), self.log_name, severity, text))
 
     def run_in_loop(self, function: Callable[[], None]) -> None:
         """Calls a function in the loop soon; does nothing before `run` and after the loop has ended."""

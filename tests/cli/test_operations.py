@@ -31,11 +31,11 @@ SIGNALS = {"battery_level": {"type": "std_msgs/Float32", "warn_below": 20.0}}
 class Robot:
     """A robot whose battery_level is published here."""
 
-    def __init__(self, operations: Operations, name: str = "r3", only: bool = False) -> None:
+    def __init__(self, operations: Operations, name: str = "r3", only: bool = False, signals: Any = SIGNALS) -> None:
         self.lines: List[Any] = []
         self.bus = LocalBus(on_log=self.lines.append)
         self.events: List[Event] = []
-        self.node = self.bus.node("alert_system", parameters={"robot_name": name, "signals": SIGNALS})
+        self.node = self.bus.node("alert_system", parameters={"robot_name": name, "signals": signals})
         start = operations.start_only if only else operations.start
         self.alert_system = start(self.node, {"test": self.events.append})
         self.sensor = self.bus.node("sensor")
@@ -82,6 +82,20 @@ def test_without_an_ops_yaml_nothing_is_opened() -> None:
         assert (operations.history, operations.silences, operations.config.server) == (None, None, None)
         assert operations.silence_text("r3", "battery_level") is None
         assert not [line for line in robot.lines if line.text.startswith("operations")]
+
+
+def test_the_silence_of_a_cause_covers_its_effects(operations: Operations) -> None:
+    assert operations.silences is not None
+    wheels = {"wheel": {"type": "std_msgs/Float32", "depends_on": ["battery_level"], "stale_after_s": 0.0}}
+    signals = {"battery_level": {**SIGNALS["battery_level"], "error_below": 10.0, "stale_after_s": 0.0}}
+    robot = Robot(operations, signals={**wheels, **signals})
+    robot.publish(5.0)
+    operations.silences.add(parse_matchers("signal=battery_level"), until_resolved=True, reason="empty")
+    robot.bus.run_until(2.0)
+    assert operations.silence_text("r3", "wheel") == "empty (until resolved)"
+    assert robot.statuses()["alert_system: wheel"]["silenced"] == "empty (until resolved)"
+    robot.publish(50.0)
+    assert operations.silence_text("r3", "wheel") is None
 
 
 def test_a_history_that_is_always_kept_is_in_memory_without_a_file() -> None:

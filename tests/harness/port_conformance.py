@@ -33,6 +33,7 @@ from robot_health_monitor.core.proposal.proposal import Proposal
 from robot_health_monitor.core.values.errors import ConfigError, MessageError
 from robot_health_monitor.core.values.field_path import ABSENT
 from robot_health_monitor.core.values.model import Transition
+from robot_health_monitor.runtime.bridge.node import BridgeNode
 
 START_S = 100.0
 """The simulated time at which every test starts."""
@@ -216,6 +217,9 @@ def plain(tree: Mapping[str, Any]) -> Dict[str, Any]:
 
 class PortConformance:
     """The contract, grouped as in the port's docstrings."""
+
+    is_one_node_per_process = False
+    """Whether the nodes of a process are one for the graph, as in ROS 1."""
 
     @pytest.fixture(autouse=True)
     def _close(self, harness: Harness) -> Any:
@@ -1008,6 +1012,41 @@ class PortConformance:
         harness.wait_until(lambda: bool(lines()))
         (line,) = lines()
         assert line.endswith(f" [{hint}]")
+
+    def test_nodes_and_endpoints_that_come_and_go_are_judged(self, harness: Harness) -> None:
+        given = {
+            "driver": {"node": "lidar_driver"},
+            "scan": {"publishers": "/graph/scan"},
+            "cmd": {"subscribers": "/graph/c*"},
+        }
+        absent = ["node /lidar_driver is not there", "no publisher on /graph/scan", "no subscriber on /graph/c*"]
+        there = ["node /lidar_driver is there", "1 publisher on /graph/scan", "1 subscriber on /graph/c*"]
+        first = 1 if self.is_one_node_per_process else 0  # whose nodes are there as long as the process
+        signals = {name: {**given[name], "startup_grace_s": 1.0} for name in list(given)[first:]}
+        node = harness.node("alert_system", parameters={"signals": signals})
+        node.subscribe("/graph/cmd", FLOAT32, Recorder())  # its own endpoints are not counted
+        monitor = AlertSystem(node).monitor
+        times_s = itertools.count(START_S + 2.0)
+
+        def reads(texts: List[str]) -> bool:
+            harness.set_time(next(times_s))
+            return [status.message for status in monitor.report(0.0).statuses.values()] == texts[first:]
+
+        if isinstance(node, BridgeNode):  # over which the graph is not known
+            lines = [line.text for line in harness.log_lines()]
+            assert sum(line.startswith("scan is not watched: ") for line in lines) == 1
+            assert not monitor.report(0.0).statuses
+            return
+        harness.wait_until(lambda: reads(absent))
+        driver = harness.node("lidar_driver")
+        driver.advertise("/graph/scan", FLOAT32)
+        if self.is_one_node_per_process:
+            there[2] = absent[2]
+        else:
+            driver.subscribe("/graph/cmd", FLOAT32, Recorder())
+        harness.wait_until(lambda: reads(there))
+        driver.close()
+        harness.wait_until(lambda: reads(absent))
 
     @staticmethod
     def _publish_until_heard(harness: Harness, topic: str, type_name: str, field: str) -> None:

@@ -184,11 +184,11 @@ def tiny_messages(folder: Path) -> str:
 
 
 def late_messages(folder: Path) -> str:
-    """Small chunks that each unpack to 60 MB of messages that are to be held back."""
+    """Small chunks that each unpack to 60 MB of messages that are to be held back: together to more than is allowed."""
     path = Path(write_mcap(folder / "late.mcap", MESSAGES, use_chunking=False))
     start = without_end(path)
     chunks = []
-    for number in range(30):
+    for number in range(12):
         early = struct.pack("<BQHIQQ", 5, 30, 1, 0, START_NS + number, START_NS) + bytes(8)
         late = struct.pack("<BQHIQQ", 5, 22 + 60_000_000, 1, 0, START_NS * 2, START_NS)
         late += os.urandom(10_000) + bytes(60_000_000 - 10_000)  # not so small that its size is implausible

@@ -8,7 +8,7 @@ from typing import Any, Dict, Iterable, List, Mapping, NamedTuple, Sequence, Tup
 
 import numpy as np
 import pytest
-from harness.recorded import ROS1, START_NS, Recorded, values, write_bag
+from harness.recorded import ROS1, ROS2, START_NS, Recorded, message_of, values, write_bag, write_mcap
 
 from robot_health_monitor.core import Monitor, Sample, load_config
 from robot_health_monitor.core.judge.attachments import SavedMonitor
@@ -399,3 +399,30 @@ def test_an_alert_that_changes_its_level_is_counted_once(tmp_path: Path) -> None
     result = judge(tmp_path, values("/battery", [*falls, *falls]), levels)
     assert [level for _, _, _, level in result.transitions] == ["WARN", "ERROR", "WARN", "OK"] * 2
     assert result.summaries["a", "battery"].alerts == 2
+
+
+@pytest.mark.parametrize("is_ros1", [True, False])
+def test_goals_of_a_recorded_action_are_judged(tmp_path: Path, is_ros1: bool) -> None:
+    """The first goal had been aborted before the recording began; of the others, one of two is."""
+
+    def states(time_s: float, *codes: int) -> Recorded:
+        if is_ros1:
+            ended = [{"goal_id": {"id": str(at)}, "status": code} for at, code in enumerate(codes)]
+            name, store, topic = "actionlib_msgs/msg/GoalStatusArray", ROS1, "/drive/status"
+        else:
+            ended = [{"goal_info": {"goal_id": {"uuid": [at] * 16}}, "status": code} for at, code in enumerate(codes)]
+            name, store, topic = "action_msgs/msg/GoalStatusArray", ROS2, "/drive/_action/status"
+        return Recorded(time_s, topic, message_of(store, name, {"status_list": ended}))
+
+    aborted, succeeded, active = (4, 3, 1) if is_ros1 else (6, 4, 2)
+    messages = [
+        states(0.0, aborted, active),
+        states(10.0, aborted, succeeded),
+        states(20.0, aborted, succeeded, active),
+        states(30.0, aborted, succeeded, aborted),
+    ]
+    write, file = (write_bag, "goals.bag") if is_ros1 else (write_mcap, "goals.mcap")
+    signal = {"action": "drive", "statistic": "mean", "window_min_s": 0.0, "warn_above": 0.4}
+    result = judge_bags([write(tmp_path / file, messages)], {"signals": {"drives": signal}})
+    assert result.transitions == [(30.0, "a", "drives", "WARN")]
+    assert result.samples["a", "drives"] == [(10.0, 0.0), (30.0, 0.5)]

@@ -11,6 +11,8 @@ from harness.raw_conformance import RawConformance
 
 
 class TestRos1(BlackBoxConformance, RawConformance, PortConformance):
+    is_one_node_per_process = True
+
     @pytest.fixture
     def harness(self, ros_process: Any) -> Any:
         from harness.ros1 import Ros1Harness

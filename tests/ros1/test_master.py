@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import http.server
+import os
+import signal
 import socket
+import sys
 import threading
 import xmlrpc.client
 from typing import Any, List
@@ -149,3 +152,27 @@ def test_a_loss_is_reported_once_and_a_restart_ends_the_watch(identities: Any, c
     watch.join(10.0)
     assert watch.lost.is_set()
     assert seen == changes
+
+
+def test_a_node_that_was_killed_is_gone_when_it_has_not_answered_twice_10_s_apart(connection: Any, master: Any) -> None:
+    from harness.line_process import LineProcess
+
+    from robot_health_monitor.ros1.master import NodeChecks
+
+    code = "import rospy; rospy.init_node('crashes'); print('up', flush=True); rospy.spin()"
+    process = LineProcess([sys.executable, "-c", code], master.environment)
+    try:
+        process.wait_for_text("up")
+        now_s = 0.0
+        checks = NodeChecks(connection, lambda: now_s)
+        assert checks.gone({"/crashes"}) == set()
+        os.kill(process.pid, signal.SIGKILL)
+        process.wait()
+        found = []
+        for now_s in (9.0, 10.0, 19.0, 20.0, 22.0):
+            found.append((now_s, checks.gone({"/crashes"})))
+        assert found == [(9.0, set()), (10.0, set()), (19.0, set()), (20.0, {"/crashes"}), (22.0, {"/crashes"})]
+        _, _, services = connection.system_state()
+        assert ("/crashes/get_loggers", ["/crashes"]) in services  # the master goes on listing it
+    finally:
+        process.end()

@@ -51,7 +51,7 @@ def watched(bus: LocalBus, text: str) -> List[Transition]:
     return heard
 
 
-def alerts_after(listened_s: float, healthy_s: float) -> Dict[str, Lines]:
+def alerts_after(listened_s: float, healthy_s: float, recovery_s: float = RECOVERY_S) -> Dict[str, Lines]:
     """Returns the alerts of each fault, and of the healthy time before them (key "")."""
     bus, robot, text = listened(listened_s)
     heard = watched(bus, text)
@@ -63,7 +63,7 @@ def alerts_after(listened_s: float, healthy_s: float) -> Dict[str, Lines]:
         robot.fault = fault
         bus.run_until(bus.now_s + FAULT_S)
         robot.fault = ""
-        bus.run_until(bus.now_s + RECOVERY_S)
+        bus.run_until(bus.now_s + recovery_s)
         alerts[fault] = [(f"{each.signal} {each.to_level.name}", each.text) for each in heard]
         heard.clear()
     return alerts
@@ -93,7 +93,7 @@ def test_a_fault_is_found_with_its_cause(found: Dict[str, Lines], fault: str) ->
 
 
 def test_after_one_minute_all_are_found_but_those_of_ranges() -> None:
-    found = alerts_after(60.0, healthy_s=10.0)
+    found = alerts_after(60.0, healthy_s=10.0, recovery_s=20.0)
     missed = {fault for fault in FAULTS if FAULTS[fault] not in [name for name, _ in found[fault]]}
     assert missed == {"a joint overloads", "imu shakes"}
 

@@ -1,0 +1,50 @@
+"""Counts nodes and endpoints in a robot's graph, for the signals `node`, `publishers`, `subscribers`, `lifecycle`."""
+
+from __future__ import annotations
+
+from typing import Any, Callable, Collection, Counter, Dict, Iterable, Mapping, Tuple, Union
+
+from ..values.patterns import matches_pattern
+
+Wanted = Tuple[str, str]
+"""One of `GRAPH_KEYS`, and a resolved name or pattern."""
+
+Found = Dict[Wanted, float]
+"""How many there are of each, or the id of the lifecycle state (0: the node is not there); missing: not known now."""
+
+GraphCallback = Callable[[Union[Found, str], float], None]
+"""Receives what was found, or why the graph cannot be read, with the time in s."""
+
+NOT_COUNTED = "/rosout"
+"""The node of ROS 1 that collects the log."""
+
+
+def is_pattern(name: str) -> bool:
+    """Whether a name may match several."""
+    return "*" in name or "?" in name
+
+
+def count(
+    wanted: Collection[Wanted], nodes: Iterable[str], publishers: Iterable[str], subscribers: Iterable[str]
+) -> Found:
+    """Counts what is wanted, but for lifecycle states.
+
+    `publishers` and `subscribers` are topics, each once per endpoint that is not of this monitor.
+
+    >>> count([("node", "/lidar_*")], ["/lidar_left", "/lidar_right"], [], [])
+    {('node', '/lidar_*'): 2.0}
+    """
+    names = {"node": nodes, "publishers": publishers, "subscribers": subscribers}
+    numbers = {key: Counter(names[key]) for key in names}
+    found: Found = {}
+    for key, name in wanted:
+        if key in numbers:
+            of_key = numbers[key]
+            matching = [each for each in of_key if matches_pattern(each, name)] if is_pattern(name) else [name]
+            found[key, name] = float(sum(of_key[each] for each in matching))
+    return found
+
+
+def state_of(response: Mapping[str, Any]) -> float:
+    """Returns the id in a response of lifecycle_msgs/GetState; raises LookupError, TypeError or ValueError."""
+    return float(response["current_state"]["id"])
