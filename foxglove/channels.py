@@ -38,7 +38,10 @@ class Messages:
         self._type: Optional[SerializedType] = None
 
     def getter(self, field: str) -> Getter:
-        """Returns a getter of a field; empty: of the whole message. Raises ConfigError if there is no such field."""
+        """Returns a getter of a field, or of the whole message if it is empty.
+
+        Raises ConfigError if there is no such field.
+        """
         channel = self._channel
         if channel.encoding == "json":
             return json_getter(channel.topic, channel.type_name, field)

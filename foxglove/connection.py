@@ -70,9 +70,9 @@ class FoxgloveConnection(BridgeConnection):
 
     def _receive(self, data: Wire, now_s: float) -> Optional[Awaitable[None]]:
         if isinstance(data, bytes):
-            found = read_message(data)
-            if found is not None:
-                self.channels.deliver(*found)
+            publication = read_message(data)
+            if publication is not None:
+                self.channels.deliver(*publication)
             return None
         if self._is_refused:
             if self._answered is not None and '"service_response"' in data[:_LARGE_TEXT]:

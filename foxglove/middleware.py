@@ -92,7 +92,7 @@ class _Receiver(abc.ABC):
     dropped = 0
 
     def __init__(self, node: FoxgloveMiddleware, topic: str, type_name: str, callback: Callback) -> None:
-        """Binds the resolved topic and its type, empty: any."""
+        """Binds the resolved topic and its type, which is empty if any is taken."""
         if type_name:
             check_type(type_name)
         self.topic = topic
@@ -129,7 +129,7 @@ class _Receiver(abc.ABC):
 
 
 class _FieldReceiver(_Receiver):
-    """Reads one field; None: counts arrivals."""
+    """Reads one field, or counts arrivals if it is None."""
 
     def __init__(
         self, node: FoxgloveMiddleware, topic: str, type_name: str, field: Optional[str], callback: Callback

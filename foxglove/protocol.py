@@ -108,18 +108,18 @@ def read_text(text: str) -> ServerMessage:
     Raises ProtocolError if it is not valid. Of the channels in an `advertise`, those that are not valid are left out.
     """
     try:
-        found = json.loads(text)
+        fields = json.loads(text)
     except (ValueError, RecursionError) as error:
         raise ProtocolError(f"not JSON: {type(error).__name__}") from None
-    op = found.get("op") if isinstance(found, dict) else None
+    op = fields.get("op") if isinstance(fields, dict) else None
     if not isinstance(op, str):
         raise ProtocolError("expected an object with op")
     if op == "advertise":
-        return Advertise(list(_channels(_list_of(found, "channels"))))
+        return Advertise(list(_channels(_list_of(fields, "channels"))))
     if op == "unadvertise":
-        return Unadvertise([each for each in _list_of(found, "channelIds") if _is_id(each)])
+        return Unadvertise([each for each in _list_of(fields, "channelIds") if _is_id(each)])
     if op == "status":
-        level, message = found.get("level"), found.get("message")
+        level, message = fields.get("level"), fields.get("message")
         return Status(level if type(level) is int else 0, message if isinstance(message, str) else "")
     return Other(op)
 
@@ -147,15 +147,15 @@ def unsubscribe(subscription: int) -> str:
     return json.dumps({"op": "unsubscribe", "subscriptionIds": [subscription]})
 
 
-def _list_of(found: Mapping[str, Any], key: str) -> List[Any]:
-    value = found.get(key)
+def _list_of(fields: Mapping[str, Any], key: str) -> List[Any]:
+    value = fields.get(key)
     if not isinstance(value, list):
-        raise ProtocolError(f"{found['op']}: expected a list as {key}")
+        raise ProtocolError(f"{fields['op']}: expected a list as {key}")
     return value
 
 
-def _channels(found: Sequence[Any]) -> Iterator[Channel]:
-    for each in found:
+def _channels(offered: Sequence[Any]) -> Iterator[Channel]:
+    for each in offered:
         if not isinstance(each, dict) or not _is_id(each.get("id")):
             continue
         texts = [each.get(key) or "" for key in ("topic", "encoding", "schemaName", "schemaEncoding", "schema")]

@@ -199,7 +199,7 @@ class Judge:
         return [self._signals[key].summary for key in keys]
 
     def config_of(self, file: str, signal: str) -> Optional[SignalConfig]:
-        """Returns the configuration of a signal, which may be an element; None: it is not judged."""
+        """Returns the configuration of a signal, which may be an element; None if it is not judged."""
         judged = self._find(file, signal)
         return None if judged is None else judged.summary.config
 

@@ -53,7 +53,7 @@ class McapFile(ChunkedFile):
         """Reads channels, time span and the places of the chunks from the summary, which is optional."""
         self._schemas: Dict[int, Tuple[str, str, str]] = {}  # name, definition and its format per schema
         self._places: List[Tuple[int, Collection[int]]] = []
-        """Start of each chunk, and the numbers of the channels with messages in it; empty: unknown."""
+        """Start of each chunk, and the numbers of the channels with messages in it; empty if they are not known."""
         file.seek(-len(self.MAGIC), os.SEEK_END)
         if file.read() != self.MAGIC:
             return "has no summary (the recorder was stopped early)"
@@ -100,9 +100,9 @@ class McapFile(ChunkedFile):
             if not _PREFIX_SIZE < index.length <= _LARGEST_ATTACHMENT:
                 raise Damaged(f"an attachment of {index.length} bytes")
             file.seek(index.offset + _PREFIX_SIZE)
-            found = McapAttachment.read(ReadDataStream(io.BytesIO(file.read(index.length - _PREFIX_SIZE))))
-            text = found.data.decode("utf-8", "replace")
-            self.attachments = {**self.attachments, found.name: Attachment(found.log_time, text)}
+            attachment = McapAttachment.read(ReadDataStream(io.BytesIO(file.read(index.length - _PREFIX_SIZE))))
+            text = attachment.data.decode("utf-8", "replace")
+            self.attachments = {**self.attachments, attachment.name: Attachment(attachment.log_time, text)}
 
     def _chunks(self, file: BinaryIO, wanted: Wanted) -> Iterator[Messages]:
         if not self._places or wanted is None:

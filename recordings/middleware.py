@@ -171,7 +171,7 @@ class Player:
         `begin_ns` is a time before the first message with which to begin instead, in ns since 1970.
 
         The nodes will be in `namespace`, and log to `on_log`. With `use_sim_time` their time is that of the recorded
-        topic /clock. Raises ConfigError: it is not recorded.
+        topic /clock. Raises ConfigError if it is not recorded.
         """
         self._recordings = recordings
         self._namespace = namespace.strip("/")
@@ -198,7 +198,7 @@ class Player:
         self._readers: Dict[Channel, Dict[_Field, _Reader]] = {}
         self._subscribed = 0
         self._firsts: Dict[Tuple[Channel, ...], Optional[Tuple[Channel, bytes]]] = {}
-        """The first message of the channels of a topic, as far as it was needed; None: there is none."""
+        """The first message of the channels of a topic, as far as it was needed; None if there is none."""
         if use_sim_time and not self._channels.get(CLOCK):
             raise ConfigError("simulated time was requested, but the recordings have no topic /clock")
 
@@ -220,16 +220,16 @@ class Player:
         return lines
 
     def why_not_recorded(self, topic: str, type_name: str) -> str:
-        """Returns why a topic, by its absolute name, is not recorded with a type (empty: any); empty: it is."""
-        found = self._channels.get(topic, [])
-        if not found:
+        """Returns why a topic, by its absolute name, is not recorded with a type, or with any; empty if it is."""
+        channels = self._channels.get(topic, [])
+        if not channels:
             return with_similar(f"{topic} is not recorded", similar_topics(topic, type_name, self.topic_types()))
         if not self._matching(topic, type_name):
-            return f"{topic} is recorded as {found[0].type_name}, configured as {canonical_type(type_name)}"
+            return f"{topic} is recorded as {channels[0].type_name}, configured as {canonical_type(type_name)}"
         return ""
 
     def why_unreadable(self, topic: str, type_name: str, field: Optional[str]) -> str:
-        """Returns why no message of a topic can be read with a field (None: its arrival).
+        """Returns why no message of a topic can be read with a field, or its arrival if that is None.
 
         Empty if one can, if there is none, or if the recorded type has no such field.
         """
@@ -270,7 +270,7 @@ class Player:
         """Delivers a field of every message of a topic; use `RecordedMiddleware.subscribe`.
 
         A topic that is not recorded, or with another type only, delivers nothing: see `why_not_recorded`. Raises
-        ConfigError: the recorded type has no such field, or no definition.
+        ConfigError if the recorded type has no such field, or no definition.
         """
         self._subscribed += 1
         subscription.number = self._subscribed

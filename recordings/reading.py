@@ -30,7 +30,10 @@ class Recordings:
     """Several recorded files, read as one. Use as a context manager: unpacked files are removed at its end."""
 
     def __init__(self, paths: Sequence[str]) -> None:
-        """Opens `.bag`, `.mcap` and `.db3` files, and folders of rosbag2. Raises RecordingError: one cannot be read."""
+        """Opens `.bag`, `.mcap` and `.db3` files, and folders of rosbag2.
+
+        Raises RecordingError if one cannot be read.
+        """
         self.paths = [os.fspath(path) for path in paths]
         self._folder: Optional[str] = None
         self._notes: List[str] = []
@@ -190,15 +193,15 @@ class Recordings:
                 raise TypeError
             with open(file, encoding="utf-8") as stream:
                 tree = load(stream.read(_LARGEST_METADATA), Problems()).value
-            found = tree["rosbag2_bagfile_information"]
-            if not isinstance(found, dict):
+            information = tree["rosbag2_bagfile_information"]
+            if not isinstance(information, dict):
                 raise TypeError
         except FileNotFoundError:
             problem = "does not exist (the recorder was stopped early)"
         except (OSError, UnicodeDecodeError, ConfigError, KeyError, TypeError, ValueError, RecursionError):
             problem = "cannot be read"
         else:
-            return found
+            return information
         self._notes.append(f"{file}: {problem}: all .mcap and .db3 files of the folder are read")
         return {}
 

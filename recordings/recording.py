@@ -56,8 +56,8 @@ def raw_format_of(channel: Channel) -> RawFormat:
     if channel.encoding == "json":
         return RawFormat("json", channel.type_name, "jsonschema", channel.definition, "")
     make = ros1_format if channel.encoding == "ros1" else ros2_format
-    found = make(channel.type_name, channel.definition)
-    return found._replace(schema_encoding="ros2idl") if channel.definition_format == "idl" else found
+    raw_format = make(channel.type_name, channel.definition)
+    return raw_format._replace(schema_encoding="ros2idl") if channel.definition_format == "idl" else raw_format
 
 
 class Attachment(NamedTuple):
@@ -94,7 +94,7 @@ class RecordedFile(abc.ABC):
     def __init__(self, path: str, name: str = "") -> None:
         """Reads the index, or the whole file if there is none; `name` is the path to show, if it differs.
 
-        Raises RecordingError: it cannot be opened or is of another format.
+        Raises RecordingError if it cannot be opened or is of another format.
         """
         self.name = name or path  # for messages to people
         self.problem = ""
@@ -132,8 +132,8 @@ class RecordedFile(abc.ABC):
         `targets` are the channels, each with what to yield with its messages.
         """
         wanted = {number: targets[channel] for number, channel in self._channels.items() if channel in targets}
-        found = self._messages(wanted)
-        return self._unpacked(found) if self._is_packed else found
+        messages = self._messages(wanted)
+        return self._unpacked(messages) if self._is_packed else messages
 
     @abc.abstractmethod
     def _open(self, file: BinaryIO) -> None:
@@ -228,7 +228,7 @@ class ChunkedFile(RecordedFile):
 
     @abc.abstractmethod
     def _read_record(self, file: BinaryIO, size: int) -> Optional[Record]:
-        """Reads the next record of a file of `size` bytes, if it is needed; None: the end. Raises any of `DAMAGE`."""
+        """Reads the next record of a file of `size` bytes, if it is needed; None at the end. Raises any of `DAMAGE`."""
 
     @abc.abstractmethod
     def _take(self, record: Record, wanted: Wanted, into: Messages) -> None:
@@ -278,15 +278,15 @@ class ChunkedFile(RecordedFile):
 
     def _counted(self, chunks: Iterator[Messages], wanted: Mapping[int, Any]) -> Iterator[Messages]:
         """Compares the number of messages with the index: damage may look like a record that is not needed."""
-        found = 0
+        count = 0
         for chunk in chunks:
-            found += len(chunk)
+            count += len(chunk)
             yield chunk
         if self._counts is not None:
             expected = sum(self._counts.get(number, 0) for number in wanted)
-            self.has_holes = self.has_holes or found != expected
-            if found != expected and not self.problem:
-                self.problem = f"{self.name}: damaged: expected {expected} messages, got {found}"
+            self.has_holes = self.has_holes or count != expected
+            if count != expected and not self.problem:
+                self.problem = f"{self.name}: damaged: expected {expected} messages, got {count}"
 
     def _leave_out(self, position: int, size: int, error: Exception) -> None:
         """Notes that a part of a record is left out; only the first damage is named."""

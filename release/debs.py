@@ -60,12 +60,12 @@ def dependencies() -> Tuple[Sequence[str], Sequence[str]]:
     Names and oldest versions are those of setup.py; package.xml has which of them are needed.
     """
     needed = manifest.keys("exec_depend")
-    found: Tuple[list[str], list[str]] = ([], [])
+    packages: Tuple[list[str], list[str]] = ([], [])
     for requirement in runtime_requirements():
         name, relation, version = re.fullmatch(r"([\w-]+)(?:(>=)([\d.]+))?", requirement).groups()  # type: ignore[union-attr]
         package = debian_package(name)
-        found[package not in needed].append(f"{package} (>= {version})" if relation else package)
-    return found
+        packages[package not in needed].append(f"{package} (>= {version})" if relation else package)
+    return packages
 
 
 def fields(date_s: float) -> Mapping[str, str]:
@@ -92,7 +92,7 @@ def write_debian_folder(source: Path, date_s: float) -> None:
     known = fields(date_s)
     for file in (source / "debian").iterdir():
         if file.is_file():
-            text = re.sub(r"@([A-Z]+)@", lambda found: known.get(found[1], found[0]), file.read_text("utf-8"))
+            text = re.sub(r"@([A-Z]+)@", lambda field: known.get(field[1], field[0]), file.read_text("utf-8"))
             file.write_text(text, "utf-8")
 
 

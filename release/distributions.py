@@ -47,8 +47,8 @@ def build(folder: Path, repository: Path = ROOT) -> List[Path]:
         source = Path(place, "source")
         _extract(archive, source)
         wheel = _with_sbom(_built_wheel(source, Path(place)), folder, time_s)
-    with zipfile.ZipFile(wheel) as found:
-        (metadata,) = (found.read(name) for name in found.namelist() if name.endswith(".dist-info/METADATA"))
+    with zipfile.ZipFile(wheel) as archived:
+        (metadata,) = (archived.read(name) for name in archived.namelist() if name.endswith(".dist-info/METADATA"))
     return [_source_distribution(archive, metadata, folder, time_s), wheel]
 
 
@@ -90,7 +90,7 @@ def _source_distribution(archive: bytes, metadata: bytes, folder: Path, time_s: 
     """Writes the files of a tar archive and PKG-INFO: sorted, with one time, and without owners."""
     base = f"{NAME}-{manifest.text('version')}"
     content = io.BytesIO()
-    with tarfile.open(fileobj=io.BytesIO(archive)) as found, tarfile.open(
+    with tarfile.open(fileobj=io.BytesIO(archive)) as committed, tarfile.open(
         fileobj=content, mode="w", format=tarfile.PAX_FORMAT
     ) as written:
 
@@ -103,8 +103,8 @@ def _source_distribution(archive: bytes, metadata: bytes, folder: Path, time_s: 
         information = tarfile.TarInfo()
         information.size = len(metadata)
         add("PKG-INFO", information, io.BytesIO(metadata))
-        for member in sorted(found.getmembers(), key=lambda each: each.name):
-            add(member.name, member, found.extractfile(member) if member.isfile() else None)
+        for member in sorted(committed.getmembers(), key=lambda each: each.name):
+            add(member.name, member, committed.extractfile(member) if member.isfile() else None)
     target = folder / f"{base}.tar.gz"
     with target.open("wb") as stream, gzip.GzipFile("", "wb", fileobj=stream, mtime=time_s) as packed:
         packed.write(content.getvalue())
@@ -115,7 +115,7 @@ def _with_sbom(wheel: Path, folder: Path, time_s: int) -> Path:
     """Rewrites a wheel: sorted, with one time, and with an SBOM in its metadata."""
     date_time = time.gmtime(time_s)[:6]
     target = folder / wheel.name
-    with zipfile.ZipFile(wheel) as found, WheelFile(str(target), "w", compression=zipfile.ZIP_DEFLATED) as written:
+    with zipfile.ZipFile(wheel) as built, WheelFile(str(target), "w", compression=zipfile.ZIP_DEFLATED) as written:
 
         def add(name: str, content: bytes) -> None:
             info = zipfile.ZipInfo(name, date_time)
@@ -123,11 +123,11 @@ def _with_sbom(wheel: Path, folder: Path, time_s: int) -> Path:
             info.compress_type = zipfile.ZIP_DEFLATED
             written.writestr(info, content)
 
-        names = sorted(name for name in found.namelist() if not name.endswith(("/", ".dist-info/RECORD")))
+        names = sorted(name for name in built.namelist() if not name.endswith(("/", ".dist-info/RECORD")))
         for name in names:
-            add(name, found.read(name))
+            add(name, built.read(name))
         metadata = next(name for name in names if name.endswith(".dist-info/METADATA"))
-        sbom = sbom_json(found.read(metadata).decode("utf-8"), manifest.urls(), time_s)
+        sbom = sbom_json(built.read(metadata).decode("utf-8"), manifest.urls(), time_s)
         add(f"{metadata.rpartition('/')[0]}/sboms/{NAME}.cdx.json", sbom.encode("utf-8"))
     return target
 

@@ -137,19 +137,19 @@ def _news(changelog: str, title: Pattern[str]) -> bool:
 def _identity(repository: Path) -> List[str]:
     """Returns the options with which a clone commits under the same name as the repository."""
     try:
-        found = re.match("(.*) <(.*)> ", _git(repository, "var", "GIT_COMMITTER_IDENT"))
+        committer = re.match("(.*) <(.*)> ", _git(repository, "var", "GIT_COMMITTER_IDENT"))
     except Refused:
-        found = None
-    if found is None:
+        committer = None
+    if committer is None:
         raise Refused("git does not know who commits; set user.name and user.email with git config")
-    return ["--config", f"user.name={found[1]}", "--config", f"user.email={found[2]}"]
+    return ["--config", f"user.name={committer[1]}", "--config", f"user.email={committer[2]}"]
 
 
 def _number(version: str) -> Tuple[int, ...]:
-    found = _VERSION.match(version)
-    if found is None:
+    match = _VERSION.match(version)
+    if match is None:
         raise Refused(f"expected a version such as 1.0.0, got {version!r}")
-    return tuple(map(int, found.groups()))
+    return tuple(map(int, match.groups()))
 
 
 def _check_documents(clone: Path) -> None:

@@ -21,9 +21,9 @@ _ROLES = ("build_depend", "buildtool_depend", "exec_depend", "test_depend")
 
 def text(tag: str, manifest: Path = MANIFEST) -> str:
     """Returns the text of the first element with this tag."""
-    found = ElementTree.parse(manifest).findtext(tag)
-    assert found, f"{manifest} has no {tag}"
-    return found
+    value = ElementTree.parse(manifest).findtext(tag)
+    assert value, f"{manifest} has no {tag}"
+    return value
 
 
 def urls(manifest: Path = MANIFEST) -> Dict[str, str]:
@@ -32,19 +32,19 @@ def urls(manifest: Path = MANIFEST) -> Dict[str, str]:
 
 
 def keys(role: str = "exec_depend", condition: str = "") -> List[str]:
-    """Returns the rosdep keys of one role that have this condition; empty: those without one."""
+    """Returns the rosdep keys of one role that have this condition, or those without one if it is empty."""
     assert role in _ROLES
-    found = ElementTree.parse(MANIFEST).findall(role)
-    return [element.text or "" for element in found if element.get("condition", "") == condition]
+    elements = ElementTree.parse(MANIFEST).findall(role)
+    return [element.text or "" for element in elements if element.get("condition", "") == condition]
 
 
 def placeholders(manifest: Path = MANIFEST) -> List[str]:
     """Returns one line for each placeholder address; a release must have none."""
     lines = re.sub(r"<!--.*?-->", _blank, manifest.read_text("utf-8"), flags=re.DOTALL).splitlines()
     return [
-        f"{manifest.name}:{number}: {found[0]} is a placeholder; expected a real address"
+        f"{manifest.name}:{number}: {match[0]} is a placeholder; expected a real address"
         for number, line in enumerate(lines, 1)
-        for found in _PLACEHOLDER.finditer(line)
+        for match in _PLACEHOLDER.finditer(line)
     ]
 
 
@@ -54,9 +54,9 @@ def _blank(comment: re.Match[str]) -> str:
 
 def main() -> int:
     """Prints the placeholders in package.xml; returns the exit code."""
-    found = placeholders()
-    print(*found, sep="\n", end="\n" if found else "")
-    return 1 if found else 0
+    lines = placeholders()
+    print(*lines, sep="\n", end="\n" if lines else "")
+    return 1 if lines else 0
 
 
 if __name__ == "__main__":

@@ -72,8 +72,8 @@ def serialized(native: Any) -> bytes:
 
 def raw_format(type_name: str) -> RawFormat:
     """Returns the format of serialized messages of a type; raises ConfigError if it is not installed here."""
-    found = message_class(type_name)
-    return ros1_format(found._type, found._full_text)
+    native_class = message_class(type_name)
+    return ros1_format(native_class._type, native_class._full_text)
 
 
 @functools.lru_cache(maxsize=None)

@@ -80,7 +80,7 @@ class Ros1Process:
         return listener
 
     def recover_node(self, name: str, failed: Ros1Middleware) -> Optional[Ros1Middleware]:
-        """Creates a node again with the parameters with which it ran last; None: no others are known.
+        """Creates a node again with the parameters with which it ran last; None if no others are known.
 
         The parameter server accepts any value and outlives the node, which would otherwise never start again.
         """

@@ -26,7 +26,10 @@ class FieldReader:
     """Reads a field from serialized messages."""
 
     def __init__(self, topic: str, expected: str, field: str, decoder: Decoder, log: Log) -> None:
-        """Reads `field` of messages of the type `expected`, empty: any; all readers of a topic share `decoder`."""
+        """Reads `field` of messages of the type `expected`, or of any if it is empty.
+
+        All readers of a topic share `decoder`.
+        """
         self._topic, self._field, self._decoder, self._log = topic, field, decoder, log
         self._expected = messages.type_name(messages.message_class(expected)) if expected else ""
         self._readers: Dict[Tuple[str, str], Getter] = {}
@@ -77,7 +80,7 @@ class BytesReader:
     """Returns serialized messages as they are, with their format."""
 
     def __init__(self, topic: str, expected: str, log: Log) -> None:
-        """Takes messages of the type `expected`, empty: any. It need not be installed here."""
+        """Takes messages of the type `expected`, or of any if it is empty. It need not be installed here."""
         self._topic, self._expected, self._log = topic, canonical_type(expected), log
         self._header: Any = None
         self._format: Any = ABSENT
@@ -124,9 +127,9 @@ class Decoder:
         return self._message
 
 
-def _require_type(topic: str, expected: str, found: str) -> None:
-    if expected and found != expected:
-        raise ConfigError(f"{topic}: expected messages of type {expected}, got {found}")
+def _require_type(topic: str, expected: str, received: str) -> None:
+    if expected and received != expected:
+        raise ConfigError(f"{topic}: expected messages of type {expected}, got {received}")
 
 
 def _known_format(type_name: str, definition: str) -> RawFormat:

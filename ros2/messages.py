@@ -32,13 +32,13 @@ def field_types(native_class: Any) -> Mapping[str, FieldType]:
 
 def _field_type(text: str) -> FieldType:
     sequence, array = _SEQUENCE.match(text), _ARRAY.match(text)
-    found = sequence or array
-    element = found["element"] if found else text
+    array_type = sequence or array
+    element = array_type["element"] if array_type else text
     return FieldType(
         element,
         _KINDS.get(element, element),
         message_class(element) if "/" in element else None,
-        is_array=found is not None,
+        is_array=array_type is not None,
         size=int(array["size"]) if array and not sequence else None,
         most=int(sequence["most"]) if sequence and sequence["most"] else None,
     )

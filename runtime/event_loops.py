@@ -32,7 +32,7 @@ class ThreadPool:
     """A bounded number of threads that run functions for an event loop."""
 
     def __init__(self, name: str, threads: int, most_pending: int, timeout_s: Optional[float] = None) -> None:
-        """Starts no thread. At most `most_pending` functions run or wait; `run` waits `timeout_s` (None: for ever)."""
+        """Starts no thread. At most `most_pending` functions run or wait; `run` waits `timeout_s`, or for ever."""
         self._name = name
         self._most_threads = threads
         self._most_pending = most_pending
@@ -55,7 +55,10 @@ class ThreadPool:
         return future
 
     async def run(self, function: Callable[..., Result], *arguments: Any) -> Result:
-        """Returns or raises what a function does in a thread; ServiceError: too many are pending, or it took long."""
+        """Returns or raises what a function does in a thread.
+
+        Raises ServiceError if too many are pending, or if it took too long.
+        """
         future = self.submit(function, *arguments)
         if self._timeout_s is None:
             return await future

@@ -36,7 +36,7 @@ class NativeNode(abc.ABC):
         look_up: Callable[[str, str, Answer], None],
         simulated_s: Optional[Callable[[], float]],
     ) -> None:
-        """Connects nothing; `look_up` is for `Hints`, `simulated_s` gives the time under `use_sim_time`; None: not."""
+        """Connects nothing; `look_up` is for `Hints`, `simulated_s` gives the time under `use_sim_time`."""
         self.name = name
         self.faults = Faults()
         self._messages = messages

@@ -155,7 +155,7 @@ class StepThread(threading.Thread):
         self._wake.set()
 
     def join(self, timeout: Optional[float] = None) -> None:
-        """Waits for the end of the thread, for `timeout` seconds of the monotonic clock; None: without a limit."""
+        """Waits for the end of the thread, for `timeout` seconds of the monotonic clock, or without a limit."""
         until_s = math.inf if timeout is None else time.monotonic() + timeout
         while self.is_alive() and time.monotonic() < until_s:
             select.select([], [], [], _JOIN_PERIOD_S)  # not `sleep`, which fails where the clock is set meanwhile

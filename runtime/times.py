@@ -30,7 +30,7 @@ def utc_text(wall_s: float) -> str:
 
 
 def local_time(wall_s: float, form: str = DATE_TIME, zone: Optional[tzinfo] = None) -> str:
-    """Formats a time as `strftime` does, in a time zone (None: local); in seconds if no calendar has that date."""
+    """Formats a time as `strftime` does, in a time zone or the local one; in seconds if no calendar has that date."""
     try:
         return datetime.fromtimestamp(wall_s, timezone.utc).astimezone(zone).strftime(form)
     except (ValueError, OverflowError, OSError):

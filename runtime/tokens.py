@@ -28,7 +28,7 @@ class TokenFiles:
         self._of_files: Set[str] = set()
 
     def find(self, file: str) -> str:
-        """Returns the token in a file or, if `file` is empty, in the environment; empty: there is none.
+        """Returns the token in a file or, if `file` is empty, in the environment; empty if there is none.
 
         ConfigError: as `read_token_file`, or a pipe is in place of the file: reading it could take for ever.
         """
@@ -96,7 +96,7 @@ def _is_pipe(file: str) -> bool:
 
 
 def _problem(token: str) -> str:
-    """Returns what is wrong with a token; empty: nothing."""
+    """Returns what is wrong with a token; empty if nothing is."""
     if not token:
         return "expected a token, got an empty file"
     if len(token) > LARGEST_TOKEN:

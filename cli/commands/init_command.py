@@ -64,7 +64,7 @@ def _check(arguments: argparse.Namespace) -> str:
 
 
 def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
-    """Writes the thresholds; returns the exit code. ServiceError: there is nothing to watch."""
+    """Writes the thresholds; returns the exit code. Raises ServiceError if there is nothing to watch."""
     from ...core.proposal.proposal import PUBLISHED_HERE, Proposal
     from ...core.proposal.thresholds_file import thresholds_text
     from ...core.values.formatting import count_text, duration_text, printable
@@ -171,12 +171,15 @@ class _Watched:
         self.names = tuple(config.signals)
         self._topics: Dict[str, Set[str]] = {}
         for signal in config.signals.values():
-            self._topics.setdefault(resolve_name(signal.topic, node), set()).add(signal.field)
+            for topic in signal.topics:
+                self._topics.setdefault(resolve_name(topic, node), set()).add(signal.field)
 
     def remove_from(self, proposed: Any) -> None:
         """Removes the signals whose topic and field are watched, and the remarks about topics that are."""
         proposed.signals = [
-            signal for signal in proposed.signals if signal.given["field"] not in self._topics.get(signal.topic, ())
+            signal
+            for signal in proposed.signals
+            if signal.given.get("field", "data") not in self._topics.get(signal.topic, ())
         ]
         proposed.not_watched = {
             topic: reason for topic, reason in proposed.not_watched.items() if topic not in self._topics

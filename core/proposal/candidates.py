@@ -9,6 +9,7 @@ from ..config.signal_config import LINK
 from ..messages.definitions import NUMBERS, SEQUENCE, TEXTS, Definitions, Field
 from ..values.elements import NAME_ARRAYS, TIME_TYPES
 from ..values.formatting import list_text
+from ..values.goals import STATUS_TOPICS, STATUS_TYPES
 from .suggestion import NO_RULES, Rules
 
 MOST_SIGNALS = 300
@@ -23,7 +24,7 @@ _NUMBER = 2
 """Lowest priority of signals."""
 _DEEPEST = 16
 _OF_MIDDLEWARE = ("/clock", "/rosout", "/rosout_agg", "/parameter_events", "/client_count", "/connected_clients")
-_ENDINGS_OF_MIDDLEWARE = ("/_action/status", "/_action/feedback", "/_executor_probe")
+_ENDINGS_OF_MIDDLEWARE = ("/_action/feedback", "/_executor_probe")
 _NAME = re.compile(r"/[A-Za-z_]\w*(/\w+)*\Z", re.ASCII)
 _DIAGNOSTICS = "diagnostic_msgs/DiagnosticArray"
 _HEADER = "std_msgs/Header"
@@ -112,7 +113,7 @@ class Candidate(NamedTuple):
     topic: str
     """The absolute name."""
     kind: str
-    """`rate`, `age`, `statuses`, `elements` (each is measured by itself) or `number`."""
+    """`rate`, `age`, `statuses`, `action`, `elements` (each is measured by itself) or `number`."""
     settings: Mapping[str, Any]
     """Topic relative to the namespace, type, field, statistic and, where the definition has one, unit."""
     rules: Rules = NO_RULES
@@ -210,7 +211,7 @@ def list_candidates(
 
 
 def _priority(candidate: Candidate) -> int:
-    return 0 if candidate.kind in ("rate", "statuses") else 1 if candidate.rules else _NUMBER
+    return 0 if candidate.kind in ("rate", "statuses", "action") else 1 if candidate.rules else _NUMBER
 
 
 def _of_topic(
@@ -225,6 +226,12 @@ def _of_topic(
         base = {"topic": short, "type": topic.type_name, "field": field, **settings}
         return Candidate(names.new(short, *words), topic.topic, kind, base, rules)
 
+    if topic.type_name in STATUS_TYPES:
+        action = next((short[: -len(end)] for end in STATUS_TOPICS if short.endswith(end)), "")
+        settings = {"action": action, "statistic": "mean", "window_s": 1200.0, "window_min_s": 0.0}
+        if action:
+            yield Candidate(names.new(action, "goals"), topic.topic, "action", settings)
+            return
     if topic.type_name == _DIAGNOSTICS:
         yield candidate("statuses", 'status["*"]')
         return

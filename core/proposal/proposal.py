@@ -61,7 +61,8 @@ class Signal:
     @property
     def is_shown_only(self) -> bool:
         """Whether it is no more than a comment: its range was not seen for long enough."""
-        return bool(self.suggestion.seen) and not self.suggestion.has_bounds and not self.is_given
+        is_guess = bool(self.suggestion.seen) and not self.suggestion.has_bounds and not self.is_given
+        return is_guess and "action" not in self.given
 
 
 @dataclass
@@ -113,7 +114,7 @@ class Proposal:
     def listen(self, node: Middleware, topics: Container[str]) -> None:
         """Subscribes to topics that were taken, by their absolute names; one that cannot be subscribed is left out."""
         for name, candidate in list(self._candidates.items()):
-            if candidate.topic in topics:
+            if candidate.topic in topics and candidate.kind != "action":
                 try:
                     self._survey.listen(node, {name: read_signal(name, candidate.settings)})
                     if candidate.kind == "statuses":
@@ -144,6 +145,9 @@ class Proposal:
             if candidate.topic in self.own_topics:
                 proposed.not_watched[candidate.topic] = PUBLISHED_HERE
                 proposed.fields.pop(candidate.topic, None)
+                continue
+            if candidate.kind == "action":
+                proposed.signals.append(_action(candidate))
                 continue
             if measured is None or not measured.samples:
                 if candidate.kind in ("rate", "statuses"):
@@ -317,3 +321,11 @@ def _gap(rate: Signal) -> List[Signal]:
 
 def _plain(name: str) -> str:
     return "".join(letter if letter.isascii() and letter.isalnum() else "_" for letter in name)[:200]
+
+
+def _action(candidate: Candidate) -> Signal:
+    """Returns the signal of an action, which is shown; how many of its goals are usually aborted is not known."""
+    given = dict(candidate.settings)
+    seen = {"warn_above": Setting(0.5, "a guess: more than half of the goals of the last 20 min were aborted")}
+    measured = Measured(read_signal(candidate.name, given))
+    return Signal(candidate.name, candidate.topic, given, Suggestion({}, seen, []), measured, "goals that ended")

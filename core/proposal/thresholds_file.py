@@ -80,7 +80,7 @@ def _signal(signal: Signal, alerts: Alerts) -> List[str]:
     measured, settings, suggestion = signal.measured, signal.given, signal.suggestion
     invalid = f", {measured.bad_samples:,} of them invalid" if _counts_bad(signal) else ""
     samples = f"{count_text(measured.samples, 'sample')} in {duration_text(measured.duration_s)}{invalid}"
-    lines = [f"      {signal.name}:", f"        # {samples}"]
+    lines = [f"      {signal.name}:", *([] if "action" in settings else [f"        # {samples}"])]
     if signal.note:
         lines.append(f"        # {signal.note}")
 

@@ -7,6 +7,9 @@ from typing import Any, Dict, List, Mapping, Optional
 STATUS_TOPICS = ("/_action/status", "/status")
 """Topics of the states below an action's name: that of ROS 2 and that of ROS 1."""
 
+STATUS_TYPES = ("action_msgs/GoalStatusArray", "actionlib_msgs/GoalStatusArray")
+"""Their types."""
+
 MOST_GOALS = 1000
 """Most goals of one action that are remembered; the server lists them until some seconds after their end."""
 

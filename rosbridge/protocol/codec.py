@@ -25,7 +25,7 @@ except ImportError:  # optional, and only for encoding: the Debian packages of t
     cbor2 = None  # type: ignore[assignment]
 
 CBOR_PROBLEM = missing_text(["cbor2"]) if cbor2 is None else ""
-"""Why CBOR cannot be sent; empty: it can."""
+"""Why CBOR cannot be sent; empty if it can."""
 
 Wire = Union[str, bytes]
 """One WebSocket message: text for JSON, binary for CBOR."""
@@ -39,9 +39,10 @@ _SLICE = 100
 
 
 def decode(data: Wire, limits: Limits) -> Dict[str, Any]:
-    """Returns the object in JSON text, UTF-8 bytes of JSON, or CBOR bytes; ProtocolError: none, or over a limit.
+    """Returns the object in JSON text, UTF-8 bytes of JSON, or CBOR bytes.
 
-    Takes time and memory proportional to the length of `data`.
+    Raises ProtocolError if there is none, or if it exceeds a limit. Takes time and memory proportional to the
+    length of `data`.
     """
     if len(data) > limits.message_bytes:
         raise ProtocolError(f"message longer than {limits.message_bytes} bytes")
@@ -178,7 +179,7 @@ _FLOATS = {25: struct.Struct(">e"), 26: struct.Struct(">f"), 27: struct.Struct("
 
 
 def encode_cbor(value: Mapping[str, Any]) -> bytes:
-    """Returns `value` as CBOR; MessageError: it contains a type that cannot be encoded, or `CBOR_PROBLEM`."""
+    """Returns `value` as CBOR; raises MessageError for a type that cannot be encoded, or with `CBOR_PROBLEM`."""
     if cbor2 is None:
         raise MessageError(CBOR_PROBLEM)
     try:
@@ -311,12 +312,12 @@ def topic_of_message(data: Wire) -> Optional[str]:
 
 
 def _members_of_json(text: str) -> Iterator[Tuple[str, str]]:
-    found = re.match(r"\s*\{", text)
+    member = re.match(r"\s*\{", text)
     with contextlib.suppress(ValueError):  # an escape that JSON does not have
-        while found:
-            found = _JSON_MEMBER.match(text, found.end())
-            if found:
-                yield found[1], json.loads(found[2])
+        while member:
+            member = _JSON_MEMBER.match(text, member.end())
+            if member:
+                yield member[1], json.loads(member[2])
 
 
 def _members_of_cbor(data: bytes) -> Iterator[Tuple[str, str]]:
@@ -331,17 +332,17 @@ def _members_of_cbor(data: bytes) -> Iterator[Tuple[str, str]]:
 
 
 def serialized_publication(data: bytes) -> Optional[Tuple[str, bytes]]:
-    """Returns topic and bytes of a message of the compression `cbor-raw`, of any size; None: another message."""
+    """Returns topic and bytes of a message of the compression `cbor-raw`, of any size; None for another message."""
     decoder = _CborDecoder(data, DEFAULT_LIMITS)
-    found: Dict[str, Any] = {}
+    fields: Dict[str, Any] = {}
     try:
         if decoder.head() != (_MAP, 3):
             return None
         for _ in range(3):
             name = decoder.key()
-            found[name] = decoder.serialized() if name == "msg" else decoder.key()
+            fields[name] = decoder.serialized() if name == "msg" else decoder.key()
     except ProtocolError:
         return None
-    if found.keys() != {"op", "topic", "msg"} or found["op"] != "publish" or found["msg"] is None:
+    if fields.keys() != {"op", "topic", "msg"} or fields["op"] != "publish" or fields["msg"] is None:
         return None
-    return found["topic"], found["msg"]
+    return fields["topic"], fields["msg"]

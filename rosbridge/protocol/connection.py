@@ -93,7 +93,8 @@ class Reassembly:
     def add(self, fragment: Mapping[str, Any], now_s: float) -> Optional[str]:
         """Takes one fragment; returns the message once it is complete. Repeated fragments are ignored.
 
-        ProtocolError: the fragment is invalid, contradicts earlier ones or exceeds a limit; its message is dropped.
+        Raises ProtocolError and drops its message if the fragment is invalid, contradicts earlier ones or exceeds a
+        limit.
         """
         id, data, number, total = _fields(fragment)  # noqa: A001 - the protocol's word
         self._expire(now_s)

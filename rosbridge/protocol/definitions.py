@@ -72,11 +72,11 @@ def null_reader(type_name: str, text: str = "") -> Callable[[Mapping[str, Any]],
 
 
 def _with_nan(definitions: Definitions, type_name: str, message: Mapping[str, Any]) -> Mapping[str, Any]:
-    found = definitions.get(type_name)
-    if found is None:
+    message_definition = definitions.get(type_name)
+    if message_definition is None:
         return message
     read = dict(message)
-    for field in found.fields:
+    for field in message_definition.fields:
         value = read.get(field.name, "")
         if field.kind in ("float32", "float64"):
             if value is None:
@@ -98,11 +98,11 @@ def _is_complete(definitions: Definitions, root: str) -> bool:
     above: Set[str] = set()
 
     def check(name: str) -> bool:
-        found = definitions.get(name)
-        if name in above or found is None or not found.fields:
+        of_type = definitions.get(name)
+        if name in above or of_type is None or not of_type.fields:
             return False
         above.add(name)
-        for field in found.fields:
+        for field in of_type.fields:
             is_plain = field.kind in _LETTERS or field.kind in ("string", "time", "duration")
             if (field.size or 0) > _LARGEST_ARRAY:
                 return False

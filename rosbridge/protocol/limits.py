@@ -7,7 +7,7 @@ from typing import NamedTuple, Union
 from ...core.values.errors import MessageError
 
 Id = Union[str, int, None]
-"""Identifies an operation; None: the peer gave none."""
+"""Identifies an operation; None if the peer gave no id."""
 
 
 class Limits(NamedTuple):

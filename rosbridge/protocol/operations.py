@@ -93,7 +93,7 @@ class CallService:
     args: Arguments = declared({})
     id: Id = _id()
     timeout: Optional[float] = declared(None, "", 0)
-    """Longest wait for the response, in s. None: the server's default."""
+    """Longest wait for the response, in s; the server's default applies if it is None."""
 
 
 @dataclass(frozen=True)

@@ -58,7 +58,7 @@ class Access:
     """Origins (`https://studio.example.org`) of web pages that may connect; without a port: any port; `*`: all."""
     token: str = field(default="", repr=False)
     """Token that clients must present: in the header `Authorization: Bearer TOKEN`, as `?token=` in the address, or
-    as the secret of the operation `auth`. Empty: none."""
+    as the secret of the operation `auth`. If it is empty, none is required."""
 
     def may_publish(self, topic: str) -> bool:
         """Returns whether clients may publish on a topic."""
@@ -192,7 +192,7 @@ class TokenCheck:
         self._wrong = WrongTokens(clock)
 
     def use(self, token: str) -> None:
-        """Requires another token from now on; empty: none. Cookies for the old one are no longer valid."""
+        """Requires another token from now on, or none if it is empty. Cookies for the old one are no longer valid."""
         self._token = _bytes(token)
 
     @property

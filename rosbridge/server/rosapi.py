@@ -50,7 +50,7 @@ class Rosapi:
     def answer(self, service: str, args: object) -> Values:
         """Returns the response of a service to the fields of a request, by name or in order. May block.
 
-        ServiceError: the service does not exist, or the graph cannot be read.
+        Raises ServiceError if the service does not exist, or the graph cannot be read.
         """
         name = service[len(PREFIX) :] if service.startswith(PREFIX) else ""
         if name in _OF_GRAPH:
@@ -68,8 +68,12 @@ class Rosapi:
         return {"topics": list(topics), "types": types, "typedefs_full_text": [texts[one] for one in types]}
 
     def _message_details(self, type_name: str) -> Values:
-        found = definitions.parse(type_name, self._definition(type_name))
-        return {"typedefs": [_typedef(name, one) for name, one in found.items() if one.fields or one.constants]}
+        definitions_by_type = definitions.parse(type_name, self._definition(type_name))
+        return {
+            "typedefs": [
+                _typedef(name, one) for name, one in definitions_by_type.items() if one.fields or one.constants
+            ]
+        }
 
     def _get_time(self) -> Values:
         seconds, rest = divmod(self._time_s(), 1.0)
@@ -95,8 +99,8 @@ def _node_details(graph: Graph, name: str) -> Values:
 
 
 def _service_details(type_name: str, *, response: bool) -> Values:
-    found = definitions.service_definition(type_name, response)
-    return {"typedefs": [_typedef(name, one) for name, one in found.items()]}
+    definitions_by_type = definitions.service_definition(type_name, response)
+    return {"typedefs": [_typedef(name, one) for name, one in definitions_by_type.items()]}
 
 
 def _nodes_with(graph: Graph, kind: str, name: str) -> List[str]:
@@ -137,15 +141,15 @@ _OTHERS: Mapping[str, Tuple[Sequence[str], Callable[..., Values]]] = {
 def _texts(args: object, names: Sequence[str]) -> List[str]:
     """Returns the fields of a request in order; empty if one is missing or not a string."""
     if isinstance(args, Mapping):
-        found = [args.get(name, args.get(_OLD_NAMES.get(name, ""))) for name in names]
+        values = [args.get(name, args.get(_OLD_NAMES.get(name, ""))) for name in names]
     else:
-        found = list(args)[: len(names)] if isinstance(args, list) else []
-    found += [None] * (len(names) - len(found))
-    return [value if isinstance(value, str) else "" for value in found]
+        values = list(args)[: len(names)] if isinstance(args, list) else []
+    values += [None] * (len(names) - len(values))
+    return [value if isinstance(value, str) else "" for value in values]
 
 
 def _having(types: Mapping[str, str], type_name: str) -> List[str]:
-    return [name for name, found in types.items() if canonical_type(found) == canonical_type(type_name)]
+    return [name for name, known_type in types.items() if canonical_type(known_type) == canonical_type(type_name)]
 
 
 def _typedef(type_name: str, definition: Definition) -> Mapping[str, Any]:

@@ -69,7 +69,7 @@ class EncodedMessage:
         data: Optional[bytes] = None,
         serialize: Optional[Serializer] = None,
     ) -> None:
-        """`message` is None if only its raw bytes, `data`, are known; `serialize` makes them (None: impossible)."""
+        """`message` is None if only its raw bytes, `data`, are known; `serialize` makes them, or is None."""
         self.size = estimated_bytes(data if message is None else message)
         """Estimated memory in bytes."""
         self.is_large = self.size > LARGE_BYTES

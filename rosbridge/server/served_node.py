@@ -72,7 +72,10 @@ class ServedNode:
         return await self._workers.run(function, *arguments)
 
     async def call_service(self, service: str, request: Mapping[str, Any], timeout_s: float) -> Mapping[str, Any]:
-        """Returns the response of a service; ServiceError: not within `timeout_s`, or too many calls are pending."""
+        """Returns the response of a service.
+
+        Raises ServiceError if there is none within `timeout_s`, or if too many calls are pending.
+        """
         arguments = (service, "", request, timeout_s)
         if not self.threads:
             return self.middleware.call_service(*arguments)
@@ -127,10 +130,10 @@ class ServedNode:
         May block, as `graph`.
         """
         try:
-            found = self.middleware.raw_format(type_name)
+            raw_format = self.middleware.raw_format(type_name)
         except ConfigError:
             return definition(type_name)
-        return found.schema if found.profile else definition(type_name)
+        return raw_format.schema if raw_format.profile else definition(type_name)
 
     async def topic_type(self, topic: str) -> str:
         """Returns the type of a topic, empty if it is not known; raises ServiceError as `graph` does."""

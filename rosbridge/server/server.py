@@ -74,7 +74,7 @@ class Server:
             middleware: a node for the server; not closed here.
             host: address to listen on. All except loopback require a token or client certificates.
             port: 0 picks a free one.
-            access: what clients may do; None: read only.
+            access: what clients may do; they may only read if it is None.
             limits: limits for one client.
             threads: whether the middleware calls back from its own threads (ROS); False: it runs in the server's loop.
             heartbeat_s: period of pings in s; a client that does not answer within half of it is disconnected.
@@ -83,7 +83,7 @@ class Server:
             slow_client_timeout_s: a client whose messages have been waiting for this long is disconnected, in s.
             max_clients: most open connections.
             ssl_context: serve TLS (`wss://`) with it.
-            parameters: returns the parameters that clients may read, per node; None: those of `middleware`.
+            parameters: returns the parameters that clients may read, per node; None for those of `middleware`.
             routes: returns further HTTP routes. Host, origin and a wrong token are checked here; a handler that needs
                 a token gets the `Client` of the request from the function that is passed.
             on_close: called in the loop before connections are closed, to end the long answers of `routes`.

@@ -162,7 +162,7 @@ class Topic:
         return self._dropped + sum(queue.dropped for queue in self._queues.values())
 
     def set_options(self, receiver: Receiver, options: Optional[Options]) -> None:
-        """Sets how a client receives the messages; None: no longer."""
+        """Sets how a client receives the messages; with None, it no longer receives them."""
         pacer = self._pacers.pop(receiver, None)
         if pacer is not None:
             pacer.clear()

@@ -65,7 +65,7 @@ class Topics:
         rosout.topic.deliver({"header": header, **content, "file": "", "function": "", "line": 0, "topics": []})
 
     async def subscribe(self, receiver: Receiver, topic: str, type_name: str, options: Optional[Options]) -> None:
-        """Sends the messages of a topic to a client as in `options`; None: no longer.
+        """Sends the messages of a topic to a client as in `options`; with None, no longer.
 
         Raises MessageError, ConfigError, ServiceError or OSError if the type is not known or is not that of the topic,
         or the middleware does not respond.

@@ -15,7 +15,10 @@ EXPECTED = "expected ws://host:port, wss://host:port, foxglove://host:port or fo
 
 
 def host_and_port(url: str) -> Tuple[str, Optional[int]]:
-    """Returns the host of an address, and its port if given; ConfigError: not the address of a WebSocket server."""
+    """Returns the host of an address, and its port if given.
+
+    Raises ConfigError if it is not the address of a WebSocket server.
+    """
     try:
         parts = urlsplit(url)
         is_text = url.isprintable() and " " not in url

@@ -43,7 +43,7 @@ class RedirectError(LinkError, aiohttp.ClientError):
     """The server redirects to another address. It may be another robot's, and without TLS."""
 
     def __init__(self, status: int, location: str) -> None:
-        """Takes the status of the answer, and the address that it names; empty: none."""
+        """Takes the status of the answer, and the address that it names, which may be empty."""
         super().__init__(status, location)
         self.status = status
         self.location = location

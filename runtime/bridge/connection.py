@@ -102,7 +102,7 @@ class BridgeConnection(abc.ABC):
 
         Args:
             url: `ws://host:port` or `wss://host:port`, or with the scheme of the subclass.
-            token: presented to the server; empty: none.
+            token: presented to the server, if it is not empty.
             ssl_context: for TLS; None trusts the system's certificate authorities.
             heartbeat_s: period of pings in s; the connection is down when one is not answered within half of it.
             largest_message_bytes: a message above this size ends the connection.

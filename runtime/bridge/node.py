@@ -36,7 +36,7 @@ class KnownTopic(NamedTuple):
     type_name: str
     """`package/Type`; empty where the server does not know it."""
     definition: str
-    """The definition of the type with those that it contains, as from `gendeps --cat`; empty: the server has none."""
+    """The definition of the type with those that it contains, as from `gendeps --cat`; empty if the server has none."""
     form: str = "msg"
     """The format of the definition, `msg` or `idl`."""
 

@@ -112,9 +112,9 @@ class HostLookup(AbstractResolver):
 
 
 def _look_up(host: str, port: int, family: int) -> Sequence[Dict[str, Any]]:
-    found = sockets.getaddrinfo(host, port, type=sockets.SOCK_STREAM, family=family, flags=sockets.AI_ADDRCONFIG)
+    answers = sockets.getaddrinfo(host, port, type=sockets.SOCK_STREAM, family=family, flags=sockets.AI_ADDRCONFIG)
     addresses = []
-    for family_found, _, protocol, _, address in found:
+    for family_found, _, protocol, _, address in answers:
         numeric, service = sockets.getnameinfo(address, sockets.NI_NUMERICHOST | sockets.NI_NUMERICSERV)
         # `numeric` has the scope of a link-local IPv6 address.
         target = {"hostname": host, "host": numeric, "port": int(service)}

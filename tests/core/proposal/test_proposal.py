@@ -7,9 +7,11 @@ from typing import Any, Callable, Dict, List, Tuple
 
 from robot_health_monitor.core.messages.definitions import parse_definition
 from robot_health_monitor.core.messages.standard_messages import definition
+from robot_health_monitor.core.nodes import AlertSystem
 from robot_health_monitor.core.port.local import LocalBus
 from robot_health_monitor.core.proposal.candidates import Topic
 from robot_health_monitor.core.proposal.proposal import Proposal, Proposed, Signal
+from robot_health_monitor.core.proposal.thresholds_file import thresholds_text
 
 Publisher = Tuple[str, str, float, Callable[[float], Any]]
 """Topic, type, rate in Hz, and the message at a time in s."""
@@ -165,3 +167,60 @@ def test_elements_beyond_the_limit_are_listed() -> None:
     joints = {"name": [f"j{number}" for number in range(70)], "effort": [1.0] * 70}
     proposed = propose([("/j", "sensor_msgs/JointState", 5.0, lambda now_s: joints)])
     assert proposed.fields["/j"]["more than 64 elements: the others are left out"] == ['effort["*"]']
+
+
+def test_actions_are_shown_and_their_bound_is_a_comment() -> None:
+    proposal = Proposal("robot1")
+    proposal.take(
+        [
+            Topic("/robot1/navigate/_action/status", "action_msgs/GoalStatusArray", None),
+            Topic("/robot1/navigate/_action/feedback", "example/Feedback", None),
+            Topic("/dock/status", "actionlib_msgs/GoalStatusArray", None),
+        ]
+    )
+    proposed = proposal.result()
+    assert thresholds_text([], {}, proposed).splitlines() == [
+        "alert_system:",
+        "  ros__parameters:",
+        "    signals:",
+        "      dock_goals:",
+        "        # goals that ended",
+        "        action: /dock",
+        "        statistic: mean",
+        "        window_s: 1200.0",
+        "        window_min_s: 0.0",
+        "        # warn_above: 0.5           # a guess: more than half of the goals of the last 20 min were aborted",
+        "      navigate_goals:",
+        "        # goals that ended",
+        "        action: navigate",
+        "        statistic: mean",
+        "        window_s: 1200.0",
+        "        window_min_s: 0.0",
+        "        # warn_above: 0.5           # a guess: more than half of the goals of the last 20 min were aborted",
+        "    # Not watched:",
+        "    #   /robot1/navigate/_action/feedback: a topic of the middleware",
+    ]
+
+
+def test_states_of_goals_on_a_topic_that_is_no_actions_are_a_topic_like_others() -> None:
+    proposal = Proposal()
+    proposal.take([Topic("/goals", "actionlib_msgs/GoalStatusArray", None)])
+    assert proposal.result().not_watched == {"/goals": "no message"}
+
+
+def test_a_proposed_action_raises_no_alert_in_the_ten_minutes_after() -> None:
+    """Not even if its first goals are aborted: the bound is a comment."""
+    proposal = Proposal()
+    proposal.take([Topic("/dock/status", "actionlib_msgs/GoalStatusArray", None)])
+    (signal,) = proposal.result().signals
+    bus, alerts = LocalBus(), []
+    server = bus.node("server")
+    server.advertise("/dock/status", "actionlib_msgs/GoalStatusArray")
+    system = AlertSystem(
+        bus.node("alert_system", parameters={"signals": {signal.name: signal.settings}}), {"test": alerts.append}
+    )
+    server.publish("/dock/status", {"status_list": []})
+    server.publish("/dock/status", {"status_list": [{"goal_id": {"id": "a"}, "status": 4}]})
+    bus.run_until(600.0)
+    assert system.monitor.judged_value("dock_goals") == 1.0
+    assert alerts == []
