@@ -211,14 +211,6 @@ class Operations:
         """Returns how many signals are not OK and silenced, over all robots."""
         return sum(robot.alert_system.count_silenced() for robot in self._robots.values())
 
-    def __enter__(self) -> Operations:
-        """Returns itself."""
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """Closes everything, as `close`."""
-        self.close()
-
     def close(self) -> None:
         """Closes everything within two seconds. The alert_systems must have been closed."""
         if self.history is None:

@@ -172,7 +172,7 @@ class AlertSystem:
         self._announce(self.monitor.observe(sample), sample.now_s)
 
     def observe_link(self, up: bool, cause: str = "") -> None:
-        """Judges the signal `link`: whether the robot can be reached, and if not, why (empty: unknown)."""
+        """Judges the signal `link`: whether the robot can be reached, and if not, why, empty if that is unknown."""
         now_s = self._middleware.now_s()
         self._look_for_pause(now_s)
         self._excused_since_s = None
