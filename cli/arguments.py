@@ -60,18 +60,18 @@ class Parser(argparse.ArgumentParser):
     def __init__(self, **options: Any) -> None:
         """Creates a parser without abbreviated options: they would change their meaning when one is added."""
         super().__init__(allow_abbrev=False, **options)
-        self.check: Callable[[argparse.Namespace], str] = lambda found: ""
-        """Returns what is wrong with the arguments together; empty: nothing."""
+        self.check: Callable[[argparse.Namespace], str] = lambda arguments: ""
+        """Returns what is wrong with the arguments together, an empty text if nothing is."""
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         """Parses arguments; unknown ones are an error of the command, not of `robot-health`."""
-        found, unknown = super().parse_known_args(args, namespace)
+        arguments, unknown = super().parse_known_args(args, namespace)
         if unknown:
             self.error(f"unrecognized arguments: {' '.join(unknown)}")
-        problem = self.check(found)
+        problem = self.check(arguments)
         if problem:
             self.error(problem)
-        return found, unknown
+        return arguments, unknown
 
     def error(self, message: str) -> NoReturn:
         """Reports an error in one line; argparse itself prints the usage as well."""
@@ -287,7 +287,7 @@ def number_or_nan(text: str) -> float:
 
 
 def find_installed(name: str) -> Optional[Path]:
-    """Returns the path of `config/thresholds.yaml` or another installed file; None: it is not installed.
+    """Returns the path of `config/thresholds.yaml` or another installed file, None if it is not installed.
 
     The source tree has it beside the package; pip, colcon and catkin install it in
     `<prefix>/share/robot_health_monitor`.

@@ -104,7 +104,7 @@ class EmbeddedMonitor:
 
     @property
     def system_health(self) -> Optional[float]:
-        """The latest system_health; None: it is no longer published."""
+        """The latest system_health, None once it is not published any more."""
         if self._health is None:
             return None
         value, published_s = self._health
@@ -192,13 +192,16 @@ async def run_timers(bus: LocalBus) -> None:
 
 
 def sections_of_nodes(file: YamlFile) -> Dict[str, Section]:
-    """Returns the sections of a file by their nodes; ConfigError: alert_system has none, or one of `NODES` several."""
+    """Returns the sections of a file by their nodes.
+
+    Raises ConfigError if alert_system has no section, or one of `NODES` has several.
+    """
     try:
-        found = list_sections(file.tree)
+        listed = list_sections(file.tree)
         for node in NODES:
-            refuse_second_section(found, node)
+            refuse_second_section(listed, node)
         alert_system = find_section(file.tree, "alert_system")
     except ConfigError as error:
         raise file.locate(error) from None
-    by_node = {section.node: section for section in found if section != alert_system}
+    by_node = {section.node: section for section in listed if section != alert_system}
     return {**by_node, "alert_system": alert_system}

@@ -45,7 +45,10 @@ class Process(Protocol):
     """The middlewares of its nodes."""
 
     def start(self) -> None:
-        """Connects to ROS; ConfigError: it cannot use the arguments or a file, ServiceError: it stopped answering."""
+        """Connects to ROS.
+
+        Raises ConfigError if ROS cannot use the arguments or a file, ServiceError if it stops answering.
+        """
 
     def create_node(self, name: str) -> Middleware:
         """Creates the middleware of one node."""
@@ -54,7 +57,7 @@ class Process(Protocol):
         """Creates the node that a rosbridge server serves, in the namespace of alert_system."""
 
     def recover_node(self, name: str, failed: Middleware) -> Optional[Middleware]:
-        """Creates a node again, with the parameters with which it ran last; None: no others are known."""
+        """Creates a node again, with the parameters with which it ran last; returns None if no others are known."""
 
     def locate(self, error: Any, middleware: Middleware) -> Any:
         """Returns a ConfigError of a node, and its others, with file and line where the key comes from a file."""

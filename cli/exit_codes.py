@@ -25,12 +25,12 @@ _ALERTS: Mapping[str, str] = {
     "replay": "alerts were found or differ (--against) or a signal was not judged",
     "test": "a test failed",
 }
-"""When a command ends with `ALERTS`; empty: any."""
+"""When a command ends with `ALERTS`; the empty name stands for any command."""
 _FAILED: Mapping[str, str] = {"notify": "a target or the command itself failed"}
 
 
 def exit_codes_text(command: str = "") -> str:
-    """Returns the line about exit codes in the help of a command; empty: of `robot-health`."""
+    """Returns the line about exit codes in the help of a command, without one that of `robot-health`."""
     meanings = {
         ExitCode.SUCCESS: "success",
         ExitCode.ALERTS: _ALERTS.get(command, ""),

@@ -62,7 +62,7 @@ class Fleet:
         start: StartAlertSystem = AlertSystem,
         self_report: SelfReport = EMPTY_REPORT,
     ) -> None:
-        """Creates the robots; `run` connects to them. ConfigError: the configuration cannot be used.
+        """Creates the robots; `run` connects to them. Raises ConfigError if the configuration cannot be used.
 
         `clock` gives monotonic s. `on_log` gets every log line; its node is the robot's name, or `connect`. So is the
         name for which `outlet` returns what receives transitions and notices. `self_report` is shown of the process.
@@ -95,16 +95,16 @@ class Fleet:
         )
         self._self_monitor = SelfMonitor(self._node, host_name(), CHECK_PERIOD_S, outlet(NODE), self_report)
         self._node.create_timer(CHECK_PERIOD_S, self._check)
-        found = reader.read()
+        configured = reader.read()
         try:
-            for settings in found:
-                self.robots.append(self._create(settings, log_details=len(found) == 1))
+            for settings in configured:
+                self.robots.append(self._create(settings, log_details=len(configured) == 1))
         except ConfigError:
             self.close()
             raise
-        if len(found) > _MOST_NAMES:
+        if len(configured) > _MOST_NAMES:
             self.log(Severity.INFO, f"watching {len(self.robots)} robots, {self._count_signals()} signals")
-        elif len(found) > 1:
+        elif len(configured) > 1:
             for robot in self.robots:
                 robot.log_summary()
 
@@ -146,7 +146,10 @@ class Fleet:
             await asyncio.wait(tasks)
 
     async def reload(self) -> str:
-        """Reads the configuration again and applies what differs; see `Reload`. ConfigError: nothing has changed."""
+        """Reads the configuration again and applies what differs; see `Reload`.
+
+        Raises ConfigError and changes nothing if the configuration cannot be used.
+        """
         return self.apply(await run_in_daemon_thread(self._reader.read))
 
     def apply(self, settings: Sequence[RobotSettings]) -> str:

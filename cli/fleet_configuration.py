@@ -86,13 +86,13 @@ class RobotSettings:
     url: str
     namespace: str = ""
     token: str = field(default="", repr=False)
-    """Presented to the server; empty: none."""
+    """Presented to the server; empty if it requires none."""
     ca: bytes = field(default=b"", repr=False)
-    """The certificate authorities to trust, as PEM; empty: those of the system."""
+    """The certificate authorities to trust, as PEM; empty to trust those of the system."""
     parameters: Mapping[str, Any] = field(default_factory=dict)
     """The configuration of alert_system, nested as in the file."""
     ssl_context: Optional[ssl.SSLContext] = field(default=None, compare=False, repr=False)
-    """Trusts `ca`; None: for the system's."""
+    """Trusts `ca`; None to trust the system's authorities."""
 
     @property
     def use_sim_time(self) -> bool:
@@ -108,8 +108,8 @@ def is_fleet_file(tree: Mapping[str, Any]) -> bool:
 def read_addresses(texts: Sequence[str]) -> List[RobotEntry]:
     """Reads addresses as the command line takes them: `husky:9090`, `ws://husky:9090`, `NAME=wss://10.0.0.7:9090`.
 
-    Without a name, a robot gets the name of its host, with the port if that name is taken. ConfigError: one is not the
-    address of a rosbridge server, or two robots have the same name.
+    Without a name, a robot gets the name of its host, with the port if that name is taken. Raises ConfigError if one
+    is not the address of a bridge, or two robots have the same name.
     """
     entries: Dict[str, RobotEntry] = {}
     for text in texts:
@@ -145,9 +145,9 @@ def read_entries(file: YamlFile, collected: Optional[Problems] = None, *, needs_
             robots = require_mapping(file.tree.get("robots"), ("robots",))
             if not robots:
                 raise ConfigError("expected at least one robot, got none", ("robots",))
-            for name, found in robots.items():
+            for name, given in robots.items():
                 with problems:
-                    entry = _read_entry(name, found, folder, needs_url=needs_url)
+                    entry = _read_entry(name, given, folder, needs_url=needs_url)
                     entries.append(entry.completed(defaults))
         if collected is None:
             problems.raise_if_any()
@@ -156,12 +156,12 @@ def read_entries(file: YamlFile, collected: Optional[Problems] = None, *, needs_
     return entries
 
 
-def _read_entry(name: str, found: object, folder: str, *, needs_url: bool) -> RobotEntry:
+def _read_entry(name: str, given: object, folder: str, *, needs_url: bool) -> RobotEntry:
     path = ("robots", name)
     if not _NAME.fullmatch(name):
         expected = "expected a name of at most 64 letters, digits and _ . -"
         raise ConfigError(f"{expected}, got {describe(name)}", path)
-    entry = read_section(RobotEntry, found, path, folder, name=name)
+    entry = read_section(RobotEntry, given, path, folder, name=name)
     if not entry.url and needs_url:
         raise ConfigError("expected the address of its bridge, url: ws://host:port or foxglove://host:port", path)
     return replace(entry, url=full_address(entry.url)) if entry.url else entry
@@ -173,7 +173,7 @@ class FleetReader:
     def __init__(
         self, addresses: Sequence[RobotEntry], file: str, options: Options, warn: Callable[[str], object]
     ) -> None:
-        """Reads nothing yet. `addresses` come before the robots of a fleet.yaml, `file`; empty: none.
+        """Reads nothing yet. `addresses` come before the robots of a fleet.yaml, `file`, which may be empty.
 
         `warn` is called with one line if other users may read a token; from the thread that reads.
         """

@@ -29,9 +29,9 @@ OnProgress = Callable[[float], object]
 
 
 def choose_ros(wanted: str) -> str:
-    """Returns `ros1` or `ros2`: the one that was requested (empty: none), or the one that is sourced here.
+    """Returns `ros1` or `ros2`: `wanted` if it is not empty, else the one that is sourced here.
 
-    Raises ConfigError: there is none, or both are there and none was requested.
+    Raises ConfigError if it is not there, or if both are and none is wanted.
     """
     here = [name for name, module in (("ros1", "rospy"), ("ros2", "rclpy")) if importlib.util.find_spec(module)]
     if wanted:
@@ -69,7 +69,7 @@ def listen(
 ) -> Tuple[float, bool]:
     """Listens to a robot; returns for how long, in s, and whether it was not interrupted.
 
-    LinkError: there is no connection. ServiceError: topics are not listed, or there is no ROS time.
+    Raises LinkError if there is no connection, ServiceError if topics are not listed or there is no ROS time.
     """
     start_s: Optional[float] = None
     try:
@@ -186,7 +186,7 @@ def _definition(node: ServedMiddleware, type_name: str) -> str:
 
 
 def _parsed(type_name: str, text: str, byte: str, form: str = "msg") -> Optional[Definitions]:
-    """Returns the types in a definition; None: it is not known, or cannot be used."""
+    """Returns the types in a definition, None if it is not known or cannot be used."""
     try:
         return parse_definition(type_name, text or definition(type_name), form, byte)
     except (ConfigError, ValueError):

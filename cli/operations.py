@@ -147,6 +147,9 @@ class Operations:
                 ),
             )
             undo.pop_all()
+        if self.silences is not None:
+            note_causes = partial(self.silences.note_causes, name)
+            alert_system.on_tick.append(lambda now_s: note_causes(alert_system.monitor.causes()))
         if black_box is not None:
             middleware.exclusively(partial(black_box.attach, alert_system))
         self._robots[name] = _Robot(alert_system, history, black_box)
@@ -207,14 +210,6 @@ class Operations:
     def count_silenced(self) -> int:
         """Returns how many signals are not OK and silenced, over all robots."""
         return sum(robot.alert_system.count_silenced() for robot in self._robots.values())
-
-    def __enter__(self) -> Operations:
-        """Returns itself."""
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """Closes everything, as `close`."""
-        self.close()
 
     def close(self) -> None:
         """Closes everything within two seconds. The alert_systems must have been closed."""

@@ -27,7 +27,7 @@ class ServiceManager:
         self._limit_s = float(limit_us) / 1e6 if limit_us.isdigit() and is_meant else 0.0
         self._alive_at_s: Optional[float] = None
         self.watchdog_period_s = self._limit_s / 2.0 if self._address and self._limit_s else None
-        """Longest time between two calls of `alive`, in s; None: systemd does not watch this process."""
+        """Longest time between two calls of `alive`, in s; None if systemd does not watch this process."""
 
     def ready(self) -> None:
         """To be called when everything has started."""

@@ -46,7 +46,7 @@ class ServerSettings(ServerOptions):
     address: str = DEFAULT_ADDRESS
     """Any address except loopback requires a token."""
     token: str = ""
-    """Token that clients must present; empty: none."""
+    """Token that clients must present; empty if none is required."""
     origins: Sequence[str] = ()
     """Origins of web pages that may connect, besides those of this machine."""
 
@@ -94,8 +94,8 @@ def _make_server(
     """Returns a server that is not started, and its page; `parameters` and `process_faults` are those of `Served`.
 
     `node` is not closed here. `alert_system` is the full name of the alert node; `*` as in file names. With `threads`,
-    the node is called back, and robots are judged, in other threads than the server's loop. ConfigError: the address is
-    not protected, or the certificate cannot be used. ModuleNotFoundError: a library is not installed.
+    the node is called back, and robots are judged, in other threads than the server's loop. Raises ConfigError if the
+    address is not protected or the certificate cannot be used, ModuleNotFoundError if a library is not installed.
     """
     from ..ops.web import WebInterface
     from ..rosbridge.server import Server
@@ -136,7 +136,7 @@ def _make_server(
 
 
 def _tls_context(settings: ServerSettings) -> Optional[ssl.SSLContext]:
-    """Returns the TLS context of a server, None: without TLS; ConfigError: certificate and key cannot be used."""
+    """Returns the TLS context of a server, None without TLS; raises ConfigError if it cannot be made."""
     if not settings.tls_certificate:
         return None
     for file in (settings.tls_certificate, settings.tls_key):
@@ -207,8 +207,8 @@ async def serve(
 ) -> Optional[Server]:
     """Serves monitors, and what the page shows of `operations`, in the running loop; `stop_serving` ends it.
 
-    Returns None if the server cannot be started, which is now a fault of alert_system. ConfigError: the address is not
-    protected, or the port cannot be opened and is `required`.
+    Returns None if the server cannot be started, which is now a fault of alert_system. Raises ConfigError if the
+    address is not protected, or if the port cannot be opened and is `required`.
     """
     node = monitor.bus.node("rosbridge")
     try:
@@ -252,7 +252,7 @@ def serve_in_thread(
 ) -> Optional[ServerThread]:
     """Serves what alert_system watches, beside ROS; `create_node` creates the node for the server.
 
-    Returns the running server; None: it cannot be started, which is a fault of alert_system and stops nothing else.
+    Returns the running server. Returns None if it cannot be started: that is a fault of alert_system and stops nothing.
     """
     node: Optional[ServedMiddleware] = None
     settings = ServerSettings(0)

@@ -27,7 +27,7 @@ _BUSY_S = 5.0
 """Longest wait for a thread that gets no processor time on a busy machine."""
 
 OnChange = Callable[[str, str], None]
-"""Called with the name of a stream and what is wrong with it, empty: it works again. From a thread."""
+"""Called with the name of a stream and what is wrong with it, an empty text once it works again. From a thread."""
 
 
 class StandardStreams:

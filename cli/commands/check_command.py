@@ -214,9 +214,9 @@ def known_definitions() -> List[Definitions]:
 
 
 def check_field(definitions: Sequence[Definitions], topic: str, type_name: str, field: str) -> bool:
-    """Checks a field (empty: only the type) in the first of `definitions` that has the type; False: none has.
+    """Checks a field in the first of `definitions` that has the type; returns False if none has. Empty, only the type.
 
-    Raises ConfigError: the type does not exist (its path is `type`), or has no such field (its path is `field`).
+    Raises ConfigError if the type does not exist (its path is `type`), or has no such field (its path is `field`).
     """
     for each in definitions:
         try:

@@ -130,7 +130,7 @@ def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
 
 
 def show_history(arguments: argparse.Namespace, stream: Optional[TextIO] = None) -> None:
-    """Prints what a history file contains to a stream; None: stdout.
+    """Prints what a history file contains to a stream, by default stdout.
 
     Raises:
         ConfigError: the file does not exist, cannot be read, or is no history.

@@ -64,7 +64,7 @@ def _check(arguments: argparse.Namespace) -> str:
 
 
 def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
-    """Writes the thresholds; returns the exit code. ServiceError: there is nothing to watch."""
+    """Writes the thresholds; returns the exit code. Raises ServiceError if there is nothing to watch."""
     from ...core.proposal.proposal import PUBLISHED_HERE, Proposal
     from ...core.proposal.thresholds_file import thresholds_text
     from ...core.values.formatting import count_text, duration_text, printable

@@ -37,7 +37,7 @@ def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
 
 
 def note(arguments: argparse.Namespace, stream: Optional[TextIO] = None, now_s: Optional[float] = None) -> None:
-    """Writes the note, and prints the alert to a stream (None: stdout); `now_s`: None: the system's time.
+    """Writes the note, and prints the alert to a stream. Without `now_s`, it has the system's time.
 
     Raises:
         ConfigError: the file cannot be used, there is no such alert, or the note is empty or too long.

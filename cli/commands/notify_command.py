@@ -83,11 +83,11 @@ class Trial(NamedTuple):
     name: str
     succeeded: bool
     text: str  # one line: where the target is, and its response or the failure; no secrets
-    warning: str = ""  # one line about the target that is no failure; empty: none
+    warning: str = ""  # one line about the target that is no failure, or empty
 
 
 def _try_all(targets: Sequence[TargetSettings], hold_s: Optional[float], interrupts: Interrupts) -> Iterator[Trial]:
-    """Yields the trial of each target. The alert stays for `hold_s` (None: as the target needs) or until SIGINT."""
+    """Yields the trial of each target. The alert stays for `hold_s`, else as the target needs, or until SIGINT."""
     interrupts.defer()  # whenever it comes, the test alerts are resolved before the end
     robot = host_name() or "robot"
     stop = threading.Event()

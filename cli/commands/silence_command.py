@@ -9,8 +9,10 @@ import sys
 import time
 from typing import Any, Dict, List, Optional, Sequence, TextIO
 
+from ...core.judge.sources import is_source
 from ...core.values.formatting import printable
 from ...ops.store.matchers import matchers_text, parse_matchers
+from ...ops.store.queries import configuration
 from ...ops.store.recurrence import parse_recurrence
 from ...ops.store.silences import (
     Alert,
@@ -109,7 +111,7 @@ def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
 
 
 def silence(arguments: argparse.Namespace, stream: Optional[TextIO] = None, now_s: Optional[float] = None) -> None:
-    """Adds, lists or expires silences, and prints to a stream (None: stdout); `now_s`: None: the system's time.
+    """Adds, lists or expires silences, and prints to a stream. Without `now_s`, it is the system's time.
 
     Raises:
         ConfigError: the file cannot be used, or what is asked for is not possible.
@@ -142,6 +144,10 @@ def _add(connection: sqlite3.Connection, arguments: argparse.Namespace, now_s: f
     is_in_force = added.in_force(now_s)
     covered = [alert for alert in open_alerts(connection) if is_in_force and added.covers(*alert)]
     lines = [f"silence {added.id}: {matchers_text(added.matchers)}, {_state(added, now_s)}; {_open_text(covered)}"]
+    for robot, signal in covered[:_MOST_NAMED]:
+        kept = configuration(connection, robot, now_s) or {}
+        if is_source(signal) or any(signal in each.get("depends_on", ()) for each in kept.values()):
+            lines.append(f"{robot} {signal}: covers the signals that it affects, as long as it lasts")
     known = connection.execute("SELECT robot, signal FROM signal_states")
     if not covered and not any(added.matches(*row) for row in known):
         lines.append(f"so far, no signal in this history matches {matchers_text(added.matchers)}")
@@ -150,12 +156,12 @@ def _add(connection: sqlite3.Connection, arguments: argparse.Namespace, now_s: f
 
 def _list(connection: sqlite3.Connection, arguments: argparse.Namespace, now_s: float) -> List[str]:
     stored = [each.seen_at(now_s) for each in read_silences(connection)]
-    found = sorted(stored, key=lambda each: (not each.is_active(now_s), -each.id))
+    listed = sorted(stored, key=lambda each: (not each.is_active(now_s), -each.id))
     if not arguments.all:
-        found = [each for each in found if each.is_active(now_s) or now_s - each.end_s(now_s) < _SHOWN_S]
+        listed = [each for each in listed if each.is_active(now_s) or now_s - each.end_s(now_s) < _SHOWN_S]
     opened = open_alerts(connection)
     rows = []
-    for each in found:
+    for each in listed:
         is_in_force = each.in_force(now_s)
         is_open = sum(is_in_force and each.covers(*alert) for alert in opened)
         rows.append((each, is_open, silenced_transitions(connection, each, now_s)))

@@ -34,9 +34,9 @@ class SourceReading(NamedTuple):
     options: Dict[str, Any]
     """The other keys of its configuration."""
     value: Optional[float]
-    """The value, in the unit of the source; None: not available."""
+    """The value, in the unit of the source; None if it is not available."""
     problem: str
-    """Why the value is not available; empty: it is."""
+    """Why the value is not available; empty if it is."""
 
     @property
     def configuration(self) -> str:

@@ -35,10 +35,10 @@ def black_box_alerts(path: str) -> List[PastAlert]:
             replayed = _Replay(recordings, section)
         except ConfigError as error:
             raise file.locate(error.below(section.path)) from None
-        found = replayed.alerts(os.path.basename(path))
-    if not found:
+        alerts = replayed.alerts(os.path.basename(path))
+    if not alerts:
         raise ConfigError(f"{FROM_ALERT}: gives no alert when it is replayed", file=path)
-    return found
+    return alerts
 
 
 class _Replay:

@@ -14,7 +14,7 @@ from ..embedded import sections_of_nodes
 
 
 def attached_file(recordings: Recordings) -> Optional[YamlFile]:
-    """Returns the attached thresholds; None: there are none. Raises ConfigError: they are no YAML."""
+    """Returns the attached thresholds, None if there are none. Raises ConfigError if they are no YAML."""
     if THRESHOLDS not in recordings.attachments:
         return None
     return parse_yaml(recordings.attachments[THRESHOLDS].text, os.path.join(recordings.paths[0], THRESHOLDS))
@@ -26,7 +26,7 @@ def attached_section(file: YamlFile) -> Section:
 
 
 def attached_states(recordings: Recordings) -> Optional[SavedMonitor]:
-    """Returns the states at the beginning; None: there are none. Raises ConfigError: they cannot be read."""
+    """Returns the states at the beginning, None if there are none. Raises ConfigError if they cannot be read."""
     if STATE not in recordings.attachments:
         return None
     try:

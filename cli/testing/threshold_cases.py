@@ -67,7 +67,7 @@ class ThresholdTest(NamedTuple):
     name: str
     interval_s: float  # between the samples of a series
     series: Mapping[str, Sequence[Optional[float]]]
-    """Samples by signal, as in its messages: before `scale`. None: missing. Of a driver's status its level."""
+    """Samples by signal, as in its messages: before `scale`; None where one is missing. Of a status its level."""
     expected: Sequence[Alert]  # every one, in the order of their times
 
 
@@ -180,7 +180,7 @@ def _is_input(name: str, config: MonitorConfig) -> bool:
 
 
 def parse_series(text: str, path: Path = ()) -> List[Optional[float]]:
-    """Returns the samples of a series, None for a missing one. Raises ConfigError: it is none, or too long."""
+    """Returns the samples of a series, None for a missing one. Raises ConfigError if it is no series, or too long."""
     samples: List[Optional[float]] = []
     for item in text.split():
         missing, value = _MISSING.match(item), _VALUE.match(item)

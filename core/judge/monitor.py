@@ -200,6 +200,10 @@ class Monitor:
         judgements = ((name, signal.judgement(now_s, with_statistics=False)) for name, signal in signals.items())
         return {name: each._replace(affects=affected[name]) for name, each in judgements}
 
+    def causes(self) -> Mapping[str, str]:
+        """Returns the nearest cause of each signal that has one, by its name."""
+        return {name: signal.cause for name, signal in self._shown().items() if signal.cause}
+
     @property
     def link_up(self) -> Optional[bool]:
         """Whether the robot can be reached; None: it is not watched over a link."""

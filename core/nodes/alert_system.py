@@ -38,7 +38,7 @@ from .outlets import (
     event_text,
     status_message,
 )
-from .self_monitor import CHECK_PERIOD_S, EMPTY_REPORT, SelfMonitor, SelfReport
+from .self_monitor import CHECK_PERIOD_S, EMPTY_REPORT, LONGEST_STEP_S, SelfMonitor, SelfReport
 
 TRIGGER_TYPE = "std_srvs/Trigger"
 TICK_PERIOD_S = 1.0
@@ -85,6 +85,8 @@ class AlertSystem:
         self._middleware = middleware
         self._announce_pauses = announce_pauses
         self._excused_since_s: Optional[float] = None
+        self._begun: Optional[Tuple[float, float]] = None
+        """When a restored state began to count, until the first tick: in s, and in s of steady time."""
         self._node = node.base_name(middleware)
         given = middleware.given_parameters()
         self._watches_defaults = "signals" not in given and not is_whole_file(given)
@@ -159,6 +161,7 @@ class AlertSystem:
         if self._continuity is not None:
             now_s = self._middleware.now_s()
             self._continuity.record_configuration(config)
+            self._begun = now_s, self._middleware.steady_s()
             restored = self._continuity.restore(now_s, at_first_call=self._middleware.waiting_for_clock())
             self._announce(restored, now_s)
 
@@ -169,7 +172,7 @@ class AlertSystem:
         self._announce(self.monitor.observe(sample), sample.now_s)
 
     def observe_link(self, up: bool, cause: str = "") -> None:
-        """Judges the signal `link`: whether the robot can be reached, and if not, why (empty: unknown)."""
+        """Judges the signal `link`: whether the robot can be reached, and if not, why, empty if that is unknown."""
         now_s = self._middleware.now_s()
         self._look_for_pause(now_s)
         self._excused_since_s = None
@@ -427,6 +430,10 @@ class AlertSystem:
 
     def _tick(self, now_s: float) -> None:
         self._look_for_pause(now_s)
+        if self._begun is not None:
+            (begun_s, steady_s), self._begun = self._begun, None
+            if self._middleware.steady_s() - steady_s > LONGEST_STEP_S:  # a start on a busy machine is no silence
+                self._announce(self.monitor.skip(begun_s, now_s), now_s)
         for note in self.on_tick:
             note(now_s)
         self.self_monitor.note_tick(now_s)

@@ -7,7 +7,7 @@ import sqlite3
 import threading
 import time
 from dataclasses import replace
-from typing import Callable, Dict, List, Optional, Sequence, Tuple, TypeVar
+from typing import Callable, Dict, List, Mapping, Optional, Sequence, Tuple, TypeVar
 
 from ...core.values.errors import ServiceError
 from ...core.values.faults import Faults
@@ -60,6 +60,7 @@ class Silences:
         self._seen: Optional[Tuple[sqlite3.Connection, int]] = None
         self._stored: Sequence[Silence] = ()
         """As they were read last: one that is not active now may be so once the wall clock is set."""
+        self._causes: Dict[str, Mapping[str, str]] = {}
         self._followed_s = wall_time_s()
         history.on_record(self._note_transition)
         history.database.on_second.append(self._follow)
@@ -69,10 +70,22 @@ class Silences:
         except ServiceError as error:
             self._faults.report(_FAULT, f"cannot be read: {error}", Level.WARN)
 
+    def note_causes(self, robot: str, causes: Mapping[str, str]) -> None:
+        """Replaces what the signals of a robot suffer from now, by signal: a cause is silenced with its effects."""
+        self._causes[robot] = causes
+
     def silence_of(self, robot: str, signal: str) -> Optional[Silence]:
-        """Returns the silence of an alert, of several the one that ends last; None: it is not silenced."""
+        """Returns the silence of an alert, else of its cause; of several the one that ends last. None: not silenced."""
         if not self._active:
             return None
+        silence, causes, seen = self._silence_of(robot, signal), self._causes.get(robot, {}), {signal}
+        while silence is None and causes.get(signal, signal) not in seen:
+            signal = causes[signal]
+            seen.add(signal)
+            silence = self._silence_of(robot, signal)
+        return silence
+
+    def _silence_of(self, robot: str, signal: str) -> Optional[Silence]:
         now_s = self._wall_time_s()
         with self._lock:
             if not self._set_s <= now_s < self._next_change_s:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from contextlib import closing
 from pathlib import Path
 from typing import Any, Callable, Dict, Iterator, List
 
@@ -30,11 +31,11 @@ SIGNALS = {"battery_level": {"type": "std_msgs/Float32", "warn_below": 20.0}}
 class Robot:
     """A robot whose battery_level is published here."""
 
-    def __init__(self, operations: Operations, name: str = "r3", only: bool = False) -> None:
+    def __init__(self, operations: Operations, name: str = "r3", only: bool = False, signals: Any = SIGNALS) -> None:
         self.lines: List[Any] = []
         self.bus = LocalBus(on_log=self.lines.append)
         self.events: List[Event] = []
-        self.node = self.bus.node("alert_system", parameters={"robot_name": name, "signals": SIGNALS})
+        self.node = self.bus.node("alert_system", parameters={"robot_name": name, "signals": signals})
         start = operations.start_only if only else operations.start
         self.alert_system = start(self.node, {"test": self.events.append})
         self.sensor = self.bus.node("sensor")
@@ -69,12 +70,12 @@ def config(tmp_path: Path) -> OpsConfig:
 
 @pytest.fixture
 def operations(config: OpsConfig) -> Iterator[Operations]:
-    with Operations(config) as opened:
+    with closing(Operations(config)) as opened:
         yield opened
 
 
 def test_without_an_ops_yaml_nothing_is_opened() -> None:
-    with open_operations("") as operations:
+    with closing(open_operations("")) as operations:
         robot = Robot(operations, only=True)
         robot.publish(10.0)
         assert robot.announced == [Level.WARN]
@@ -83,8 +84,22 @@ def test_without_an_ops_yaml_nothing_is_opened() -> None:
         assert not [line for line in robot.lines if line.text.startswith("operations")]
 
 
+def test_the_silence_of_a_cause_covers_its_effects(operations: Operations) -> None:
+    assert operations.silences is not None
+    wheels = {"wheel": {"type": "std_msgs/Float32", "depends_on": ["battery_level"], "stale_after_s": 0.0}}
+    signals = {"battery_level": {**SIGNALS["battery_level"], "error_below": 10.0, "stale_after_s": 0.0}}
+    robot = Robot(operations, signals={**wheels, **signals})
+    robot.publish(5.0)
+    operations.silences.add(parse_matchers("signal=battery_level"), until_resolved=True, reason="empty")
+    robot.bus.run_until(2.0)
+    assert operations.silence_text("r3", "wheel") == "empty (until resolved)"
+    assert robot.statuses()["alert_system: wheel"]["silenced"] == "empty (until resolved)"
+    robot.publish(50.0)
+    assert operations.silence_text("r3", "wheel") is None
+
+
 def test_a_history_that_is_always_kept_is_in_memory_without_a_file() -> None:
-    with open_operations("", always_history=True) as operations:
+    with closing(open_operations("", always_history=True)) as operations:
         robot = Robot(operations, only=True)
         robot.publish(10.0)
         assert operations.history is not None and operations.silences is not None
@@ -97,12 +112,12 @@ def test_a_history_that_is_always_kept_is_in_memory_without_a_file() -> None:
 
 
 def test_a_restarted_monitor_does_not_announce_an_open_alert_again(config: OpsConfig) -> None:
-    with Operations(config) as operations:
+    with closing(Operations(config)) as operations:
         robot = Robot(operations)
         robot.publish(10.0)
         assert robot.announced == [Level.WARN]
         robot.alert_system.close()
-    with Operations(config) as operations:
+    with closing(Operations(config)) as operations:
         robot = Robot(operations)
         robot.publish(10.0)
         assert robot.announced == []
@@ -180,7 +195,7 @@ def test_a_wrong_configuration_of_a_robot_is_an_error_and_it_can_be_started_agai
 
 def test_a_history_that_cannot_be_opened_is_a_fault_and_alerts_are_announced(tmp_path: Path) -> None:
     (tmp_path / "history.db").mkdir()
-    with Operations(OpsConfig(HistorySettings(str(tmp_path / "history.db")))) as operations:
+    with closing(Operations(OpsConfig(HistorySettings(str(tmp_path / "history.db"))))) as operations:
         robot = Robot(operations, only=True)
         robot.publish(10.0)
         assert robot.announced == [Level.WARN]
@@ -213,7 +228,7 @@ def test_the_path_may_be_a_parameter(parameter: object, file: str) -> None:
 
 def test_a_heartbeat_is_fed_while_every_robot_is_monitored(monkeypatch: pytest.MonkeyPatch) -> None:
     target = TargetSettings("alive", "heartbeat", url="http://127.0.0.1:9/", timeout_s=1.0)
-    with Operations(OpsConfig(notify=(target,)), clock=lambda: robot.bus.now_s) as operations:
+    with closing(Operations(OpsConfig(notify=(target,)), clock=lambda: robot.bus.now_s)) as operations:
         assert operations.notifier is not None
         fed: List[float] = []
         monkeypatch.setattr(operations.notifier, "note_tick", lambda: fed.append(robot.bus.now_s))
@@ -227,7 +242,7 @@ def test_a_heartbeat_is_fed_while_every_robot_is_monitored(monkeypatch: pytest.M
 
 def test_waiting_notifications_are_shown() -> None:
     target = TargetSettings("horn", "command", command=("/bin/false",))
-    with Operations(OpsConfig(notify=(target,))) as notifying:
+    with closing(Operations(OpsConfig(notify=(target,)))) as notifying:
         robot = Robot(notifying)
         robot.publish(10.0)
         assert notifying.notifier is not None

@@ -7,6 +7,7 @@ import json
 import platform
 import socket
 import ssl
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Awaitable, Callable, List, Optional
@@ -102,7 +103,7 @@ def test_the_token_is_in_no_parameter() -> None:
 
 def test_the_monitors_own_status_counts_the_clients() -> None:
     async def run() -> None:
-        with Operations(OpsConfig()) as operations:
+        with closing(Operations(OpsConfig())) as operations:
             monitor = EmbeddedMonitor(
                 source="none", outlet=lambda event: None, start_alert_system=operations.start_only
             )

@@ -1,7 +1,7 @@
 /* What users can change: silences and latched alerts. A dialog stays open if the monitor refuses. */
 import {request} from "./connection.js";
 import {byId, setText} from "./elements.js";
-import {patternOf} from "./format.js";
+import {countText, patternOf} from "./format.js";
 
 export const AUTHOR = "robot-health-author";
 
@@ -47,15 +47,16 @@ export class Actions {
     this.confirmDialog = new ActionDialog("confirm-dialog", announce);
   }
 
-  /** Asks for how long and why, then silences; `isAlert`: an alert is open, whose end can be waited for. */
-  silence(robot, signal, isAlert, time = "3600") {
+  /** Asks for how long and why, then silences; `open`: a signal with an open alert, whose end can be waited for. */
+  silence(robot, signal, open, time = "3600") {
     const field = (name) => byId(`silence-${name}`);
     field("robot").value = patternOf(robot);
     field("signal").value = signal === "*" ? signal : patternOf(signal);
     field("reason").value = "";
     field("author").value = remembered(AUTHOR);
     const untilResolved = field("time").querySelector("[value=resolved]");
-    untilResolved.disabled = !isAlert;
+    untilResolved.disabled = !open;
+    setText(field("effects"), open && open.affects ? `Also covers ${countText(open.affects, "signal")} that it affects.` : "");
     field("time").value = time;
     this.silenceDialog.ask(async () => {
       const time = field("time").value, author = field("author").value.trim();

@@ -104,7 +104,7 @@ class AlertRow {
     const {now} = this.page.fleet;
     this.silence = make("button", {
       hidden: true, "aria-label": `Silence ${alert.signal} of ${alert.robot}`,
-      onclick: () => this.page.actions.silence(alert.robot, alert.signal, true, "resolved"),
+      onclick: () => this.page.actions.silence(alert.robot, alert.signal, this.signal, "resolved"),
     }, "Silence…");
     this.silenced = silencedMark();
     this.row = makeRow("alert",
@@ -117,6 +117,7 @@ class AlertRow {
 
   /** `signal` is as in the API; null: the alert is not open. */
   showOpen(signal) {
+    this.signal = signal;
     setAttribute(this.row, "class", `alert${signal ? " open" : ""}`);
     this.silence.hidden = !signal || Boolean(signal.silenced) || !this.page.fleet.canSilence;
     this.silenced.hidden = !signal || !signal.silenced;

@@ -18,9 +18,7 @@ export function make(tag, ...children) {
   return element;
 }
 
-export function isolated(text) {
-  return make("bdi", text);
-}
+export const isolated = (text) => make("bdi", text);
 
 /** Returns a table and its body. The roles keep it a table whatever CSS does. */
 export function makeTable(kind, label, heads) {
@@ -30,14 +28,10 @@ export function makeTable(kind, label, heads) {
   return {table, body};
 }
 
-export function makeRow(kind, ...cells) {
-  return make("tr", {role: "row", class: kind || null}, ...cells);
-}
+export const makeRow = (kind, ...cells) => make("tr", {role: "row", class: kind || null}, ...cells);
 
 /** Returns a cell of a table; `span`: how many columns it takes. */
-export function makeCell(kind, content, span = null) {
-  return make("td", {role: "cell", class: kind || null, colspan: span}, content);
-}
+export const makeCell = (kind, content, span = null) => make("td", {role: "cell", class: kind || null, colspan: span}, content);
 
 export function shape(name) {
   const svg = addSvg(null, "svg", {class: "shape", viewBox: "0 0 16 16", "aria-hidden": true});
@@ -45,9 +39,7 @@ export function shape(name) {
   return svg;
 }
 
-export function silencedMark() {
-  return make("span.silenced-mark", {hidden: true}, shape("silenced"), make("span", "silenced"));
-}
+export const silencedMark = () => make("span.silenced-mark", {hidden: true}, shape("silenced"), make("span", "silenced"));
 
 export function setShape(svg, name) {
   setAttribute(svg.firstChild, "href", `#shape-${name}`);

@@ -47,13 +47,9 @@ class Robot {
     return name;
   }
 
-  get isEmpty() {
-    return Object.keys(this.data.signals).every((name) => name === LINK);
-  }
+  get isEmpty() { return Object.keys(this.data.signals).every((name) => name === LINK); }
 
-  get cause() {
-    return this.bad.length ? reasonOf(this.bad[0]) : "";
-  }
+  get cause() { return this.bad.length ? reasonOf(this.bad[0]) : ""; }
 
   /** Begin of the level, in ms since 1970; NaN if unknown. */
   get since() {
@@ -74,13 +70,9 @@ export class Fleet {
     this.clockOffset = NaN;
   }
 
-  get canSilence() {
-    return this.state.can_change && this.state.silencing;
-  }
+  get canSilence() { return this.state.can_change && this.state.silencing; }
 
-  get monitorKind() {
-    return this.state.monitor ? kindOfLevel(this.state.monitor.level) : "ok";
-  }
+  get monitorKind() { return this.state.monitor ? kindOfLevel(this.state.monitor.level) : "ok"; }
 
   /** The faults of the monitor itself, one text each, worst first. */
   get faults() {
@@ -90,9 +82,7 @@ export class Fleet {
   }
 
   /** The monitor's time, in ms since 1970; the browser's may differ. */
-  get now() {
-    return performance.now() + this.clockOffset;
-  }
+  get now() { return performance.now() + this.clockOffset; }
 
   replace(state) {
     this.state = {silences: []};

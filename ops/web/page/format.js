@@ -10,14 +10,10 @@ export function durationText(seconds) {
 }
 
 /** Returns a text with °C, and without line breaks between numbers and units. */
-export function withUnits(text) {
-  return text.replace(/\bdegC\b/g, "°C").replace(/(\d) (?=[^\s\d(])/g, "$1\u00a0");
-}
+export const withUnits = (text) => text.replace(/\bdegC\b/g, "°C").replace(/(\d) (?=[^\s\d(])/g, "$1\u00a0");
 
 /** Returns a message with the hint why there are no samples. */
-export function withHint(text, hint) {
-  return withUnits(hint ? `${text} [${hint}]` : text);
-}
+export const withHint = (text, hint) => withUnits(hint ? `${text} [${hint}]` : text);
 
 /** Returns a value with at most five digits and its unit; texts as they are. */
 export function valueText(value, unit) {
@@ -42,9 +38,7 @@ export function zoneText(time) {
 }
 
 /** Returns local time minus UTC, in s. */
-export function utcOffset(time) {
-  return -new Date(time).getTimezoneOffset() * 60;
-}
+export const utcOffset = (time) => -new Date(time).getTimezoneOffset() * 60;
 
 function local(time) {
   const shifted = new Date(time + utcOffset(time) * 1000);
@@ -58,11 +52,7 @@ export function showAge(element, since, now) {
   if (known && element.since !== since) element.title = `since ${fullTimeText(element.since = since)}`;
 }
 
-export function countText(count, noun) {
-  return `${count} ${noun}${count === 1 ? "" : "s"}`;
-}
+export const countText = (count, noun) => `${count} ${noun}${count === 1 ? "" : "s"}`;
 
 /** Returns a pattern that matches a name: what patterns cannot have as such, except `kept`, becomes `?`. */
-export function patternOf(name, kept = "") {
-  return name.replace(/[*?]|(?! )[\p{C}\p{Z}]/gu, (character) => (kept.includes(character) ? character : "?"));
-}
+export const patternOf = (name, kept = "") => name.replace(/[*?]|(?! )[\p{C}\p{Z}]/gu, (character) => (kept.includes(character) ? character : "?"));

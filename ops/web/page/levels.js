@@ -22,16 +22,12 @@ export function kindOfSignal(name, signal) {
 }
 
 /** Returns a number that is lower for a worse kind. */
-export function rankOf(kind) {
-  return RANK.indexOf(kind);
-}
+export const rankOf = (kind) => RANK.indexOf(kind);
 
 /** Whether a kind is an alert: known, and not OK. */
 export const isAlert = (kind) => rankOf(kind) < rankOf("unknown");
 
-export function worse(kind, other) {
-  return rankOf(other) < rankOf(kind) ? other : kind;
-}
+export const worse = (kind, other) => rankOf(other) < rankOf(kind) ? other : kind;
 
 export class Badge {
   constructor(kind) {

@@ -23,7 +23,7 @@ class SignalDetails {
     this.plot = new WindowPlot(this.plotBox, name, () => this.ranges.widen());
     this.facts = make("p.facts");
     this.silenced = make("p");
-    this.silence = make("button", {onclick: () => page.actions.silence(robotName, name, this.isAlert)}, "Silence…");
+    this.silence = make("button", {onclick: () => page.actions.silence(robotName, name, isAlert(this.kind) && this.signal)}, "Silence…");
     this.only = {robot: patternOf(robotName), signal: patternOf(name)};
     this.alerts = new AlertTable(page, {only: this.only, size: 5, ofSignal: true});
     this.element = make("div.signal-body", this.ranges.element, this.plotBox, this.facts, this.silenced, make("div.buttons", this.silence),
@@ -31,7 +31,6 @@ class SignalDetails {
   }
 
   update(signal, kind) {
-    this.isAlert = isAlert(kind);
     if (signal.since !== this.since) {
       this.alerts.load();
       this.loadPast();
@@ -222,9 +221,7 @@ export class SignalTable {
     for (const row of this.rows.values()) row.tick();
   }
 
-  get opened() {
-    return [...this.rows.values()].filter((row) => row.details);
-  }
+  get opened() { return [...this.rows.values()].filter((row) => row.details); }
 
   addSamples({full, signals, window_s: windows}) {
     for (const [name, added] of Object.entries(signals)) {

@@ -79,6 +79,18 @@ def test_a_silence_is_added_listed_and_expired(silence: Callable[..., List[str]]
     assert problem.startswith("robot-health silence: silence 1 has ended already, at 20")
 
 
+def test_the_silence_of_a_cause_says_that_it_covers_its_effects(file: Path, silence: Callable[..., List[str]]) -> None:
+    history = History(HistorySettings(str(file)))
+    history.of_robot("r3").record_configuration({"wheel": {"depends_on": ["battery_level"]}})
+    announce(history, "r4", "/scan", Level.STALE)
+    history.run(lambda connection: None, 30.0)
+    history.close()
+    assert silence("add", "robot=*", "--for", "1h")[1:] == [
+        "r3 battery_level: covers the signals that it affects, as long as it lasts",
+        "r4 /scan: covers the signals that it affects, as long as it lasts",
+    ]
+
+
 def test_who_ends_a_silence_and_why_is_stored(silence: Callable[..., List[str]]) -> None:
     for _ in range(2):
         silence("add", "robot=r3", "--for", "2h", "--author", "ana")

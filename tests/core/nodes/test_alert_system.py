@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any, List, Mapping, Optional
 
 import pytest
+from harness.kept_history import KeptHistory
 from harness.parameters import set_parameter
 from harness.port_conformance import levels_to
 from harness.stage import FLOAT32, Stage, status, values_of
@@ -594,6 +595,19 @@ def test_a_silenced_signal_says_so_and_is_counted(stage: Stage) -> None:
     stage.bus.call_service("/alert_system/reset")
     stage.bus.run_until(2.0)
     assert values_of(status(arrays[-1], "alert_system: monitor"))["silenced"] == "0"
+
+
+def test_after_a_restart_a_late_first_tick_is_no_silence(stage: Stage) -> None:
+    """Other nodes of the process, and a busy machine, take longer than the startup grace until this one spins."""
+    history, alerts = KeptHistory(stage), stage.listen("alerts")
+    signals = {"scan": {"type": "std_msgs/Float32", "startup_grace_s": 5.0}}
+    node = stage.bus.node("alert_system", parameters={"signals": signals})
+    AlertSystem(node, history=history)
+    stage.bus.run_due(12.0)
+    stage.bus.run_until(17.0)
+    assert not [text for text in announced(alerts) if "scan" in text]
+    stage.bus.run_until(18.0)  # 6 s after the first tick
+    assert announced(alerts)[-1].startswith("scan STALE: no sample since the start 6 s ago (limit 5 s)")
 
 
 class FailingHistory:

@@ -252,3 +252,13 @@ def test_a_silence_that_recurs_is_in_force_on_its_days_and_at_its_times_only(sil
         clock.now_s = NOON_S + now_s
         assert (silences.silence_of("r3", "link") == silence) is in_force, now_s
         assert silences.active() == ([silence] if now_s < 9 * 86_400.0 else [])
+
+
+def test_the_silence_of_a_cause_covers_its_effects_as_long_as_they_have_it(silences: Silences) -> None:
+    silences.note_causes("r3", {"left_wheel": "driver", "driver": "/can", "odd": "odd"})
+    silence = silences.add(parse_matchers("robot=r3,signal=/can"), for_s=60.0)
+    found = [silences.silence_of("r3", name) for name in ("/can", "driver", "left_wheel", "right_wheel", "odd")]
+    assert found == [silence] * 3 + [None] * 2
+    assert silences.silence_of("r4", "driver") is None
+    silences.note_causes("r3", {})
+    assert silences.silence_of("r3", "driver") is None

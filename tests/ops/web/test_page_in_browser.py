@@ -984,6 +984,22 @@ def test_effects_are_folded_below_their_cause(browser: Browser, served: Any) -> 
     assert browser.console() == []
 
 
+def test_an_alert_names_its_effects_and_so_does_its_silence(browser: Browser, served: Any, tmp_path: Path) -> None:
+    depending = {"unit": "degC", "warn_above": 80.0, "depends_on": ["battery_level"]}
+    battery = {**BATTERY["battery_level"], "error_below": 10.0}
+    signals = {"motor": depending, "battery_level": battery}
+    site = served("atlas", signals=signals, history_file=str(tmp_path / "history.db"))
+    for value, name in ((50.0, "battery_level"), (50.0, "motor"), (4.0, "battery_level"), (99.0, "motor")):
+        site.observe(value, name)
+    browser.open(site.url)
+    browser.click("#recent-alerts .action button")
+    browser.wait_for_text("#silence-effects", "Also covers 1 signal that it affects.")
+    browser.click("#silence-dialog .cancel")
+    browser.click("#recent-alerts .text a")
+    browser.wait_for("document.querySelector('#alert-page section')")
+    assert browser.texts("#alert-page section")[0] == "Affects nowmotor"
+
+
 def test_a_silent_topic_is_one_row_with_its_signals_folded(browser: Browser, served: Any) -> None:
     wheels = {"topic": "/wheels", "type": "geometry_msgs/Vector3"}
     site = served("atlas", signals={"left": {**wheels, "field": "x"}, "right": {**wheels, "field": "y"}})
