@@ -1,8 +1,9 @@
 """The path of a value inside a message: `data`, `battery.percentage`, `cell_voltage[0]`, `status["motor"].level`.
 
 A name selects a field, a number in brackets an element by its index, a quoted text in brackets the element with that
-name. The name of an element is its own field `name` or `key`: it selects a status in /diagnostics, and a value in a
-status. Elements without one have their names in an array beside theirs: `effort["wheel_left"]` in a JointState.
+name. The name of an element is its own field `name`, `key` or `child_frame_id`: a status in /diagnostics, a value in a
+status, a frame in /tf. Elements without one have their names in an array beside theirs: `effort["wheel_left"]` in a
+JointState.
 
 A path of a single message with a name begins with that name: `["motor: left"]` for a topic of DiagnosticStatus.
 
@@ -67,7 +68,7 @@ _PART = re.compile(
     """,
     re.ASCII | re.VERBOSE,
 )
-_KEY_FIELDS = ("name", "key")
+_KEY_FIELDS = ("name", "key", "child_frame_id")
 _BOOLEANS = {"true": 1.0, "false": 0.0}
 _TIME_FIELDS = (("secs", "nsecs"), ("sec", "nanosec"))
 _STATUS_FIELDS = {"level", "name", "message"}
@@ -167,7 +168,7 @@ def mapping_getter(field: str) -> Getter:
 
 
 def key_field(fields: Iterable[str]) -> Optional[str]:
-    """Returns the field of an element that a key is compared with: `name` or `key`, None if it has neither."""
+    """Returns the field of an element that a key is compared with, None if it has none."""
     present = set(fields)
     return next((name for name in _KEY_FIELDS if name in present), None)
 

@@ -15,7 +15,7 @@ from robot_health_monitor.core.messages.definitions import SEQUENCE, Definition,
 from robot_health_monitor.core.messages.serialized import Deserializer, SerializedType, json_getter
 from robot_health_monitor.core.proposal.candidates import Topic, list_candidates
 from robot_health_monitor.core.values.errors import ConfigError
-from robot_health_monitor.core.values.field_path import ABSENT
+from robot_health_monitor.core.values.field_path import ABSENT, mapping_getter
 
 
 def test_big_endian_messages_are_read() -> None:
@@ -83,6 +83,22 @@ def test_the_interfaces_of_a_dynamic_joint_state_are_read_by_joint_and_name() ->
         "header.stamp": 1_700_000_000.5,
     }
     assert {field: types.field_getter(field)(data) for field in expected} == expected
+
+
+@pytest.mark.parametrize("encoding", ["ros1", "mapping"])
+def test_a_frame_is_selected_by_its_child_frame_id(encoding: str) -> None:
+    text = "Frame[] transforms\n" + "=" * 80 + "\nMSG: my_robot/Frame\nstring child_frame_id\nfloat64 x\n"
+    frames = [("base_link", 1.5), ("camera", 2.5), ("camera_left", 3.5)]
+    message: Any = {"transforms": [{"child_frame_id": name, "x": x} for name, x in frames]}
+    if encoding == "ros1":
+        parts = [struct.pack("<I", len(name)) + name.encode() + struct.pack("<d", x) for name, x in frames]
+        message = struct.pack("<I", 3) + b"".join(parts)
+    types = SerializedType("/tf", "my_robot/Tree", "ros1", text, "msg")
+    getter = mapping_getter if encoding == "mapping" else types.field_getter
+    assert getter('transforms["camera"].x')(message) == 2.5
+    assert getter('transforms["map"].x')(message) is ABSENT
+    assert getter('transforms["camera*"].x')(message) == [("camera", 2.5), ("camera_left", 3.5)]
+    assert getter('transforms["*"].x')(message) == frames
 
 
 def test_an_array_of_one_number_is_an_array() -> None:
