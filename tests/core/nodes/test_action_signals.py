@@ -1,14 +1,17 @@
-"""Signals of actions on the in-process middleware, with the messages of both generations of ROS."""
+"""Signals of actions, on the in-process middleware and over bridges, with the messages of both generations of ROS."""
 
 from __future__ import annotations
 
 from typing import Any, Mapping
 
 import pytest
+from harness.foxglove import FoxgloveHarness
+from harness.rosbridge import RosbridgeHarness
 from harness.stage import Stage
 
 from robot_health_monitor.core.config.kept_settings import settings_of
 from robot_health_monitor.core.config.monitor_config import load_config
+from robot_health_monitor.core.nodes import AlertSystem
 from robot_health_monitor.core.port.middleware import Severity
 from robot_health_monitor.core.values.errors import ConfigError
 
@@ -69,3 +72,23 @@ def test_the_settings_of_an_action_are_read_as_the_same_signal() -> None:
     kept = settings_of(config)
     assert kept == {**NAV, "stale_after_s": 5.0}
     assert load_config({"signals": {"nav_goals": kept}}).signals["nav_goals"] == config
+
+
+@pytest.mark.parametrize("harness", [RosbridgeHarness, FoxgloveHarness])
+def test_goals_are_counted_over_a_bridge(harness: Any) -> None:
+    ros = harness()
+    topic, type_name = "/dock/status", "actionlib_msgs/GoalStatusArray"
+    try:
+        signal = {"action": "/dock", "statistic": "mean", "window_min_s": 0.0, "error_above": 0.9}
+        system = AlertSystem(ros.node("alert_system", parameters={"signals": {"goals": signal}}))
+
+        def publish(*codes: int) -> None:
+            ended = [{"goal_id": {"id": str(at)}, "status": code} for at, code in enumerate(codes)]
+            ros.publish(topic, type_name, {"status_list": ended})
+
+        publish(4, 1)
+        ros.wait_until(lambda: system.samples >= 1)
+        publish(4, 3, 4)
+        ros.wait_until(lambda: system.monitor.judged_value("goals") == 0.5)
+    finally:
+        ros.close()
