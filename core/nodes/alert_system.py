@@ -530,11 +530,12 @@ class AlertSystem:
                 merged[name] = {**merged[name], **given} if changes_default else given
             tree = {**tree, "signals": merged}
         config = load_config(tree)
-        resolved = {
-            name: replace(signal, **{key: resolve_name(getattr(signal, key), self._middleware.name)})
-            for name, signal in config.signals.items()
-            for key, _ in filter(None, [signal.graph])
-        }
+        resolved: Dict[str, SignalConfig] = {}
+        for name, signal in config.signals.items():
+            if signal.graph is not None:
+                key, graph_name = signal.graph
+                changed: Mapping[str, Any] = {key: resolve_name(graph_name, self._middleware.name)}
+                resolved[name] = replace(signal, **changed)
         return replace(config, signals={**config.signals, **resolved}) if resolved else config
 
     def _reconfigure(self, tree: Mapping[str, Any]) -> str:

@@ -89,3 +89,14 @@ def test_a_link_to_a_report_stays_a_link(files: Path) -> None:
     assert replay(files, "latest.html") == 0
     assert (files / "latest.html").is_symlink()
     assert not [path for path in files.iterdir() if "part" in path.name]
+
+
+def test_an_alert_that_changes_its_level_is_one_in_the_verdict(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    falls = [50.0, 15.0, 5.0, 15.0, 50.0]
+    write_bag(tmp_path / "night.bag", values("/battery", [*falls, *falls]))
+    both = THRESHOLDS.replace("warn_below: 20.0", "warn_below: 20.0, error_below: 10.0")
+    (tmp_path / "both.yaml").write_text(both, encoding="utf-8")
+    main(["replay", str(tmp_path / "night.bag"), "--thresholds", str(tmp_path / "both.yaml")])
+    assert capsys.readouterr().out.splitlines()[-1] == "2 alerts"
