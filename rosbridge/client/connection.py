@@ -89,7 +89,8 @@ class ServerConnection(BridgeConnection):
             return
         # A lost subscription would be a silent failure; after a reconnection all of them are sent again.
         may_drop = isinstance(operation, operations.Publish)
-        self.send_wire(self._protocol.send(operation, compression=self._compression), may_drop=may_drop)
+        for wire in self._protocol.send(operation, compression=self._compression):
+            self.send_wire(wire, may_drop=may_drop)
 
     async def run(self) -> None:
         """Keeps the connection up until it is cancelled or `close` is called."""

@@ -1,19 +1,20 @@
 """The state of the rosbridge protocol towards one peer. No sockets, no clock, no threads.
 
 `Connection.receive(data, now_s)` takes one WebSocket message and returns the operation in it, or None while fragments
-are missing. `Connection.send(operation)` returns the message to transmit. The only state: fragments of incomplete
+are missing. `Connection.send(operation)` returns the messages to transmit. The only state: fragments of incomplete
 messages. Client and server use the same class, since the protocol is symmetrical. Invalid input raises ProtocolError
 and nothing else.
 """
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, field
-from typing import Any, Callable, Dict, Mapping, Optional, Sequence, Tuple, Union
+from typing import Any, Callable, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple, Union
 
 from ...core.config.schema import REQUIRED, declared, read_record
 from ...core.values.errors import MessageError
-from .codec import CBOR_PROBLEM, Wire, decode, encode_cbor, encode_json, encode_json_with_nan
+from .codec import CBOR_PROBLEM, Wire, decode, encode_cbor, encode_json, encode_json_with_nan, encode_png
 from .limits import DEFAULT_LIMITS, MOST_FRAGMENTS, Id, Limits, ProtocolError
 from .operations import LONGEST_NAME, Operation, operation_fields, read_operation
 
@@ -34,6 +35,7 @@ class Connection:
         """
         self.limits = limits
         self._reassembly = Reassembly(limits)
+        self._fragment_ids = itertools.count()
         self._encode: Callable[[object], str] = encode_json if nan_as_null else encode_json_with_nan
 
     @property
@@ -61,13 +63,31 @@ class Connection:
             raise ProtocolError("received messages must not be compressed", "png")
         return read_operation(fields)
 
-    def send(self, operation: Operation, *, compression: str = "none") -> Wire:
-        """Returns the message to transmit for an operation: CBOR with the compression `cbor`, else JSON.
+    def send(
+        self, operation: Operation, *, fragment_size: Optional[int] = None, compression: str = "none"
+    ) -> List[Wire]:
+        """Returns the messages to transmit for an operation, encoded with one of COMPRESSIONS.
 
-        Raises MessageError if a value cannot be encoded.
+        JSON longer than `fragment_size` characters is split in fragments. MessageError: a value cannot be encoded.
         """
         fields = operation_fields(operation)
-        return encode_cbor(fields) if compression == "cbor" else self._encode(fields)
+        if compression in ("cbor", "cbor-raw"):
+            return [encode_cbor(fields)]
+        text = self._encode(fields)
+        if compression == "png":
+            text = self._encode({"op": "png", "data": encode_png(text)})
+        if fragment_size is None or len(text) <= fragment_size:
+            return [text]
+        fragments = split(text, fragment_size, f"fragment:{next(self._fragment_ids)}")
+        return [self._encode(fragment) for fragment in fragments]
+
+
+def split(text: str, size: int, id: str) -> Iterator[Dict[str, Any]]:  # noqa: A002 - the protocol's word
+    """Yields the operations `fragment` of a JSON text: `size` characters each, with an id unique in the connection."""
+    total = -(-len(text) // size)
+    for number in range(total):
+        data = text[number * size : (number + 1) * size]
+        yield {"op": "fragment", "id": id, "data": data, "num": number, "total": total}
 
 
 @dataclass

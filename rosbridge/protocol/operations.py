@@ -15,7 +15,6 @@ from ...core.values.errors import MessageError
 from .limits import Id, ProtocolError, shown
 
 COMPRESSIONS = ("none", "png", "cbor", "cbor-raw")
-"""What a subscription may ask for. With `png`, messages are sent as with `none`, which every client can read."""
 STATUS_LEVELS = ("none", "error", "warning", "info")
 """Each level includes those before it."""
 _ACTIONS = ("advertise_action", "unadvertise_action", "cancel_action_goal", "action_feedback")
@@ -23,6 +22,8 @@ _ACTIONS = ("advertise_action", "unadvertise_action", "cancel_action_goal", "act
 
 LONGEST_NAME = 512
 """Most characters of the name of a topic, service, action or type, and of an id."""
+SMALLEST_FRAGMENT = 256
+"""Fewest characters of the fragments that a peer may request: each costs about 100 bytes more."""
 
 Arguments = Union[Mapping[str, Any], List[Any]]
 
@@ -74,6 +75,8 @@ class Subscribe:
     """Minimum time between two messages, in ms."""
     queue_length: int = declared(0, "", 0)
     """Messages to queue under `throttle_rate`; 0: messages in between are dropped."""
+    fragment_size: Optional[int] = declared(None, "", SMALLEST_FRAGMENT)
+    """Longer messages are sent in fragments of this many characters. None: no fragments."""
     compression: str = declared("none", choices=COMPRESSIONS)
 
 
@@ -92,6 +95,8 @@ class CallService:
     service: str = _name()
     args: Arguments = declared({})
     id: Id = _id()
+    fragment_size: Optional[int] = declared(None, "", SMALLEST_FRAGMENT)
+    compression: str = declared("none", choices=COMPRESSIONS)
     timeout: Optional[float] = declared(None, "", 0)
     """Longest wait for the response, in s; the server's default applies if it is None."""
 
@@ -132,6 +137,8 @@ class SendActionGoal:
     args: Arguments = declared({})
     feedback: bool = declared(False)
     id: Id = _id()
+    fragment_size: Optional[int] = declared(None, "", SMALLEST_FRAGMENT)
+    compression: str = declared("none", choices=COMPRESSIONS)
 
 
 @dataclass(frozen=True)

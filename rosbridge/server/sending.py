@@ -8,15 +8,17 @@ that was sent in part is completed. A client that stays behind is disconnected.
 from __future__ import annotations
 
 import asyncio
+import itertools
 import struct
 import time
-from typing import Any, Callable, Dict, Generic, Mapping, Optional, Sequence, Set, Tuple, TypeVar
+from typing import Any, Callable, Dict, Generic, Mapping, NamedTuple, Optional, Sequence, Set, Tuple, TypeVar
 
 from ...core.values.errors import MessageError, ServiceError
 from ...runtime.bounded_queue import BoundedQueue
 from ...runtime.event_loops import ThreadPool
 from ..protocol import Wire
-from ..protocol.codec import encode_cbor, encode_json, encode_large_json
+from ..protocol.codec import encode_cbor, encode_json, encode_large_json, encode_png
+from ..protocol.connection import split
 
 LARGE_BYTES = 65_536
 """Messages above this size are encoded and decoded in a background thread."""
@@ -27,6 +29,8 @@ _FINAL_TEXT, _FINAL_BINARY = 0x81, 0x82
 _OBJECT_BYTES = 32
 _COUNTED_ITEMS = 16
 _PERIOD_S = 0.02
+
+_fragment_ids = itertools.count()
 
 
 def frame(message: Wire) -> bytes:
@@ -59,8 +63,16 @@ def estimated_bytes(value: object) -> int:
     return _OBJECT_BYTES
 
 
+class Encoding(NamedTuple):
+    """What the bytes that are sent to a client depend on."""
+
+    compression: str = "none"
+    fragment_size: Optional[int] = None
+    """In characters; None: no fragments."""
+
+
 class EncodedMessage:
-    """A message, and the frame of each compression that was made of it."""
+    """A message, and the frames that were made of it."""
 
     def __init__(
         self,
@@ -78,19 +90,34 @@ class EncodedMessage:
         self._message = message
         self._data = data
         self._serialize = serialize
-        self._frames: Dict[str, bytes] = {}
+        self._wires: Dict[str, Wire] = {}
+        self._frames: Dict[Encoding, bytes] = {}
 
-    def frame(self, compression: str) -> bytes:
-        """Returns the WebSocket frame; raises MessageError if the message cannot be encoded so."""
-        encoded = self._frames.get(compression)
-        if encoded is None:
-            encoded = self._frames[compression] = frame(self._encode(compression))
-        return encoded
+    def frames(self, encoding: Encoding) -> bytes:
+        """Returns the WebSocket frames: one, or one per fragment; raises MessageError if it cannot be encoded so."""
+        frames = self._frames.get(encoding)
+        if frames is None:
+            frames = self._frames[encoding] = self._framed(self._wire(encoding.compression), encoding.fragment_size)
+        return frames
+
+    def _framed(self, wire: Wire, fragment_size: Optional[int]) -> bytes:
+        if fragment_size is None or isinstance(wire, bytes) or len(wire) <= fragment_size:
+            return frame(wire)
+        fragments = split(wire, fragment_size, f"publish:{next(_fragment_ids)}")
+        return b"".join(frame(encode_json(fragment)) for fragment in fragments)
+
+    def _wire(self, compression: str) -> Wire:
+        wire = self._wires.get(compression)
+        if wire is None:
+            wire = self._wires[compression] = self._encode(compression)
+        return wire
 
     def _encode(self, compression: str) -> Wire:
         if compression == "none":
             text = encode_large_json(self._message) if self.is_large else encode_json(self._message)
             return f'{{"op":"publish","topic":{encode_json(self._topic)},"msg":{text}}}'
+        if compression == "png":
+            return encode_json({"op": "png", "data": encode_png(str(self._wire("none")))})
         message: Any = self._message
         if compression == "cbor-raw":
             seconds, nanoseconds = divmod(time.time_ns(), 1_000_000_000)
@@ -110,7 +137,7 @@ class EncodingQueue(Generic[R]):
 
     def __init__(
         self,
-        compression: str,
+        encoding: Encoding,
         pool: ThreadPool,
         bound_bytes: int,
         send: Callable[[bytes, Sequence[R]], None],
@@ -118,10 +145,10 @@ class EncodingQueue(Generic[R]):
     ) -> None:
         """Starts empty.
 
-        `send` is called in the loop with the frame of a message and its receivers, `on_failure` with the reason if it
+        `send` is called in the loop with the frames of a message and its receivers, `on_failure` with the reason if it
         cannot be encoded. `bound_bytes`: estimated size of those that wait; one larger message may wait alone.
         """
-        self._compression = compression
+        self._encoding = encoding
         self._pool = pool
         self._send = send
         self._on_failure = on_failure
@@ -148,12 +175,12 @@ class EncodingQueue(Generic[R]):
             while self._waiting:
                 message, receivers = self._waiting.pop()
                 try:
-                    encoded = await self._pool.run(message.frame, self._compression)
+                    frames = await self._pool.run(message.frames, self._encoding)
                 except (MessageError, ServiceError) as error:
                     self._on_failure(str(error))
                 else:
-                    self._send(encoded, receivers)
-                    del encoded
+                    self._send(frames, receivers)
+                    del frames
                 del message, receivers
         finally:
             self.busy = False

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import functools
 from typing import Any, Awaitable, Callable, Dict, NamedTuple, Optional, Set, Type
 
 from ...core.values.errors import ConfigError, MessageError, ServiceError
@@ -102,7 +101,8 @@ class Session:
 
     def send(self, operation: Operation) -> None:
         """Sends an operation in the client's own encoding; raises MessageError if it cannot be encoded."""
-        self.put(frame(self._connection.send(operation, compression=self._compression)))
+        for wire in self._connection.send(operation, compression=self._compression):
+            self.put(frame(wire))
 
     def send_status(self, level: str, text: str, id: Id = None) -> None:  # noqa: A002 - the protocol's word
         """Sends a `status` if the client requested this level: other clients treat it as an error."""
@@ -208,9 +208,13 @@ class Session:
 
     async def _respond(self, request: operations.CallService, values: object, *, result: bool) -> None:
         response = operations.ServiceResponse(request.service, values, result, request.id)
-        send = functools.partial(self._connection.send, response, compression=self._compression)
-        is_large = estimated_bytes(values) > LARGE_BYTES
-        self.put(frame(await self._parts.encoder.run(send) if is_large else send()))
+        compression = "png" if request.compression == "png" else self._compression
+        options = {"fragment_size": request.fragment_size, "compression": compression}
+        if estimated_bytes(values) > LARGE_BYTES:
+            wires = await self._parts.encoder.run(lambda: self._connection.send(response, **options))  # type: ignore[arg-type]
+        else:
+            wires = self._connection.send(response, **options)  # type: ignore[arg-type]
+        self.put(b"".join(map(frame, wires)))
 
     async def _advertise_service(self, request: operations.AdvertiseService) -> None:
         self._require_room()

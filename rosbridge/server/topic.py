@@ -12,7 +12,7 @@ from ...core.values.errors import MessageError
 from ...runtime.event_loops import ThreadPool
 from ..protocol import Limits
 from ..protocol.operations import COMPRESSIONS, Subscribe
-from .sending import EncodedMessage, EncodingQueue, Serializer
+from .sending import EncodedMessage, Encoding, EncodingQueue, Serializer
 
 
 class Options(NamedTuple):
@@ -22,26 +22,34 @@ class Options(NamedTuple):
     """Minimum time between two messages, in s."""
     queue_length: int = 0
     """Messages to queue meanwhile, the newest ones; 0: messages in between are dropped."""
+    fragment_size: Optional[int] = None
+    """In characters; None: no fragments."""
     compression: str = "none"
-    """One of COMPRESSIONS but `png`."""
+
+    @property
+    def encoding(self) -> Encoding:
+        """What the bytes that are sent depend on."""
+        return Encoding(self.compression, self.fragment_size)
 
 
 def options_of(request: Subscribe, limits: Limits) -> Options:
     """Returns the options that a client requests, within the limits."""
     queue_length = min(request.queue_length, limits.queue_messages)
-    compression = "none" if request.compression == "png" else request.compression
-    return Options(request.throttle_rate / 1000.0, queue_length, compression)
+    return Options(request.throttle_rate / 1000.0, queue_length, request.fragment_size, request.compression)
 
 
 def merge(requests: Iterable[Options]) -> Options:
     """Returns one set of options for all subscriptions of a client to one topic.
 
-    As in the reference server: the fastest rate, the shortest queue, and the compression that is last in COMPRESSIONS.
+    As in the reference server: the fastest rate, the shortest queue, the smallest fragments, and the compression that
+    is last in COMPRESSIONS.
     """
     every = list(requests)
+    sizes = [options.fragment_size for options in every if options.fragment_size is not None]
     return Options(
         min(options.throttle_s for options in every),
         min(options.queue_length for options in every),
+        min(sizes) if sizes else None,
         max((options.compression for options in every), key=COMPRESSIONS.index),
     )
 
@@ -140,10 +148,10 @@ class Topic:
         self._on_failure = on_failure
         self._limits = limits
         self._options: Dict[Receiver, Options] = {}
-        self._direct: Dict[str, List[Receiver]] = {}
+        self._direct: Dict[Encoding, List[Receiver]] = {}
         self._pacers: Dict[Receiver, Pacer] = {}
         self._timers: Dict[Receiver, asyncio.TimerHandle] = {}
-        self._queues: Dict[str, EncodingQueue[Receiver]] = {}
+        self._queues: Dict[Encoding, EncodingQueue[Receiver]] = {}
         self._dropped = 0
 
     def set_type(self, type_name: str, serialize: Optional[Serializer]) -> None:
@@ -178,8 +186,8 @@ class Topic:
         self._direct = {}
         for other, chosen in self._options.items():
             if not chosen.throttle_s:
-                self._direct.setdefault(chosen.compression, []).append(other)
-        for unused in self._queues.keys() - {options.compression for options in self._options.values()}:
+                self._direct.setdefault(chosen.encoding, []).append(other)
+        for unused in self._queues.keys() - {options.encoding for options in self._options.values()}:
             queue = self._queues.pop(unused)
             queue.clear()
             self._dropped += queue.dropped
@@ -197,9 +205,9 @@ class Topic:
             self._dropped += 1
             self._on_failure(f"{self.name}: message of {message.size} bytes dropped (limit {self._limits.sent_bytes})")
             return
-        for compression, receivers in self._direct.items():
-            if self._is_raw(compression) == raw:
-                self._send(message, compression, receivers)
+        for encoding, receivers in self._direct.items():
+            if self._is_raw(encoding.compression) == raw:
+                self._send(message, encoding, receivers)
         if self._pacers:
             now_s = asyncio.get_event_loop().time()
             for receiver, pacer in tuple(self._pacers.items()):
@@ -209,26 +217,26 @@ class Topic:
     def _is_raw(self, compression: str) -> bool:
         return compression == "cbor-raw" and self.native_raw
 
-    def _send(self, message: EncodedMessage, compression: str, receivers: Sequence[Receiver]) -> None:
-        queue = self._queues.get(compression)
+    def _send(self, message: EncodedMessage, encoding: Encoding, receivers: Sequence[Receiver]) -> None:
+        queue = self._queues.get(encoding)
         if message.is_large or (queue is not None and queue.busy):
             if queue is None:
-                queue = EncodingQueue(compression, self._encoder, self._limits.encoding_bytes, self._put, self._fail)
-                self._queues[compression] = queue
+                queue = EncodingQueue(encoding, self._encoder, self._limits.encoding_bytes, self._put, self._fail)
+                self._queues[encoding] = queue
             queue.put(message, tuple(receivers))
             return
         try:
-            frame = message.frame(compression)
+            frames = message.frames(encoding)
         except MessageError as error:
             self._fail(str(error))
             return
         for receiver in receivers:
-            receiver.put(frame)
+            receiver.put(frames)
 
-    def _put(self, frame: bytes, receivers: Sequence[Receiver]) -> None:
+    def _put(self, frames: bytes, receivers: Sequence[Receiver]) -> None:
         for receiver in receivers:
             if receiver in self._options:
-                receiver.put(frame)
+                receiver.put(frames)
 
     def _fail(self, reason: str) -> None:
         self._dropped += 1
@@ -237,7 +245,7 @@ class Topic:
     def _send_paced(self, receiver: Receiver, pacer: Pacer, message: Optional[EncodedMessage], now_s: float) -> None:
         """Sends a message, and the next queued one when it is due."""
         if message is not None:
-            self._send(message, self._options[receiver].compression, [receiver])
+            self._send(message, self._options[receiver].encoding, [receiver])
         if pacer.next_s is not None and receiver not in self._timers:
             delay_s = max(0.0, pacer.next_s - now_s)
             self._timers[receiver] = asyncio.get_event_loop().call_later(delay_s, self._on_due, receiver)

@@ -305,8 +305,9 @@ class Protocol(Target):
             assert connection.fragment_chars <= Limits().message_bytes
             if operation is not None:
                 for compression in COMPRESSIONS:
-                    with contextlib.suppress(MessageError):
-                        connection.send(operation, compression=compression)
+                    for size in (None, 300):
+                        with contextlib.suppress(MessageError):
+                            connection.send(operation, compression=compression, fragment_size=size)
 
     def allowed(self, data: Any) -> Work:
         return Work(20_000 + 300 * size_of(data), 3_000_000 + 1_000 * size_of(data))

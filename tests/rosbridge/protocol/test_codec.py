@@ -1,10 +1,12 @@
-"""The encodings: JSON, CBOR, and the topic of a message that is too large to decode."""
+"""The encodings: JSON, CBOR, PNG, and the topic of a message that is too large to decode."""
 
 from __future__ import annotations
 
+import base64
 import json
 import math
 import struct
+import zlib
 from typing import Any, Dict, List, Optional, Union
 
 import cbor2
@@ -20,6 +22,7 @@ from robot_health_monitor.rosbridge.protocol.codec import (
     encode_json,
     encode_json_with_nan,
     encode_large_json,
+    encode_png,
     serialized_publication,
     topic_of_message,
 )
@@ -271,6 +274,40 @@ def test_a_map_whose_length_takes_several_bytes_is_read() -> None:
 def test_any_data_is_accepted(data: Union[str, bytes]) -> None:
     topic: Optional[str] = topic_of_message(data)
     assert topic is None or isinstance(topic, str)
+
+
+def decode_png(data: str) -> str:
+    """Reads the text as roslibjs does, by the PNG specification: signature, chunks with CRC, rows with filter 0."""
+    file = base64.b64decode(data, validate=True)
+    assert file[:8] == b"\x89PNG\r\n\x1a\n"
+    chunks = {}
+    position = 8
+    while position < len(file):
+        (length,) = struct.unpack_from(">I", file, position)
+        kind, body = file[position + 4 : position + 8], file[position + 8 : position + 8 + length]
+        assert struct.unpack_from(">I", file, position + 8 + length) == (zlib.crc32(kind + body),)
+        chunks[kind] = body
+        position += 12 + length
+    assert list(chunks) == [b"IHDR", b"IDAT", b"IEND"]
+    width, height, *form = struct.unpack(">IIBBBBB", chunks[b"IHDR"])
+    assert form == [8, 2, 0, 0, 0]  # 8 bits per sample, RGB, not interlaced
+    rows = zlib.decompress(chunks[b"IDAT"])
+    stride = 1 + 3 * width
+    assert len(rows) == stride * height
+    assert set(rows[::stride]) == {0}
+    pixels = b"".join(rows[start + 1 : start + stride] for start in range(0, len(rows), stride))
+    return pixels.decode().rstrip("\n")
+
+
+@given(st.text())
+def test_the_image_contains_the_text_and_line_feeds_at_its_end(text: str) -> None:
+    text = text.encode("utf-8", "ignore").decode()
+    assert decode_png(encode_png(text)) == text.rstrip("\n")
+
+
+@pytest.mark.parametrize("length", [0, 1, 2, 3, 299, 300, 301, 1_000_000])
+def test_every_length_fits(length: int) -> None:
+    assert decode_png(encode_png("x" * length)) == "x" * length
 
 
 def test_serialized_messages_are_taken_from_cbor_without_base64() -> None:

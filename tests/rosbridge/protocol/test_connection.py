@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from robot_health_monitor.rosbridge.protocol import Wire, operations
 from robot_health_monitor.rosbridge.protocol.codec import encode_json
-from robot_health_monitor.rosbridge.protocol.connection import Connection, Reassembly
+from robot_health_monitor.rosbridge.protocol.connection import Connection, Reassembly, split
 from robot_health_monitor.rosbridge.protocol.limits import Limits, ProtocolError
 
 
@@ -20,26 +20,17 @@ def receive(data: Wire, limits: Limits = Limits()) -> Any:  # noqa: B008 - froze
     return Connection(limits).receive(data, 0.0)
 
 
-def fragments(text: str, size: int) -> List[str]:
-    """The fragments of a message as in section 3.1.1 of ROSBRIDGE_PROTOCOL.md, with `size` characters each."""
-    pieces = [text[start : start + size] for start in range(0, len(text), size)]
-    return [
-        json.dumps({"op": "fragment", "id": "x", "data": piece, "num": number, "total": len(pieces)})
-        for number, piece in enumerate(pieces)
-    ]
-
-
 @pytest.mark.parametrize("fields", EXAMPLES, ids=lambda fields: fields["op"])
 class TestEveryOperation:
     @pytest.mark.parametrize("compression", ["none", "cbor"])
     def test_survives_every_encoding(self, fields: Dict[str, Any], compression: str) -> None:
         operation = receive(json.dumps(fields))
-        wire = Connection().send(operation, compression=compression)
+        (wire,) = Connection().send(operation, compression=compression)
         assert receive(wire) == operation
 
     def test_survives_fragmentation(self, fields: Dict[str, Any]) -> None:
         operation = receive(json.dumps(fields))
-        wires = fragments(json.dumps(fields), 7)
+        wires = Connection().send(operation, fragment_size=7)
         assert len(wires) > 1
         receiver = Connection()
         received = [receiver.receive(wire, 0.0) for wire in wires]
@@ -50,8 +41,9 @@ class TestEveryOperation:
 class TestMessagesInsideMessages:
     def test_a_compressed_message_is_refused(self) -> None:
         """Neither roslibpy nor roslibjs send one, and the reference server does not accept one."""
+        (wire,) = Connection().send(operations.SetLevel("none"), compression="png")
         with pytest.raises(ProtocolError, match="png: received messages must not be compressed"):
-            receive('{"op": "png", "data": ""}')
+            receive(wire)
 
     @pytest.mark.parametrize("op", ["fragment", "png"])
     def test_a_fragmented_message_contains_an_operation(self, op: str) -> None:
@@ -63,19 +55,19 @@ class TestMessagesInsideMessages:
 class TestNumbersThatJsonLacks:
     def test_nan_and_infinities_are_sent_as_null(self) -> None:
         message = {"data": math.nan, "list": [math.inf, 1.0, -math.inf], "inner": {"x": math.nan}}
-        wire = Connection().send(operations.Publish("/a", message))
+        (wire,) = Connection().send(operations.Publish("/a", message))
         assert json.loads(wire)["msg"] == {"data": None, "list": [None, 1.0, None], "inner": {"x": None}}
 
     def test_a_client_may_send_them_as_they_are(self) -> None:
-        wire = Connection(nan_as_null=False).send(operations.Publish("/a", {"data": math.inf}))
+        (wire,) = Connection(nan_as_null=False).send(operations.Publish("/a", {"data": math.inf}))
         assert receive(wire).msg == {"data": math.inf}
 
     def test_cbor_keeps_them(self) -> None:
-        wire = Connection().send(operations.Publish("/a", {"data": -math.inf}), compression="cbor")
+        (wire,) = Connection().send(operations.Publish("/a", {"data": -math.inf}), compression="cbor")
         assert receive(wire).msg == {"data": -math.inf}
 
     def test_byte_arrays_are_sent_as_base64(self) -> None:
-        wire = Connection().send(operations.Publish("/a", {"data": b"\x00\xff"}))
+        (wire,) = Connection().send(operations.Publish("/a", {"data": b"\x00\xff"}))
         assert json.loads(wire)["msg"] == {"data": "AP8="}
 
 
@@ -123,7 +115,7 @@ def test_any_text_and_any_bytes_raise_nothing_but_its_own_error(data: Any) -> No
 def test_a_damaged_message_raises_nothing_but_its_own_error(data: st.DataObject) -> None:
     fields = data.draw(st.sampled_from(EXAMPLES))
     compression = data.draw(st.sampled_from(["none", "cbor"]))
-    wire = Connection().send(receive(json.dumps(fields)), compression=compression)
+    (wire,) = Connection().send(receive(json.dumps(fields)), compression=compression)
     raw = bytearray(wire.encode() if isinstance(wire, str) else wire)
     for _ in range(data.draw(st.integers(1, 4))):
         raw[data.draw(st.integers(0, len(raw) - 1))] = data.draw(st.integers(0, 255))
@@ -145,9 +137,7 @@ def test_any_sequence_of_fragments_raises_nothing_but_its_own_error(sequence: Li
 @given(st.dictionaries(st.text(max_size=10), JSON, max_size=5), st.integers(1, 50))
 def test_any_message_survives_any_fragment_size(message: Dict[str, Any], size: int) -> None:
     connection = Connection()
-    whole = connection.send(operations.Publish("/a", message))
-    assert isinstance(whole, str)
-    wires = fragments(whole, size)
+    wires = connection.send(operations.Publish("/a", message), fragment_size=size)
     received = [Connection.receive(connection, wire, 0.0) for wire in wires]
     expected = json.loads(encode_json(message))
     assert received[-1] is not None and received[-1].msg == expected  # type: ignore[union-attr]
@@ -155,6 +145,14 @@ def test_any_message_survives_any_fragment_size(message: Dict[str, Any], size: i
 
 def fragment(data: str, num: Any, total: Any, id: Any = "a") -> Any:  # noqa: A002 - the protocol's word
     return {"op": "fragment", "id": id, "data": data, "num": num, "total": total}
+
+
+def test_a_text_is_split_as_the_protocol_has_it() -> None:
+    assert list(split("abcdefgh", 3, "x")) == [
+        {"op": "fragment", "id": "x", "data": "abc", "num": 0, "total": 3},
+        {"op": "fragment", "id": "x", "data": "def", "num": 1, "total": 3},
+        {"op": "fragment", "id": "x", "data": "gh", "num": 2, "total": 3},
+    ]
 
 
 def test_fragments_may_come_in_any_order_and_twice() -> None:

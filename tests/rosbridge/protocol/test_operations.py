@@ -8,6 +8,7 @@ import pytest
 from harness.rosbridge_operations import EXAMPLES
 
 from robot_health_monitor.core.config.schema import parameters
+from robot_health_monitor.rosbridge.protocol import operations
 from robot_health_monitor.rosbridge.protocol.limits import ProtocolError
 from robot_health_monitor.rosbridge.protocol.operations import OPERATIONS, operation_fields, read_operation
 
@@ -66,6 +67,10 @@ def test_every_operation_of_the_protocol_has_an_example() -> None:
             "throttle_rate: expected a number of at least 0, got true",
         ),
         (
+            {"op": "subscribe", "topic": "/a", "fragment_size": 255},
+            "fragment_size: expected a whole number of at least 256, got 255",
+        ),
+        (
             {"op": "subscribe", "topic": "/a", "compression": "zip"},
             "one of none, png, cbor, cbor-raw, got 'zip'",
         ),
@@ -79,3 +84,8 @@ def test_a_wrong_field_is_reported_in_one_line(fields: Dict[str, Any], problem: 
         read_operation(fields)
     assert problem in str(refusal.value)
     assert "\n" not in str(refusal.value)
+
+
+def test_the_smallest_fragment_size_is_accepted() -> None:
+    operation = read_operation({"op": "subscribe", "topic": "/a", "fragment_size": 256})
+    assert operation == operations.Subscribe("/a", fragment_size=256)

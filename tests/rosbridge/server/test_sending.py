@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import struct
 import threading
 from typing import Any, List
 
@@ -14,6 +15,7 @@ from robot_health_monitor.rosbridge.server.sending import (
     LARGE_BYTES,
     ClientQueue,
     EncodedMessage,
+    Encoding,
     EncodingQueue,
     SlowClients,
     estimated_bytes,
@@ -31,8 +33,8 @@ def payload(frame: bytes) -> bytes:
 def test_json_and_cbor_carry_the_same_operation() -> None:
     message = EncodedMessage("/a", {"data": 19.5})
     expected = {"op": "publish", "topic": "/a", "msg": {"data": 19.5}}
-    assert json.loads(payload(message.frame("none"))) == expected
-    assert cbor2.loads(payload(message.frame("cbor"))) == expected
+    assert json.loads(payload(message.frames(Encoding("none")))) == expected
+    assert cbor2.loads(payload(message.frames(Encoding("cbor")))) == expected
 
 
 def test_raw_bytes_come_from_the_middleware_or_from_the_serializer() -> None:
@@ -40,15 +42,27 @@ def test_raw_bytes_come_from_the_middleware_or_from_the_serializer() -> None:
         EncodedMessage("/a", None, b"\x01\x02"),
         EncodedMessage("/a", {"data": 1}, serialize=lambda message: b"\x01\x02"),
     ):
-        frame = message.frame("cbor-raw")
+        frame = message.frames(Encoding("cbor-raw"))
         assert cbor2.loads(payload(frame))["msg"]["bytes"] == b"\x01\x02"
     with pytest.raises(MessageError, match="definition of its type is not known"):
-        EncodedMessage("/a", {"data": 1}).frame("cbor-raw")
+        EncodedMessage("/a", {"data": 1}).frames(Encoding("cbor-raw"))
+
+
+def test_fragments_are_frames_that_join_to_the_message() -> None:
+    frames = EncodedMessage("/a", {"data": "x" * 1000}).frames(Encoding("none", 300))
+    texts = []
+    while frames:
+        assert frames[0] == 0x81 and frames[1] == 126
+        (length,) = struct.unpack("!H", frames[2:4])
+        texts.append(json.loads(frames[4 : 4 + length]))
+        frames = frames[4 + length :]
+    assert [text["num"] for text in texts] == list(range(texts[0]["total"]))
+    assert json.loads("".join(text["data"] for text in texts))["msg"] == {"data": "x" * 1000}
 
 
 def test_an_encoding_is_computed_once() -> None:
     message = EncodedMessage("/a", {"data": 19.5})
-    assert message.frame("none") is message.frame("none")
+    assert message.frames(Encoding("png")) is message.frames(Encoding("png"))
 
 
 @pytest.mark.parametrize(("message", "large"), [({"data": 1.0}, False), ({"data": "x" * 900_000}, True)])
@@ -57,9 +71,9 @@ def test_large_messages_are_marked(message: Any, large: bool) -> None:
 
 
 def test_a_message_that_cannot_be_encoded_is_a_message_error() -> None:
-    for compression in ("none", "cbor"):
+    for compression in ("none", "png", "cbor"):
         with pytest.raises(MessageError):
-            EncodedMessage("/a", {"data": object()}).frame(compression)
+            EncodedMessage("/a", {"data": object()}).frames(Encoding(compression))
 
 
 SIZE = 100_000
@@ -79,7 +93,7 @@ class TestQueue:
             def send(frames: bytes, receivers: Any) -> None:
                 sent.append(int(frames[frames.index(b'"data":"') + 8 :][:4]))
 
-            queue: EncodingQueue[str] = EncodingQueue("none", pool, bound_bytes, send, problems.append)
+            queue: EncodingQueue[str] = EncodingQueue(Encoding(), pool, bound_bytes, send, problems.append)
             await asyncio.wait_for(scenario(pool, queue, sent, problems), 60.0)
             pool.close()
 
@@ -89,8 +103,8 @@ class TestQueue:
         async def scenario(pool: ThreadPool, queue: Any, sent: List[int], problems: List[str]) -> None:
             threads = []
             first = message(0)
-            encode = first.frame
-            first.frame = lambda encoding: threads.append(threading.get_ident()) or encode(encoding)  # type: ignore[method-assign,func-returns-value]
+            encode = first.frames
+            first.frames = lambda encoding: threads.append(threading.get_ident()) or encode(encoding)  # type: ignore[method-assign,func-returns-value]
             queue.put(first, ["client"])
             for number in range(1, 5):
                 queue.put(message(number), ["client"])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import math
 import socket
 import ssl
@@ -130,6 +131,19 @@ class TestSubscribing:
 
     @staticmethod
     @with_robot()
+    async def test_long_messages_come_in_fragments_when_asked_for(robot: Robot) -> None:
+        robot.node.advertise("/text", "std_msgs/String")
+        async with robot.peer() as peer:
+            await peer.subscribe("/text", fragment_size=256)
+            robot.node.publish("/text", {"data": "x" * 1000})
+            first = await peer.receive()
+            assert (first["op"], first["num"]) == ("fragment", 0) and len(first["data"]) == 256
+            rest = [await peer.receive() for _ in range(first["total"] - 1)]
+            whole = json.loads("".join(fragment["data"] for fragment in [first, *rest]))
+            assert whole == {"op": "publish", "topic": "/text", "msg": {"data": "x" * 1000}}
+
+    @staticmethod
+    @with_robot()
     async def test_throttled_messages_keep_their_distance_and_others_get_all(robot: Robot) -> None:
         async with robot.peer() as slow, robot.peer() as fast:
             await slow.subscribe("/battery_level", throttle_rate=3_600_000)
@@ -215,6 +229,17 @@ class TestPublishingAndServices:
         async with robot.peer() as peer:
             response = await peer.call("/robot/reset")
             assert response["result"] is False and "stuck" in response["values"]
+
+    @staticmethod
+    @with_robot(OPEN)
+    async def test_a_response_is_sent_as_png_or_in_fragments_on_request(robot: Robot) -> None:
+        async with robot.peer() as peer:
+            await peer.send("call_service", service="/rosapi/topics", compression="png")
+            assert (await peer.receive())["op"] == "png"
+            await peer.send(
+                "call_service", service="/rosapi/message_details", args={"type": "rosgraph_msgs/Log"}, fragment_size=256
+            )
+            assert (await peer.receive())["op"] == "fragment"
 
     @staticmethod
     @with_robot(OPEN)

@@ -110,18 +110,14 @@ def test_a_message_that_cannot_be_sent_is_counted_and_reported() -> None:
 
 
 def test_options_are_read_in_seconds_and_within_the_limits() -> None:
-    request = Subscribe("/a", throttle_rate=250.0, queue_length=7, compression="cbor")
-    assert options_of(request, Limits()) == Options(0.25, 7, "cbor")
+    request = Subscribe("/a", throttle_rate=250.0, queue_length=7, fragment_size=100, compression="png")
+    assert options_of(request, Limits()) == Options(0.25, 7, 100, "png")
     assert options_of(replace(request, queue_length=10**9), Limits(queue_messages=50)).queue_length == 50
 
 
-def test_what_a_client_wants_as_png_is_sent_uncompressed() -> None:
-    assert options_of(Subscribe("/a", compression="png"), Limits()) == Options(compression="none")
-
-
 def test_several_requests_for_a_topic_are_merged_as_the_reference_server_does() -> None:
-    requests = [Options(0.5, 10, "none"), Options(0.1, 2, "cbor"), Options(1.0, 5, "none")]
-    assert merge(requests) == Options(0.1, 2, "cbor")
+    requests = [Options(0.5, 10, 200, "none"), Options(0.1, 2, None, "cbor"), Options(1.0, 5, 100, "png")]
+    assert merge(requests) == Options(0.1, 2, 100, "cbor")
     assert merge([Options(), Options(compression="cbor-raw"), Options(compression="cbor")]).compression == "cbor-raw"
 
 
