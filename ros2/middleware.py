@@ -23,7 +23,7 @@ from ..core.messages.dialect import Message
 from ..core.port.graph import Found, Wanted, count, is_pattern
 from ..core.port.middleware import Callback, OnChange, RawCallback, RawFormat, Severity
 from ..core.values.errors import ConfigError
-from ..core.values.field_path import Getter
+from ..core.values.field_path import ABSENT, Getter
 from ..core.values.formatting import with_degree_sign
 from ..core.values.names import canonical_type
 from ..core.values.patterns import matches_pattern
@@ -313,11 +313,17 @@ class Ros2Middleware(NativeNode):
                 for subscription in channel.readers:
                     if subscription.active:
                         try:
-                            if subscription.needs_message:
-                                message = deserialize_message(data, cls) if message is None else message
-                                value = subscription.get(message)
-                            else:
-                                value = subscription.get(data)
+                            try:
+                                if subscription.needs_message:
+                                    message = deserialize_message(data, cls) if message is None else message
+                                    value = subscription.get(message)
+                                else:
+                                    value = subscription.get(data)
+                            except Exception as error:
+                                if subscription.field is None:
+                                    raise
+                                log_failure(error)
+                                value = ABSENT  # a message that cannot be read is a sign of life
                             subscription.callback(value, now_s)
                         except Exception as error:
                             log_failure(error)

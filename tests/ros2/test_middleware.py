@@ -143,9 +143,10 @@ def test_a_message_that_is_not_of_its_type_is_an_error_line_and_captured(ros: An
     from std_msgs.msg import Float32
 
     header_only = b"\x00\x01\x00\x00"
-    whole, capture = Recorder(), Capture()
+    whole, field, capture = Recorder(), Recorder(), Capture()
     node = ros.node("alert_system")
     node.subscribe("/in_bytes", FLOAT32, whole)
+    node.subscribe("/in_bytes", FLOAT32, field, field="data")
     node.subscribe_raw("/in_bytes", FLOAT32, capture)
     publisher = ros._me.create_publisher(Float32, "/in_bytes", 10)
 
@@ -160,7 +161,9 @@ def test_a_message_that_is_not_of_its_type_is_an_error_line_and_captured(ros: An
     ros.wait_until(arrived)
     if captured():
         ros.wait_until(lambda: any("in a callback" in line.text for line in ros.log_lines()))
+        ros.wait_until(lambda: field.without)  # a sign of life, without a value
     assert {value["data"] for value in whole.values} == {2.5}
+    assert set(field.values) == {2.5}
 
 
 def test_a_latched_topic_that_is_captured_is_still_latched_for_the_judging(ros: Any) -> None:
