@@ -415,7 +415,8 @@ class SignalMonitor:
         if self.config.graph is None:
             return self._judge_datum(value, now_s)
         # What is not there at the start may not have been discovered yet.
-        self._zero_s = now_s if value == 0 and self.staleness.is_in_grace(now_s) else None
+        is_zero = isinstance(value, (int, float)) and value == 0
+        self._zero_s = now_s if is_zero and self.staleness.is_in_grace(now_s) else None
         return None if self._zero_s is not None else self._judge_datum(value, now_s)
 
     def _judge_datum(self, value: object, now_s: float) -> Optional[Transition]:

@@ -37,6 +37,13 @@ rospy.spin()
             "robot-health: no ROS master at http://127.0.0.1:9 (ROS_MASTER_URI)"
         ]
 
+    def test_without_a_robot_there_is_one_line(  # type: ignore[override]
+        self, init: Any, master: Any, start_master: Any, free_port: int, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """On a new master: the other one lists the types of topics of earlier tests."""
+        monkeypatch.setitem(master.environment, "ROS_MASTER_URI", start_master(free_port).uri)
+        super().test_without_a_robot_there_is_one_line(init)
+
     def test_simulated_time_without_a_clock_is_one_line(self, init: Any, parameters: Any) -> None:
         parameters("/use_sim_time", True)
         process = init("--seconds", "1")

@@ -129,3 +129,12 @@ def test_a_live_change_is_followed() -> None:
 def test_what_contradicts_is_a_configuration_error(signal: Dict[str, Any], key: str) -> None:
     with pytest.raises(ConfigError, match=f"signals.a.{key}: "):
         load_config({"signals": {"a": signal}})
+
+
+def test_a_value_that_is_no_number_is_a_bad_sample_of_a_count() -> None:
+    """Arrays have no truth value."""
+    numpy = pytest.importorskip("numpy")
+    monitor = Monitor(load_config({"signals": {"a": {"node": "/a"}}}))
+    for value in (numpy.array([1.0, 2.0]), "0", None):
+        monitor.observe(Sample("a", value, 0.0))
+    assert monitor.status("a", 0.0).level.name == "STALE"  # unknown is never OK
