@@ -137,4 +137,4 @@ def test_a_value_that_is_no_number_is_a_bad_sample_of_a_count() -> None:
     monitor = Monitor(load_config({"signals": {"a": {"node": "/a"}}}))
     for value in (numpy.array([1.0, 2.0]), "0", None):
         monitor.observe(Sample("a", value, 0.0))
-    assert monitor.status("a", 0.0).level.name == "STALE"  # unknown is never OK
+    assert monitor.status("a", 0.0).level.name == "ERROR"  # three bad samples, docs/rules.md
