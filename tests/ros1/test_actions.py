@@ -60,7 +60,6 @@ def test_each_goal_that_ends_after_the_monitor_came_is_a_sample(ros: Any) -> Non
         ros.wait_until(lambda: judged() == expected)  # noqa: B023 - it is called at once
     # The master goes on listing what is not unregistered, and tests after this one wait for all that it lists.
     server.status_timer.shutdown()
-    server.status_timer.join()
     publishers = (server.status_pub, server.result_pub, server.feedback_pub)
     for each in (goals, *publishers, server.goal_sub, server.cancel_sub):
         each.unregister()
