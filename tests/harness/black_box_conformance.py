@@ -19,7 +19,7 @@ from robot_health_monitor.core.values.model import Transition
 from robot_health_monitor.ops.configuration import BlackBoxSettings, OpsConfig
 
 SIGNALS = {
-    "battery_level": {"type": FLOAT32, "unit": "%", "warn_below": 20.0, "statistic": "mean", "window_s": 1.0},
+    "battery_level": {"type": FLOAT32, "unit": "%", "warn_below": 20.0, "statistic": "max", "window_s": 1.0},
     "temperature": {"warn_above": 80.0, "stale_after_s": 0.0},
 }
 
@@ -39,7 +39,7 @@ class BlackBoxConformance:
         alert_system = operations.start(node, {"test": events.append})
         harness.publish("/extra/a", FLOAT32, {"data": 1.0})
         pause = threading.Event()
-        for number in range(40):
+        for number in range(60):
             if sim_time:
                 harness.set_time(START_S + 1.0 + 0.125 * number)
             harness.publish("/robot1/battery_level", FLOAT32, {"data": 50.25 if number < 20 else 15.25})
