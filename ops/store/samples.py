@@ -6,8 +6,7 @@ the largest value stay exactly. A row may be stored in parts, and a restarted mo
 
 from __future__ import annotations
 
-import heapq
-import sqlite3
+from sqlite3 import Connection
 from typing import Any, Dict, Iterable, Iterator, List, NamedTuple, Optional, Tuple
 
 from ...core.judge.sample_summary import PERIOD_S, SampleSummary
@@ -22,33 +21,47 @@ FINE_S = 2.0 * 86_400.0
 """Age at which they are merged, in s."""
 
 _STEP_S = 3600.0
-_MOST_ROWS = 1_000  # per step of the upkeep: 200 robots of ten signals store 200 per second
-_LEAST_BYTES = 200e3  # that a step frees: as much as a transaction of the writer adds
-_ROW_BYTES = 50
+_MOST_ROWS = 300  # merged per step of the upkeep: 200 robots of ten signals store 200 per second
+_MOST_DELETED = 4_000  # 50 bytes each: as much as a transaction of the writer adds
 _LEAST_FINE_S = 3600.0
 _PAGE = 2_000
 _COLUMNS = "start_s, seconds, least, most, mean, last, good, bad, level"
 _CHECKS = (is_time, is_number, *[optional(is_number)] * 4, is_count, is_count, is_level)
 _LEVELS = tuple(Level)  # by their numbers
 _OF_SIGNAL = "robot = ? AND signal = ?"
-_REPLACE = f"INSERT OR REPLACE INTO samples (robot, signal, {_COLUMNS}) VALUES ({', '.join('?' * 11)})"
+_SEVERITY = "CASE {0} WHEN 2 THEN 3 WHEN 3 THEN 2 ELSE {0} END"  # OK, WARN, STALE, ERROR; and back to the level
+_WORST = f"max({_SEVERITY.format('level')}, {_SEVERITY.format('excluded.level')})"
+
+# The mean of two parts is kept between theirs: it may be rounded.
+_STORE = f"""
+    INSERT INTO samples (robot, signal, {_COLUMNS}) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)
+    ON CONFLICT (robot, signal, start_s) DO UPDATE SET
+        least = coalesce(min(least, excluded.least), least, excluded.least),
+        most = coalesce(max(most, excluded.most), most, excluded.most),
+        mean = coalesce(
+            min(max(mean, excluded.mean), max(min(mean, excluded.mean), mean * (1.0 * good / (good + excluded.good))
+                + excluded.mean * (1.0 * excluded.good / (good + excluded.good)))), mean, excluded.mean),
+        last = coalesce(excluded.last, last), good = good + excluded.good, bad = bad + excluded.bad,
+        level = {_SEVERITY.format(_WORST)}
+"""
+"""Stores samples; those of a period that is stored already are joined with it."""
 
 MOST_COARSE = 2_000
 """Most periods that `read_coarse` returns."""
 
 _SCALE = 2.0**-60  # a sum of values near the largest double would be infinite
 
-# Levels by severity: OK, WARN, STALE, ERROR; `last` is that of the latest period.
+# `last` is that of the latest period.
 _COARSE = f"""
     SELECT number * :seconds, max(:seconds, longest), least, most, mean,
         (SELECT last FROM samples WHERE robot = :robot AND signal = :signal AND start_s = newest_s), good, bad,
-        CASE level WHEN 2 THEN 3 WHEN 3 THEN 2 ELSE level END
+        {_SEVERITY.format("level")}
     FROM (
         SELECT CAST(start_s / :seconds AS INTEGER) AS number, min(least) AS least, max(most) AS most,
             min(max(mean), max(min(mean),
                 sum(mean * {_SCALE} * good) / sum(CASE WHEN mean IS NOT NULL THEN good END) / {_SCALE})) AS mean,
             max(CASE WHEN last IS NOT NULL THEN start_s END) AS newest_s, sum(good) AS good, sum(bad) AS bad,
-            max(seconds) AS longest, max(CASE level WHEN 2 THEN 3 WHEN 3 THEN 2 ELSE level END) AS level
+            max(seconds) AS longest, max({_SEVERITY.format("level")}) AS level
         FROM samples
         WHERE robot = :robot AND signal = :signal AND start_s > :since AND start_s < :until
         GROUP BY number ORDER BY number DESC LIMIT :most
@@ -86,23 +99,6 @@ class StoredSamples(NamedTuple):
     bad: int
     level: Level
 
-    def joined(self, later: StoredSamples) -> StoredSamples:
-        """Returns the samples of both; begin and length stay."""
-        good = self.good + later.good
-        mean = later.mean if self.mean is None else self.mean
-        if self.mean is not None and later.mean is not None and good:
-            mean = self.mean * (self.good / good) + later.mean * (later.good / good)
-            mean = min(max(mean, min(self.mean, later.mean)), max(self.mean, later.mean))  # it may be rounded
-        return self._replace(
-            least=min((each for each in (self.least, later.least) if each is not None), default=None),
-            most=max((each for each in (self.most, later.most) if each is not None), default=None),
-            mean=mean,
-            last=self.last if later.last is None else later.last,
-            good=good,
-            bad=self.bad + later.bad,
-            level=Level.worst((self.level, later.level)),
-        )
-
 
 SAMPLES_FIELDS = ("robot", "signal", "start", "seconds", "min", "max", "mean", "last", "good", "bad", "level")
 """Names of the fields for users, in the order of those of `StoredSamples`."""
@@ -114,19 +110,12 @@ def samples_fields(samples: StoredSamples) -> Dict[str, Any]:
     return dict(zip(SAMPLES_FIELDS, (robot, signal, iso_time(start_s), *values, level.name)))
 
 
-def store(connection: sqlite3.Connection, samples: Iterable[StoredSamples]) -> None:
+def store(connection: Connection, samples: Iterable[StoredSamples]) -> None:
     """Stores samples; those of a period that is stored already are joined with it. Inside a transaction."""
-    worst: Dict[Tuple[str, float], Level] = {}
     for each in samples:
-        _join(connection, each)
+        connection.execute(_STORE, each)
         cell = each.robot, each.start_s // CELL_S * CELL_S
-        worst[cell] = Level.worst((each.level, worst.get(cell, each.level)))
-    connection.executemany(_NOTE_LEVEL, [(*cell, level, level.severity) for cell, level in worst.items()])
-
-
-def _join(connection: sqlite3.Connection, samples: StoredSamples) -> None:
-    stored = _checked(connection, samples[:2], _rows(connection, samples[:2], "start_s = ?", (samples.start_s,), 1))
-    connection.execute(_REPLACE, stored[0].joined(samples) if stored else samples)
+        connection.execute(_NOTE_LEVEL, (*cell, each.level, each.level.severity))
 
 
 def summaries_of(robot: str, signal: str, summaries: Iterable[SampleSummary]) -> List[StoredSamples]:
@@ -135,7 +124,7 @@ def summaries_of(robot: str, signal: str, summaries: Iterable[SampleSummary]) ->
 
 
 def read(
-    connection: sqlite3.Connection,
+    connection: Connection,
     *,
     robot: Optional[str] = None,
     signal: Optional[str] = None,
@@ -167,7 +156,7 @@ def read(
 
 
 def read_coarse(
-    connection: sqlite3.Connection, robot: str, signal: str, since_s: float, until_s: float, seconds: float
+    connection: Connection, robot: str, signal: str, since_s: float, until_s: float, seconds: float
 ) -> List[StoredSamples]:
     """Returns the samples of one signal in longer periods; smallest and largest values stay exactly.
 
@@ -188,7 +177,7 @@ def read_coarse(
     return _checked(connection, (robot, signal), rows[::-1])
 
 
-def read_levels(connection: sqlite3.Connection, since_s: float) -> Iterator[Tuple[str, float, Level]]:
+def read_levels(connection: Connection, since_s: float) -> Iterator[Tuple[str, float, Level]]:
     """Yields robot, begin and worst level of each cell of `CELL_S` that begins at a time or later; at most two days.
 
     Times are in s since 1970. There is no cell for a time in which nothing was known.
@@ -203,15 +192,15 @@ def read_levels(connection: sqlite3.Connection, since_s: float) -> Iterator[Tupl
 class SampleUpkeep:
     """Merges and deletes the samples of one database, some rows at a time. Call inside a transaction."""
 
-    def __init__(self, connection: sqlite3.Connection) -> None:
+    def __init__(self, connection: Connection) -> None:
         """Reads nothing yet."""
         self._connection = connection
         self._fine_s = FINE_S
-        self._is_shortening = False
+        self._is_making_room = False
+        self._kept_from_s = -LATEST_S
         self._due: List[_Series] = []
         self._merged_until_s = self._round_until_s = -LATEST_S
         """Until when all signals are merged, by the latest whole round, and by the present one."""
-        self._oldest: Optional[List[Tuple[float, _Series]]] = None
 
     def merge_old(self, before_s: float, now_s: float) -> bool:
         """Deletes some periods before a time, and merges some of those that are fine; returns whether to call again.
@@ -222,12 +211,12 @@ class SampleUpkeep:
             self._round_until_s = (now_s - self._fine_s) // MERGED_S * MERGED_S
             self._due = [*_series(self._connection)]
             self._connection.execute("DELETE FROM robot_levels WHERE start_s < ?", (now_s - FINE_S,))
-        rows = 0
-        while self._due and rows < _MOST_ROWS:
+        work = 0.0
+        while self._due and work < 1.0:
             series = self._due[-1]
             deleted = self._delete(series, before_s)
             merged = self._merge(series, self._round_until_s)
-            rows += 1 + deleted + merged
+            work += deleted / _MOST_DELETED + (1 + merged) / _MOST_ROWS
             if not deleted and not merged:
                 self._due.pop()
         if not self._due:
@@ -235,41 +224,25 @@ class SampleUpkeep:
         return bool(self._due)
 
     def make_room(self, now_s: float) -> bool:
-        """Merges periods that are younger than two days, until an hour is fine; then deletes the oldest ones.
+        """Merges periods that are younger than two days, until an hour is fine; then deletes the oldest hours.
 
         `now_s` is in s since 1970. Returns False if there are no samples.
         """
-        if not self._is_shortening:
-            if self._fine_s <= _LEAST_FINE_S:
-                return self._delete_oldest()
-            self._fine_s = max(0.5 * self._fine_s, _LEAST_FINE_S)
+        if not self._is_making_room:
             self._due = []
-        self._is_shortening = self.merge_old(-LATEST_S, now_s)
+            if self._fine_s > _LEAST_FINE_S:
+                self._fine_s = max(0.5 * self._fine_s, _LEAST_FINE_S)
+            else:
+                query = f"SELECT min(start_s) FROM samples WHERE {_OF_SIGNAL}"
+                begins = [self._connection.execute(query, series).fetchone() for series in _series(self._connection)]
+                if not begins:
+                    return False
+                self._kept_from_s = min(begins)[0] + _STEP_S
+        self._is_making_room = self.merge_old(self._kept_from_s, now_s)
         return True
 
-    def _delete_oldest(self) -> bool:
-        """Deletes hours, each of the signal that has the oldest period; returns False if there are no samples."""
-        if self._oldest is None:
-            self._oldest = []
-            for series in _series(self._connection):
-                self._note_oldest(series)
-        deleted = 0
-        while self._oldest and deleted * _ROW_BYTES < _LEAST_BYTES:
-            start_s, series = heapq.heappop(self._oldest)
-            deleted += self._delete(series, start_s + _STEP_S)
-            self._note_oldest(series)
-        if not self._oldest:
-            self._oldest = None
-        return deleted > 0
-
-    def _note_oldest(self, series: _Series) -> None:
-        query = f"SELECT min(start_s) FROM samples WHERE {_OF_SIGNAL}"
-        (start_s,) = self._connection.execute(query, series).fetchone()
-        if start_s is not None and self._oldest is not None:
-            heapq.heappush(self._oldest, (start_s, series))
-
     def _delete(self, series: _Series, before_s: float) -> int:
-        oldest = f"SELECT start_s FROM samples WHERE {_OF_SIGNAL} AND start_s < ? ORDER BY start_s LIMIT {_MOST_ROWS}"
+        oldest = f"SELECT start_s FROM samples WHERE {_OF_SIGNAL} AND start_s < ? ORDER BY start_s LIMIT 1000"
         delete = f"DELETE FROM samples WHERE {_OF_SIGNAL} AND start_s IN ({oldest})"
         return self._connection.execute(delete, (*series, *series, before_s)).rowcount
 
@@ -281,18 +254,14 @@ class SampleUpkeep:
             return 0
         begin_s = rows[0][0] // MERGED_S * MERGED_S
         end_s = min(begin_s + _STEP_S, before_s)
-        merged: Dict[float, StoredSamples] = {}
-        for each in _checked(self._connection, series, [row for row in rows if row[0] < end_s]):
-            start_s = each.start_s - each.start_s % MERGED_S
-            known = merged.get(start_s)
-            merged[start_s] = each._replace(start_s=start_s, seconds=MERGED_S) if known is None else known.joined(each)
+        fine = _checked(self._connection, series, [row for row in rows if row[0] < end_s])
+        merged = [each._replace(start_s=each.start_s // MERGED_S * MERGED_S, seconds=MERGED_S) for each in fine]
         self._connection.execute(f"DELETE FROM samples WHERE {_OF_SIGNAL} AND {where}", (*series, begin_s, end_s))
-        for each in merged.values():
-            _join(self._connection, each)
+        self._connection.executemany(_STORE, merged)
         return len(rows)
 
 
-def _chosen_series(connection: sqlite3.Connection, robot: Optional[str], signal: Optional[str]) -> Iterator[_Series]:
+def _chosen_series(connection: Connection, robot: Optional[str], signal: Optional[str]) -> Iterator[_Series]:
     if robot is not None and signal is not None and not {"*", "?"} & {*robot, *signal}:
         yield robot, signal
         return
@@ -301,7 +270,7 @@ def _chosen_series(connection: sqlite3.Connection, robot: Optional[str], signal:
             yield series
 
 
-def _series(connection: sqlite3.Connection) -> Iterator[_Series]:
+def _series(connection: Connection) -> Iterator[_Series]:
     """Yields robot and signal of all samples, sorted; does not read every row."""
     query = "SELECT robot, signal FROM samples {} ORDER BY robot, signal LIMIT 1"
     found = connection.execute(query.format("")).fetchone()
@@ -312,12 +281,12 @@ def _series(connection: sqlite3.Connection) -> Iterator[_Series]:
 
 
 def _rows(
-    connection: sqlite3.Connection, series: _Series, where: str, values: Iterable[object], limit: int
+    connection: Connection, series: _Series, where: str, values: Iterable[object], limit: int
 ) -> List[Tuple[Any, ...]]:
     query = f"SELECT {_COLUMNS} FROM samples WHERE {_OF_SIGNAL} AND {where} ORDER BY start_s LIMIT {limit}"
     return connection.execute(query, (*series, *values)).fetchall()
 
 
-def _checked(connection: sqlite3.Connection, series: _Series, rows: List[Tuple[Any, ...]]) -> List[StoredSamples]:
+def _checked(connection: Connection, series: _Series, rows: List[Tuple[Any, ...]]) -> List[StoredSamples]:
     found = checked(connection, "samples", rows, _CHECKS)
     return [StoredSamples._make((*series, *values, _LEVELS[level])) for *values, level in found]
