@@ -20,7 +20,7 @@ from ...ops.store import queries
 from ...ops.store import samples as stored_samples
 from ...ops.store.notes import notes_of
 from ...ops.store.queries import MonitorEvent
-from ...ops.store.rows import is_time
+from ...ops.store.rows import select
 from ...ops.store.samples import SAMPLES_FIELDS, StoredSamples, samples_fields
 from ...ops.store.silences import SilenceEvent, silence_events
 from ...ops.store.summary import SignalSummary, summarize
@@ -198,9 +198,8 @@ def _merged(alerts: Iterator[NotedAlert], events: Sequence[AnyEvent]) -> Iterato
 
 def _summaries(connection: sqlite3.Connection, arguments: argparse.Namespace) -> Tuple[List[SignalSummary], float]:
     """Returns the summaries, and when they end, in s since 1970. Without any, one line on stderr says why."""
-    end_s = connection.execute("SELECT max(coalesce(stopped_s, alive_s)) FROM runs").fetchone()[0]
-    if not is_time(end_s):
-        end_s = time.time()
+    ends = select(connection, "runs", (float,), "SELECT max(coalesce(stopped_s, alive_s)) AS end_s FROM runs")
+    end_s = ends[0][0] if ends else time.time()
     found = summarize(connection, end_s, since_s=arguments.since_s, robot=arguments.robot, signal=arguments.signal)
     if not found and arguments.robot is None and arguments.signal is None:
         sys.stderr.write(f"the monitor did not run in this time; it last ran at {time_text(end_s)}\n")

@@ -13,7 +13,7 @@ function            reads                                  keys that are not dec
 `read_section`      a mapping in a configuration           are mistakes                 is a mistake
 `read_record`       the JSON of a request or a state       are ignored                  the default
 `read_texts`        the parameters of an address           are ignored                  the default
-`row_reader`        the rows of a table, in order          -                            None, if it is `Optional`
+`row_reader`        the rows of a query, by their types    -                            None, if it is `Optional`
 ==================  =====================================  ===========================  =========================
 
 Types of fields: bool, int, float, str, `Level`, `Time`, `Tuple[float, ...]`, `Tuple[str, ...]`, `Mapping[str, Any]` and
@@ -32,6 +32,7 @@ from typing import (
     Any,
     Callable,
     Dict,
+    Iterable,
     Iterator,
     List,
     Mapping,
@@ -61,6 +62,9 @@ _KINDS: Mapping[Any, type] = {Tuple[float, ...]: list, Tuple[str, ...]: tuple, M
 """Kind of parameter per type of field; of others, the type itself."""
 _LONGEST_NUMBER = 25
 
+LATEST_S = 253_402_300_000.0
+"""Latest time that is accepted in a row, in s since 1970: the end of the year 9999."""
+
 
 def declared(default: Any, description: str = "", *limits: Any, **options: Any) -> Any:
     """Returns the field of a key. The further arguments are those of `Parameter` after its description."""
@@ -72,7 +76,6 @@ def declared(default: Any, description: str = "", *limits: Any, **options: Any) 
 class _Key(NamedTuple):
     parameter: Parameter
     is_required: bool
-    is_optional: bool
 
 
 @dataclasses.dataclass(frozen=True)
@@ -94,16 +97,22 @@ def _table(schema: Type[Any]) -> _Table:
     types = get_type_hints(schema)
     for field in dataclasses.fields(schema):
         if "parameter" in field.metadata:
-            given = [each for each in get_args(types[field.name]) if each is not type(None)]
-            is_optional = type(None) in get_args(types[field.name])
-            kind: Any = Union[tuple(given)] if is_optional else types[field.name]
             name = field.name.rstrip("_")
-            parameter = dataclasses.replace(field.metadata["parameter"], name=name, kind=_KINDS.get(kind, kind))
+            kind, _ = _kind_of(types[field.name])
+            parameter = dataclasses.replace(field.metadata["parameter"], name=name, kind=kind)
             is_required = field.default is REQUIRED and field.default_factory is REQUIRED
-            keys.append(_Key(parameter, is_required, is_optional))
+            keys.append(_Key(parameter, is_required))
             default = REQUIRED if is_required else parameter.default
             converts.append((name, field.name, parameter.convert, default))
     return _TABLES.setdefault(schema, _Table(keys, converts))
+
+
+def _kind_of(given: Any) -> Tuple[Any, bool]:
+    """Returns the kind of parameter of a type of field, and whether it may be None."""
+    further = [each for each in get_args(given) if each is not type(None)]
+    is_optional = type(None) in get_args(given)
+    kind: Any = Union[tuple(further)] if is_optional else given
+    return _KINDS.get(kind, kind), is_optional
 
 
 def parameters(schema: Type[Any]) -> Tuple[Parameter, ...]:
@@ -121,7 +130,7 @@ def read_section(schema: Type[T], found: object, path: Path = (), folder: str = 
     tree = require_mapping(found, path)
     problems = Problems()
     values = read_parameters(tree, parameters(schema), path, problems=problems)
-    for parameter, is_required, _ in _table(schema).keys:
+    for parameter, is_required in _table(schema).keys:
         name = parameter.name
         if is_required and tree.get(name, "") == "":
             expected = parameter.allowed if parameter.choices else f"the {parameter.description}"
@@ -203,24 +212,28 @@ _FROM_ROW: Mapping[type, Convert] = {
 """Values in columns that have another form than in JSON."""
 
 
-def row_reader(schema: Type[T]) -> Callable[[Sequence[Any]], Optional[T]]:
-    """Returns a function that makes a row of a database a dataclass, None if a value is not as declared.
+def row_reader(columns: Sequence[str], types: Iterable[Any]) -> Callable[[Sequence[Any]], Optional[List[Any]]]:
+    """Returns a function that reads a row of a database, by its columns and their types.
 
-    The columns are the keys in their order. Flags are 0 and 1, levels their numbers, mappings texts of JSON.
+    It returns None if a value is not of its type. Flags are 0 and 1, levels their numbers, mappings texts of JSON. A
+    column whose name ends with `_s` is a time that a calendar has, or a duration.
     """
-    converts = [
-        (each.parameter.name, _FROM_ROW.get(each.parameter.kind) or each.parameter.convert, each.is_optional)
-        for each in _table(schema).keys
-    ]
+    converts = []
+    for name, given in zip(columns, types):
+        kind, is_optional = _kind_of(given)
+        parameter = Parameter(name, kind, None, "", any_text=True)
+        if name.endswith("_s"):
+            parameter = dataclasses.replace(parameter, minimum=-LATEST_S, maximum=LATEST_S)
+        converts.append((_FROM_ROW.get(kind) or parameter.convert, is_optional))
 
-    def read(row: Sequence[Any]) -> Optional[T]:
-        values = {}
-        for (name, convert, is_optional), found in zip(converts, row):
+    def read(row: Sequence[Any]) -> Optional[List[Any]]:
+        values = []
+        for (convert, is_optional), found in zip(converts, row):
             value = convert(found)
             if value is None and not (is_optional and found is None):
                 return None
-            values[name] = value
-        return _instance(schema, values)
+            values.append(value)
+        return values
 
     return read
 

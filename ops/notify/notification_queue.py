@@ -22,17 +22,32 @@ All functions run in the history's writer thread, inside its transactions.
 from __future__ import annotations
 
 import json
-import sqlite3
+import math
 import time
 from collections import Counter
-from typing import Any, Callable, Collection, Dict, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple
+from sqlite3 import Connection
+from typing import (
+    Any,
+    Callable,
+    Collection,
+    Dict,
+    Iterator,
+    List,
+    Mapping,
+    NamedTuple,
+    Optional,
+    Sequence,
+    Set,
+    Tuple,
+    Type,
+)
 
 from ...core.config.signal_config import template_name
 from ...core.values.model import Level, Transition
 from ...core.values.patterns import matches_pattern
 from ..configuration import TargetSettings
 from ..store.present_state import alert_json
-from ..store.rows import checked, is_count, is_level, is_number, is_text, is_time, optional
+from ..store.rows import Rows, T, Values, records, skip
 from .sender import Notification, Notified, alert_line, annotations_of, group_of
 
 MOST_WAITING = 1_000
@@ -41,16 +56,14 @@ MOST_WAITING = 1_000
 _DROPPED_AT_ONCE = 100
 _MOST_SKIPPED = 50  # rows that `take` discards in one transaction, for which alerts have to wait
 
-_UNCONFIRMED = 0
+_UNCONFIRMED = Level.OK
 """In place of a level in `notified`: an attempt was made, and whether it arrived is not known."""
 
 _MOST_GROUPED = 100  # alerts in one message
 _LONGEST_WAIT_S = 5.0  # before it is looked again whether a wait is over: the wall clock may be set
 
-_COLUMNS = "id, fingerprint, level, at_s, transition_json, attempts, is_repeat"
-_HEAD = f"""
-    SELECT {_COLUMNS} FROM notifications AS row
-    WHERE target = ? AND NOT EXISTS (
+_HEAD = """
+    AS row WHERE target = ? AND NOT EXISTS (
         SELECT 1 FROM notifications AS earlier
         WHERE earlier.target = row.target AND earlier.fingerprint = row.fingerprint AND earlier.id < row.id
     ) ORDER BY attempts, place, id LIMIT 1
@@ -89,21 +102,57 @@ _DROP_ENDED = """
         )
 """
 
-_Alert = Tuple[str, Level, float, str]  # fingerprint, level, wall time in s since 1970, and JSON of the transition
+
+class _Alert(NamedTuple):
+    fingerprint: str
+    level: Level
+    at_s: float  # wall time in s since 1970
+    transition_json: Mapping[str, Any]
 
 
 class OpenAlert(NamedTuple):
-    """A row of `open_alerts`; the level as such."""
+    """A row of `open_alerts`."""
 
     fingerprint: str
     robot: str
     signal: str
     level: Level
     at_s: float
-    line: str
+    transition_json: Mapping[str, Any]
     begun_s: float
     silenced_s: float
     silenced_from_s: Optional[float]
+
+    def as_alert(self) -> _Alert:
+        """Returns what is queued of it."""
+        return _Alert(self.fingerprint, self.level, self.at_s, self.transition_json)
+
+
+class Waiting(NamedTuple):
+    """A row of `notifications`."""
+
+    id: int
+    fingerprint: str
+    level: Level
+    at_s: float
+    transition_json: Mapping[str, Any]
+    attempts: int
+    is_repeat: bool
+
+
+class _Known(NamedTuple):
+    """A row of `notified`."""
+
+    fingerprint: str
+    level: Level
+    since_s: float
+    transition_json: Mapping[str, Any]
+
+    def notified(self) -> Notified:
+        transition = self.transition_json
+        level = Level[transition["to_level"]] if self.level is _UNCONFIRMED else self.level
+        text, annotations = alert_line(transition), annotations_of(transition)
+        return Notified(transition["robot"], transition["signal"], level, self.since_s, text, annotations)
 
 
 class Part(NamedTuple):
@@ -134,7 +183,7 @@ class NotificationQueue:
         self,
         targets: Sequence[TargetSettings],
         is_silenced: Callable[[str, str], bool],
-        look: Callable[[sqlite3.Connection], object],
+        look: Callable[[Connection], object],
         is_simulated: Callable[[str, str], bool] = lambda robot, signal: False,
         wall_time_s: Callable[[], float] = time.time,
         public_url: str = "",
@@ -174,29 +223,28 @@ class NotificationQueue:
             return True
         return any(not self._is_silenced(robot, signal) for robot, signal in self._held.copy())
 
-    def use_targets(self, connection: sqlite3.Connection, targets: Sequence[TargetSettings]) -> None:
-        """Replaces the targets: forgets the others, and queues what new ones do not know yet."""
-        self._targets = {target.name: target for target in targets}
-        self._waiting = Counter({name: self._waiting[name] for name in self._targets})
-        self.prepare(connection)
+    def prepare(self, connection: Connection, targets: Optional[Sequence[TargetSettings]] = None) -> None:
+        """Replaces the targets, forgets others that were configured before, and queues what new ones do not know yet.
 
-    def prepare(self, connection: sqlite3.Connection) -> None:
-        """Forgets targets that are no longer configured, and queues what the others do not know yet."""
+        None: the targets stay, such as at the start.
+        """
+        if targets is not None:
+            self._targets = {target.name: target for target in targets}
+            self._waiting = Counter({name: self._waiting[name] for name in self._targets})
         for table in ("notifications", "notified"):
             known = [name for (name,) in connection.execute(f"SELECT DISTINCT target FROM {table}")]
             unknown = [(name,) for name in known if name not in self._targets]
             connection.executemany(f"DELETE FROM {table} WHERE target = ?", unknown)
         self.reconcile(connection)
 
-    def assume_sent(self, connection: sqlite3.Connection) -> None:
+    def assume_sent(self, connection: Connection) -> None:
         """Takes every open alert as one that may have been sent: it is sent again, and its end in any case."""
         for alert in _open_alerts(connection):
             for name, target in self._targets.items():
-                if self._wants(target, json.loads(alert.line), alert.level):
-                    row = (name, alert.fingerprint, _UNCONFIRMED, alert.at_s, alert.line)
-                    connection.execute(_STORE_NOTIFIED, row)
+                if self._wants(target, alert.transition_json, alert.level):
+                    _store_notified(connection, name, alert.as_alert()._replace(level=_UNCONFIRMED))
 
-    def note(self, connection: sqlite3.Connection, transition: Transition, alert_id: int, wall_s: float) -> None:
+    def note(self, connection: Connection, transition: Transition, alert_id: int, wall_s: float) -> None:
         """Queues a transition for the targets that it concerns, as it is stored, at a time in s since 1970."""
         # Stored with the alert: after a restart it is unknown until battery_sensor has said so again.
         simulated = {"simulated": True} if self._is_simulated(transition.robot, transition.signal) else {}
@@ -204,112 +252,103 @@ class NotificationQueue:
         if simulated:
             update = "UPDATE open_alerts SET transition_json = ? WHERE fingerprint = ?"
             connection.execute(update, (line, transition.fingerprint))
-        level, fields = transition.to_level, json.loads(line)
-        if level is Level.OK:
-            self._held.discard((fields["robot"], fields["signal"]))
+        alert = _Alert(transition.fingerprint, transition.to_level, wall_s, json.loads(line))
+        if alert.level is Level.OK:
+            self._held.discard((alert.transition_json["robot"], alert.transition_json["signal"]))
         for name, target in self._targets.items():
-            alert = transition.fingerprint, level, wall_s, line
-            is_wanted = not target.after_s and self._wants(target, fields, level)
+            is_wanted = not target.after_s and self._wants(target, alert.transition_json, alert.level)
             if self._queue(connection, name, alert, transition.repeat, is_wanted):
                 self._waiting[name] += 1
                 self._drop_superseded(connection, name)
 
-    def take(self, connection: sqlite3.Connection, target: str) -> Optional[Taken]:
+    def take(self, connection: Connection, target: str) -> Optional[Taken]:
         """Returns the next notification for a target and counts the attempt; None: nothing is to be sent now."""
         self._look(connection)
         self._wait_s.pop(target, None)
-        if target not in self._targets:  # it has just been removed
+        settings = self._targets.get(target)
+        if settings is None:  # it has just been removed
             return None
-        if self._targets[target].group_wait_s:
-            group = self._take_group(connection, self._targets[target])
-            self._count(connection, target)
-            return group
-        found = None
-        for _ in range(_MOST_SKIPPED):
-            row = connection.execute(_HEAD, (target,)).fetchone()
-            if row is None:
+        parts: List[Part] = []
+        for rows in (self._groups if settings.group_wait_s else self._heads)(connection, settings):
+            parts = self._parts_of(connection, settings, rows)
+            if parts:
+                self._wait_s.pop(target, None)
                 break
-            is_usual = any(checked(connection, "notifications", [row], _HEAD_CHECKS))
-            notification = self._decide(connection, self._targets[target], row) if is_usual else None
-            if notification is not None:
-                connection.execute("UPDATE notifications SET attempts = attempts + 1 WHERE id = ?", row[:1])
-                found = Taken(target, notification, [Part(row[0], row[1], notification)])
-                break
-            connection.execute("DELETE FROM notifications WHERE id = ?", row[:1])
         self._count(connection, target)
-        return found
+        return Taken(target, group_of([part.notification for part in parts]), parts) if parts else None
 
-    def _take_group(self, connection: sqlite3.Connection, target: TargetSettings) -> Optional[Taken]:
-        """Returns what one robot has waited for long enough, as one message; None if there is nothing of the kind."""
+    def _heads(self, connection: Connection, target: TargetSettings) -> Iterator[Rows[Waiting]]:
+        """Yields the next row, as long as the one before was deleted."""
+        for _ in range(_MOST_SKIPPED):
+            rows = _read(connection, "notifications", Waiting, _HEAD, (target.name,))
+            if not rows.found:
+                return
+            yield rows
+
+    def _groups(self, connection: Connection, target: TargetSettings) -> Iterator[Rows[Waiting]]:
+        """Yields the rows of each robot of which the first one has waited long enough for others."""
         query = """
             SELECT robot, min(queued_s), max(attempts) FROM notifications WHERE target = ?
             GROUP BY robot ORDER BY min(attempts), min(place), min(id)
         """
         now_s = self._wall_time_s()
         for robot, queued_s, attempts in connection.execute(query, (target.name,)).fetchall():
-            left_s = queued_s + target.group_wait_s - now_s if is_time(queued_s) else 0.0
+            left_s = queued_s + target.group_wait_s - now_s if isinstance(queued_s, (int, float)) else 0.0
             if not attempts and 0.0 < left_s <= target.group_wait_s:  # otherwise the wall clock was set back
                 self._wait_s[target.name] = min(left_s, self._wait_s.get(target.name, _LONGEST_WAIT_S))
-                continue
-            parts = self._parts_of(connection, target, robot)
-            if parts:
-                self._wait_s.pop(target.name, None)
-                return Taken(target.name, group_of([part.notification for part in parts]), parts)
-        return None
+            else:
+                tail = "WHERE target = ? AND robot IS ? ORDER BY id"
+                yield _read(connection, "notifications", Waiting, tail, (target.name, robot))
 
-    def _parts_of(self, connection: sqlite3.Connection, target: TargetSettings, robot: object) -> List[Part]:
-        """Returns what the rows of a robot mean, one part per alert, and counts the attempt; deletes the others."""
-        query = f"SELECT {_COLUMNS} FROM notifications WHERE target = ? AND robot IS ? ORDER BY id"
-        alerts: Dict[Any, List[Tuple[Any, ...]]] = {}
-        for row in connection.execute(query, (target.name, robot)).fetchall():
-            alerts.setdefault(row[1], []).append(row)
+    def _parts_of(self, connection: Connection, target: TargetSettings, rows: Rows[Waiting]) -> List[Part]:
+        """Returns what rows mean, one part per alert, and counts the attempt; deletes those that mean nothing."""
         parts: List[Part] = []
-        for fingerprint, rows in alerts.items():
+        done = {row[0] for row in rows.found}
+        if target.group_wait_s:
+            for row in rows:
+                if row.attempts:  # it may have arrived, whatever comes after it
+                    _store_notified(connection, target.name, _Alert(row.fingerprint, _UNCONFIRMED, *row[3:5]))
+            rows[:] = [row._replace(attempts=0) for row in rows]
+        for fingerprint, last in {row.fingerprint: row for row in rows}.items():
             if len(parts) == _MOST_GROUPED:
-                break
-            usual = [*checked(connection, "notifications", rows, _HEAD_CHECKS)]
-            attempted = [row for row in usual if row[5]]
-            if attempted:  # any of them may have arrived
-                _, _, _, at_s, line, _, _ = attempted[0]
-                connection.execute(_STORE_NOTIFIED, (target.name, fingerprint, _UNCONFIRMED, at_s, line))
-            last = usual[-1] if usual else None
-            notification = None if last is None else self._decide(connection, target, (*last[:5], 0, last[6]))
-            kept = rows[:0] if last is None or notification is None else [last]
-            done = [(row[0],) for row in rows if row not in kept]
-            connection.executemany("DELETE FROM notifications WHERE id = ?", done)
-            if last is not None and notification is not None:
-                connection.execute("UPDATE notifications SET attempts = attempts + 1 WHERE id = ?", last[:1])
-                parts.append(Part(last[0], fingerprint, notification))
+                done -= {row.id for row in rows if row.fingerprint == fingerprint}
+                continue
+            notification = self._decide(connection, target, last)
+            if notification is not None:
+                parts.append(Part(last.id, fingerprint, notification))
+                done.remove(last.id)
+        connection.executemany("DELETE FROM notifications WHERE id = ?", [(number,) for number in done])
+        attempted = [(part.id,) for part in parts]
+        connection.executemany("UPDATE notifications SET attempts = attempts + 1 WHERE id = ?", attempted)
         return parts
 
-    def finish(self, connection: sqlite3.Connection, taken: Taken) -> None:
+    def finish(self, connection: Connection, taken: Taken) -> None:
         """Stores that a message was sent, or that it was given up and may have arrived."""
         for number, fingerprint, notification in taken.parts:
-            key = taken.target, fingerprint
             if notification.is_resolved:
+                key = taken.target, fingerprint
                 connection.execute("DELETE FROM notified WHERE target = ? AND fingerprint = ?", key)
             else:
                 before, sent = notification.before, notification.sent
-                is_repetition = before is not None and before.level is sent.level
-                since_s = before.since_s if before is not None and is_repetition else sent.since_s
-                line = json.dumps(dict(notification.transition))
-                connection.execute(_STORE_NOTIFIED, (*key, int(sent.level), since_s, line))
+                since_s = before.since_s if before is not None and before.level is sent.level else sent.since_s
+                alert = _Alert(fingerprint, sent.level, since_s, notification.transition)
+                _store_notified(connection, taken.target, alert)
             connection.execute("DELETE FROM notifications WHERE id = ?", (number,))
         self._count(connection, taken.target)
 
-    def put_back(self, connection: sqlite3.Connection, taken: Taken) -> None:
+    def put_back(self, connection: Connection, taken: Taken) -> None:
         """Takes back an attempt that certainly did not arrive."""
         ids = [(part.id,) for part in taken.parts]
         connection.executemany("UPDATE notifications SET attempts = attempts - 1 WHERE id = ?", ids)
 
-    def open_at(self, connection: sqlite3.Connection, target: str) -> List[Notified]:
+    def open_at(self, connection: Connection, target: str) -> List[Notified]:
         """Returns the alerts that are open at a target and about which nothing else waits."""
         rows = connection.execute("SELECT DISTINCT fingerprint FROM notifications WHERE target = ?", (target,))
         waiting = {key for (key,) in rows}
-        known = _known_at(connection, target).items()
-        return [_notified(*row) for key, row in known if key not in waiting and row[0] != _UNCONFIRMED]
+        known = _known_at(connection, target).values()
+        return [row.notified() for row in known if row.fingerprint not in waiting and row.level is not _UNCONFIRMED]
 
-    def reconcile(self, connection: sqlite3.Connection) -> None:
+    def reconcile(self, connection: Connection) -> None:
         """Queues whatever a target does not know: after a start, or when a silence or a wait (`after_s`) is over."""
         self._look(connection)
         self._held.clear()
@@ -324,17 +363,17 @@ class NotificationQueue:
                     self._queue(connection, name, alert, is_wanted=True)
             self._count(connection, name)
 
-    def end_unwatched(self, connection: sqlite3.Connection, robots: Collection[str], wall_s: float) -> None:
+    def end_unwatched(self, connection: Connection, robots: Collection[str], wall_s: float) -> None:
         """Ends the alerts of all robots but those that are watched, at a time in s since 1970."""
         for alert in _open_alerts(connection):
             if alert.robot not in robots:
                 connection.execute("DELETE FROM open_alerts WHERE robot = ? AND signal = ?", alert[1:3])
                 for name in self._targets:
-                    ended = alert.fingerprint, Level.OK, wall_s, _no_longer_watched(alert.line)
+                    ended = _Alert(alert.fingerprint, Level.OK, wall_s, _no_longer_watched(alert.transition_json))
                     self._queue(connection, name, ended)
                     self._count(connection, name)
 
-    def _note_silenced(self, connection: sqlite3.Connection, now_s: float) -> None:
+    def _note_silenced(self, connection: Connection, now_s: float) -> None:
         """Stores when the silences of open alerts begin to apply, and for how long they did: it does not count."""
         for alert in _open_alerts(connection):
             since_s, silenced_s = alert.silenced_from_s, alert.silenced_s
@@ -348,62 +387,59 @@ class NotificationQueue:
 
     def _queue(
         self,
-        connection: sqlite3.Connection,
+        connection: Connection,
         target: str,
         alert: _Alert,
         is_repeat: bool = False,
         is_wanted: bool = False,
     ) -> bool:
         """Queues a transition if the target wants it, or knows of the alert or will; returns whether that is so."""
-        fingerprint, level, at_s, line = alert
-        transition = json.loads(line)
+        transition = alert.transition_json
         values = {
-            "target": target, "fingerprint": fingerprint, "level": int(level), "at_s": at_s, "json": line,
-            "repeat": is_repeat, "wanted": is_wanted, "robot": transition["robot"], "queued_s": self._wall_time_s(),
-            "source": f"{transition['robot']} {template_name(transition['signal'])}",
+            "target": target, "fingerprint": alert.fingerprint, "level": alert.level, "at_s": alert.at_s,
+            "json": json.dumps(transition), "repeat": is_repeat, "wanted": is_wanted, "robot": transition["robot"],
+            "source": f"{transition['robot']} {template_name(transition['signal'])}", "queued_s": self._wall_time_s(),
         }  # fmt: skip
         return connection.execute(_INSERT_IF_CONCERNED, values).rowcount > 0
 
-    def _unknown_to(self, connection: sqlite3.Connection, target: TargetSettings, now_s: float) -> Iterator[_Alert]:
+    def _unknown_to(self, connection: Connection, target: TargetSettings, now_s: float) -> Iterator[_Alert]:
         """Yields each alert about which a target knows something else."""
         known = _known_at(connection, target.name)
         for alert in _open_alerts(connection):
-            key, robot, signal, level, at_s, line, begun_s, silenced_s, _ = alert
-            before = known.pop(key, None)
-            if not self._wants(target, json.loads(line), level):
+            before = known.pop(alert.fingerprint, None)
+            if not self._wants(target, alert.transition_json, alert.level):
                 if before is not None:
-                    yield key, level, at_s, line
-            elif before is None or before[0] != level:
-                if self._is_silenced(robot, signal):
-                    self._held.add((robot, signal))
-                elif before is not None or now_s - begun_s - silenced_s >= target.after_s:
-                    yield key, level, at_s, line
-        for key, (_, since_s, line) in known.items():  # the history lost its end
-            yield key, Level.OK, since_s, _no_longer_watched(line)
+                    yield alert.as_alert()
+            elif before is None or before.level is not alert.level:
+                if self._is_silenced(alert.robot, alert.signal):
+                    self._held.add((alert.robot, alert.signal))
+                elif before is not None or now_s - alert.begun_s - alert.silenced_s >= target.after_s:
+                    yield alert.as_alert()
+        for row in known.values():  # the history lost its end
+            yield _Alert(row.fingerprint, Level.OK, row.since_s, _no_longer_watched(row.transition_json))
 
-    def _decide(
-        self, connection: sqlite3.Connection, target: TargetSettings, head: Tuple[Any, ...]
-    ) -> Optional[Notification]:
-        """Returns what a row of `_HEAD` means for a target now; None: nothing."""
-        _, fingerprint, level, at_s, line, attempts, is_repeat = head
-        row = _known_at(connection, target.name, fingerprint).get(fingerprint)
-        before = None if row is None else _notified(*row)
-        transition = json.loads(line)
+    def _decide(self, connection: Connection, target: TargetSettings, row: Waiting) -> Optional[Notification]:
+        """Returns what a row means for a target now; None: nothing."""
+        known = _known_at(connection, target.name, row.fingerprint).get(row.fingerprint)
+        before = None if known is None else known.notified()
+        transition = row.transition_json
         if self._page and transition.get("alert_id"):
-            transition["link"] = f"{self._page}{transition['alert_id']}"
-        notification = Notification(transition, False, at_s, before)
-        if not self._wants(target, notification.transition, Level(level)):
-            self._held.discard((notification.robot, notification.signal))
-            return None if before is None else Notification(notification.transition, True, at_s, before)
-        if self._is_silenced(notification.robot, notification.signal):
-            self._held.add((notification.robot, notification.signal))
-            if attempts and row is None:
-                connection.execute(_STORE_NOTIFIED, (target.name, fingerprint, _UNCONFIRMED, at_s, line))
+            transition = {**transition, "link": f"{self._page}{transition['alert_id']}"}
+        is_wanted = self._wants(target, transition, row.level)
+        notification = Notification(transition, not is_wanted, row.at_s, before)
+        name = notification.robot, notification.signal
+        if not is_wanted:
+            self._held.discard(name)
+            return None if before is None else notification
+        if self._is_silenced(*name):
+            self._held.add(name)
+            if row.attempts and known is None:
+                unconfirmed = _Alert(row.fingerprint, _UNCONFIRMED, row.at_s, row.transition_json)
+                _store_notified(connection, target.name, unconfirmed)
             return None
-        is_known = row is not None and row[0] == level
-        if is_known and not attempts and (not is_repeat or target.type == "alertmanager"):
-            return None
-        return notification
+        is_known = known is not None and known.level is row.level
+        is_again = row.attempts or (row.is_repeat and target.type != "alertmanager")
+        return notification if is_again or not is_known else None
 
     def _wants(self, target: TargetSettings, transition: Mapping[str, Any], level: Level) -> bool:
         """Returns whether a target is to know that an alert has a level."""
@@ -416,7 +452,7 @@ class NotificationQueue:
             and (target.simulated or not (transition.get("simulated") or self._is_simulated(robot, signal)))
         )
 
-    def _drop_superseded(self, connection: sqlite3.Connection, target: str) -> None:
+    def _drop_superseded(self, connection: Connection, target: str) -> None:
         waiting = self._waiting[target]
         if waiting <= self._drop_at.get(target, MOST_WAITING):
             return
@@ -427,66 +463,58 @@ class NotificationQueue:
         # Each alert may keep its latest notification: then there is nothing to drop for a while.
         self._drop_at[target] = max(MOST_WAITING, self._waiting[target] + _DROPPED_AT_ONCE)
 
-    def _count(self, connection: sqlite3.Connection, target: str) -> None:
+    def _count(self, connection: Connection, target: str) -> None:
         query = "SELECT count(*) FROM notifications WHERE target = ?"
         self._waiting[target] = connection.execute(query, (target,)).fetchone()[0]
         if self._waiting[target] == 0:
             self._dropped[target] = 0
 
 
-def is_transition(line: object) -> bool:
-    """Whether a value is the JSON of a transition with all that the queue and the targets need."""
-    try:
-        transition = json.loads(line)  # type: ignore[arg-type]
-    except (TypeError, ValueError, RecursionError):
-        return False
+def is_transition(found: Mapping[str, Any]) -> bool:
+    """Whether a JSON object is a transition with all that the queue and the targets need."""
     return (
-        isinstance(transition, dict)
-        and all(is_text(transition.get(name)) for name in ("robot", "signal", "fingerprint", "text"))
-        and all(str(transition.get(name)) in Level.__members__ for name in ("from_level", "to_level"))
-        and all(is_number(transition.get(name)) for name in ("now_s", "since_s"))
-        and isinstance(transition.get("repeat"), bool)
-        and isinstance(transition.get("hint"), str)
-        and isinstance(transition.get("black_box"), str)
+        all(isinstance(found.get(name), kind) for name, kind in _TYPES.items())
+        and all(found[name] in Level.__members__ for name in ("from_level", "to_level"))
+        and all(abs(found[name]) < math.inf for name in ("now_s", "since_s"))
     )
 
 
-_HEAD_CHECKS = (is_count, is_text, is_level, is_time, is_transition, is_count, is_count)
+_TYPES: Mapping[str, Any] = {
+    **dict.fromkeys(("robot", "signal", "fingerprint", "text", "hint", "black_box", "from_level", "to_level"), str),
+    **dict.fromkeys(("now_s", "since_s"), (int, float)),
+    "repeat": bool,
+}
 
 
-def _open_alerts(connection: sqlite3.Connection) -> Iterator[OpenAlert]:
-    columns = "fingerprint, robot, signal, level, at_s, transition_json, begun_s, silenced_s, silenced_from_s"
-    rows = connection.execute(f"SELECT {columns} FROM open_alerts").fetchall()
-    checks = (is_text, is_text, is_text, is_level, is_time, is_transition, is_time, is_number, optional(is_time))
-    for row in checked(connection, "open_alerts", rows, checks):
-        yield OpenAlert(*row)._replace(level=Level(row[3]))
+def _read(connection: Connection, table: str, record: Type[T], tail: str, values: Values = ()) -> Rows[T]:
+    """Returns rows of a table as `records`, without those whose `transition_json` is no transition."""
+    rows: Rows[Any] = records(connection, table, record, tail, values)
+    for row in [row for row in rows if not is_transition(row.transition_json)]:
+        skip(connection, table, row[0])
+        rows.remove(row)
+    return rows
 
 
-def _known_at(
-    connection: sqlite3.Connection, target: str, fingerprint: Optional[str] = None
-) -> Dict[str, Tuple[int, float, str]]:
-    """Returns what a target was last sent: level, time and JSON, by fingerprint (None: of every alert)."""
-    query, values = "SELECT fingerprint, level, since_s, transition_json FROM notified WHERE target = ?", [target]
-    if fingerprint is not None:
-        query, values = f"{query} AND fingerprint = ?", [target, fingerprint]
-    rows = connection.execute(query, values).fetchall()
-    found = checked(connection, "notified", rows, (is_text, is_level, is_time, is_transition))
-    return {key: (level, since_s, line) for key, level, since_s, line in found}
+def _open_alerts(connection: Connection) -> Rows[OpenAlert]:
+    return _read(connection, "open_alerts", OpenAlert, "")
+
+
+def _known_at(connection: Connection, target: str, *fingerprint: str) -> Dict[str, _Known]:
+    """Returns what a target was last sent about an alert, or about each, by fingerprint."""
+    tail = f"WHERE target = ? {'AND fingerprint = ?' if fingerprint else ''}"
+    return {row.fingerprint: row for row in _read(connection, "notified", _Known, tail, (target, *fingerprint))}
+
+
+def _store_notified(connection: Connection, target: str, alert: _Alert) -> None:
+    """Stores what a target was sent about an alert."""
+    connection.execute(_STORE_NOTIFIED, (target, *alert[:3], json.dumps(dict(alert.transition_json))))
 
 
 def _matches(patterns: Sequence[str], name: str) -> bool:
     return not patterns or any(matches_pattern(name, pattern) for pattern in patterns)
 
 
-def _notified(level: int, since_s: float, line: str) -> Notified:
-    transition = json.loads(line)
-    known = Level[transition["to_level"]] if level == _UNCONFIRMED else Level(level)
-    text, annotations = alert_line(transition), annotations_of(transition)
-    return Notified(transition["robot"], transition["signal"], known, since_s, text, annotations)
-
-
-def _no_longer_watched(line: str) -> str:
-    """Returns the JSON of the transition with which an alert ends because its signal is no longer watched."""
-    transition = json.loads(line)
+def _no_longer_watched(transition: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Returns the transition with which an alert ends because its signal is no longer watched."""
     ended = {"to_level": "OK", "text": f"{transition['signal']} OK: no longer watched", "hint": "", "repeat": False}
-    return json.dumps({**transition, "from_level": transition["to_level"], **ended})
+    return {**transition, "from_level": transition["to_level"], **ended}

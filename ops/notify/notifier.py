@@ -131,7 +131,7 @@ class Notifier:
 
     def _change_targets(self, connection: sqlite3.Connection, targets: Sequence[TargetSettings]) -> None:
         self._history.database.state.keep_lines(connection)
-        self._queue.use_targets(connection, _alerted(targets))
+        self._queue.prepare(connection, _alerted(targets))
 
     def _prepare(self, connection: sqlite3.Connection) -> None:
         self._history.database.state.keep_lines(connection)

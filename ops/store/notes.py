@@ -5,12 +5,12 @@ A note has no number: those of two databases can be joined.
 
 from __future__ import annotations
 
-import sqlite3
+from sqlite3 import Connection
 from typing import List, NamedTuple
 
 from ...core.values.errors import ConfigError
 from ...core.values.formatting import printable
-from .rows import checked, is_count, is_text, is_time
+from .rows import records
 
 MOST_TEXT = 1000
 """Longest note, in characters."""
@@ -19,14 +19,12 @@ MOST_AUTHOR = 200
 MOST_NOTES = 20
 """Most notes on one alert."""
 
-_CHECKS = (is_count, is_time, is_text, is_text)
-
 
 class Note(NamedTuple):
     """A note on an alert."""
 
-    alert: int
-    """Number of the transition."""
+    transition_id: int
+    """Number of the alert's transition."""
     wall_s: float
     """When it was written, in s since 1970."""
     author: str
@@ -35,7 +33,7 @@ class Note(NamedTuple):
     """One line."""
 
 
-def add_note(connection: sqlite3.Connection, alert: int, text: str, author: str, now_s: float) -> Note:
+def add_note(connection: Connection, alert: int, text: str, author: str, now_s: float) -> Note:
     """Adds a note to the alert with this number, and returns it. Call inside a transaction.
 
     Line breaks and control characters of the text and the author become blanks. `now_s` is in s since 1970.
@@ -53,16 +51,15 @@ def add_note(connection: sqlite3.Connection, alert: int, text: str, author: str,
         raise ConfigError(f"there is no alert {alert} in this history")
     if len(notes_of(connection, alert)) >= MOST_NOTES:
         raise ConfigError(f"alert {alert} has {MOST_NOTES} notes, the largest number")
-    connection.execute("INSERT OR IGNORE INTO notes (transition_id, wall_s, author, text) VALUES (?, ?, ?, ?)", note)
+    connection.execute("INSERT OR IGNORE INTO notes VALUES (?, ?, ?, ?)", note)
     return note
 
 
-def notes_of(connection: sqlite3.Connection, alert: int) -> List[Note]:
+def notes_of(connection: Connection, alert: int) -> List[Note]:
     """Returns the notes on an alert, oldest first."""
-    query = "SELECT transition_id, wall_s, author, text FROM notes WHERE transition_id = ? ORDER BY wall_s LIMIT ?"
-    rows = connection.execute(query, (alert, MOST_NOTES)).fetchall()
-    found = checked(connection, "notes", rows, _CHECKS)
-    return [Note(number, wall_s, printable(author), printable(text)) for number, wall_s, author, text in found]
+    tail = "WHERE transition_id = ? ORDER BY wall_s LIMIT ?"
+    found = records(connection, "notes", Note, tail, (alert, MOST_NOTES))
+    return [note._replace(author=printable(note.author), text=printable(note.text)) for note in found]
 
 
 def _one_line(text: str) -> str:

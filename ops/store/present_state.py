@@ -17,7 +17,7 @@ from ...core.values.version import package_version
 from . import schema
 from .queries import configuration
 from .queries import transition as stored_transition
-from .rows import StoredTransition, is_text, is_time
+from .rows import StoredTransition, select
 
 _Name = Tuple[str, str]
 """Robot and signal."""
@@ -68,16 +68,16 @@ class PresentState:
     def begin(self, connection: sqlite3.Connection) -> float:
         """Begins the run in a database that earlier runs may have used; returns the latest time that they knew."""
         self._started_s = self._wall_s()
-        last = connection.execute("SELECT alive_s FROM runs ORDER BY id DESC LIMIT 1").fetchone()
+        last = select(connection, "runs", (float,), "SELECT alive_s FROM runs ORDER BY id DESC LIMIT 1")
         insert = "INSERT INTO runs (started_s, alive_s, version) VALUES (?, ?, ?)"
         row = (self._started_s, self._started_s, package_version())
         self.run_id = connection.execute(insert, row).lastrowid or 0
-        for robot, signal, state in connection.execute("SELECT robot, signal, state FROM signal_states"):
-            if is_text(robot) and is_text(signal) and is_text(state):
-                self._states.setdefault((robot, signal), state)
+        query = "SELECT robot, signal, state FROM signal_states"
+        for robot, signal, state in select(connection, "signal_states", (str, str, str), query):
+            self._states.setdefault((robot, signal), state)
         for alert in connection.execute(f"SELECT {_ALERT_COLUMNS} FROM open_alerts"):
             self._alerts.setdefault(alert[:2], alert)
-        return min(last[0], self._started_s) if last and is_time(last[0]) else self._started_s
+        return min(last[0][0], self._started_s) if last else self._started_s
 
     def write(self, connection: sqlite3.Connection, unreadable: Sequence[str]) -> None:
         """Writes all of it into a new database, which has a copy of the tables that were readable."""

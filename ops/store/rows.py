@@ -9,14 +9,13 @@ from __future__ import annotations
 import functools
 import json
 import math
-import sqlite3
 import struct
-from dataclasses import dataclass
+from sqlite3 import Connection
 from typing import (
     Any,
     Callable,
     Dict,
-    Iterator,
+    Iterable,
     List,
     Mapping,
     NamedTuple,
@@ -26,22 +25,22 @@ from typing import (
     Type,
     TypeVar,
     Union,
+    get_type_hints,
 )
 
-from ...core.config.schema import REQUIRED, declared, row_reader
+from ...core.config.schema import row_reader
 from ...core.judge.continuity import MAX_EVIDENCE
 from ...core.values.formatting import datum_text, printable
 from ...core.values.model import Level, Transition
 
 T = TypeVar("T")
-Check = Callable[[Any], bool]
+Values = Union[Sequence[Any], Mapping[str, Any]]
+"""The parameters of a query."""
 
-LATEST_S = 253_402_300_000.0
-"""Latest time that is accepted, in s since 1970: the end of the year 9999."""
 _MOST_NOTED = 1000
 
 
-class CheckedConnection(sqlite3.Connection):
+class CheckedConnection(Connection):
     """A connection that notes which rows were skipped. In texts that are not UTF-8, the odd characters are replaced."""
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
@@ -61,136 +60,104 @@ class CheckedConnection(sqlite3.Connection):
         return f"{rows} unexpected values and {'are' if count > 1 else 'is'} skipped ({next(iter(self.skipped))})"
 
 
-def skip(connection: sqlite3.Connection, table: str, row: object) -> None:
+def skip(connection: Connection, table: str, row: object) -> None:
     """Notes that a row was skipped."""
     if isinstance(connection, CheckedConnection) and len(connection.skipped) < _MOST_NOTED:
         connection.skipped[f"{table} {row!r:.60}"] = None
 
 
-def checked(
-    connection: sqlite3.Connection, table: str, rows: Sequence[Sequence[Any]], checks: Sequence[Check]
-) -> Iterator[Tuple[Any, ...]]:
-    """Yields the rows that pass the checks, one per column; skips the others. The first column identifies the row."""
-    for row in rows:
-        for check, value in zip(checks, row):  # not `all`, which takes twice as long
-            if not check(value):
-                skip(connection, table, row[0])
-                break
-        else:
-            yield tuple(row)
+class Rows(List[T]):
+    """The rows of a query without those that were skipped."""
+
+    found: Sequence[Sequence[Any]] = ()
+    """All of them, as the query returned them."""
 
 
-def read_rows(
-    connection: sqlite3.Connection, table: str, rows: Sequence[Sequence[Any]], schema: Type[T]
-) -> Iterator[T]:
-    """Yields rows as a dataclass that declares their columns; skips others. The first column identifies the row."""
-    read = row_reader(schema)
-    for row in rows:
+def select(
+    connection: Connection, table: str, types: Iterable[Any], query: str, values: Values = ()
+) -> Rows[Tuple[Any, ...]]:
+    """Returns the rows of a query whose columns are of these types; skips others.
+
+    The first column identifies a row, the table names it.
+    """
+    return _select(connection, table, types, query, values, tuple)
+
+
+def records(
+    connection: Connection, table: str, record: Type[T], tail: str = "", values: Values = (), columns: str = ""
+) -> Rows[T]:
+    """Returns rows of a table as a NamedTuple whose fields are its `columns`, as `select`; `tail` follows the table."""
+    types = get_type_hints(record)
+    query = f"SELECT {columns or ', '.join(types)} FROM {table} {tail}"
+    return _select(connection, table, [*types.values()], query, values, lambda row: record(*row))
+
+
+def _select(
+    connection: Connection,
+    table: str,
+    types: Iterable[Any],
+    query: str,
+    values: Values,
+    make: Callable[[List[Any]], T],
+) -> Rows[T]:
+    cursor = connection.execute(query, values)
+    read = row_reader([column[0] for column in cursor.description], types)
+    rows: Rows[T] = Rows()
+    rows.found = cursor.fetchall()
+    for row in rows.found:
         found = read(row)
         if found is None:
             skip(connection, table, row[0])
         else:
-            yield found
+            rows.append(make(found))
+    return rows
 
 
-def is_number(value: object) -> bool:
-    """Whether a value is a finite number."""
-    return isinstance(value, (float, int)) and math.isfinite(value)
-
-
-def is_time(value: object) -> bool:
-    """Whether a value is a time in s since 1970 that a calendar has."""
-    return isinstance(value, (float, int)) and -LATEST_S <= value <= LATEST_S
-
-
-def is_text(value: object) -> bool:
-    """Whether a value is a text."""
-    return isinstance(value, str)
-
-
-def is_level(value: object) -> bool:
-    """Whether a value is the number of a level."""
-    return value in (0, 1, 2, 3) and isinstance(value, int)
-
-
-def is_count(value: object) -> bool:
-    """Whether a value is an integer; flags are 0 and 1."""
-    return isinstance(value, int)
-
-
-def is_json_object(value: object) -> bool:
-    """Whether a value is the text of a JSON object."""
-    try:
-        return isinstance(json.loads(value), dict)  # type: ignore[arg-type]
-    except (TypeError, ValueError, RecursionError):
-        return False
-
-
-def optional(check: Check) -> Check:
-    """Returns a check that also accepts NULL."""
-    return lambda value: value is None or check(value)
-
-
-def time_column() -> Any:
-    """Returns the field of a time in s since 1970."""
-    return declared(REQUIRED, "", -LATEST_S, LATEST_S)
-
-
-def text_column() -> Any:
-    """Returns the field of a text, as it was found."""
-    return declared(REQUIRED, any_text=True)
-
-
-@dataclass(frozen=True)
-class StoredTransition:
+class StoredTransition(NamedTuple):
     """A transition, as the history has it. The fields are the columns of the table `transitions`."""
 
-    id: int = declared(REQUIRED)
+    id: int
     """Its number. Later events have larger numbers, also when the wall clock is set back."""
-    wall_s: float = time_column()
+    wall_s: float
     """When, in s since 1970."""
-    robot: str = text_column()
+    robot: str
     """As the fields of `Transition` of the same names, down to `black_box`."""
-    signal: str = text_column()
-    from_level: Level = declared(REQUIRED)
-    to_level: Level = declared(REQUIRED)
-    value: Optional[Union[float, str]] = declared(REQUIRED)
+    signal: str
+    from_level: Level
+    to_level: Level
+    value: Optional[Union[float, str]]
     """A number, the text of a bad datum, or None."""
-    statistic: str = text_column()
-    bound: Optional[float] = declared(REQUIRED)
-    now_s: float = declared(REQUIRED)
-    since_s: float = declared(REQUIRED)
-    fingerprint: str = text_column()
-    text: str = text_column()
-    statistics: Mapping[str, Any] = declared(REQUIRED)
+    statistic: str
+    bound: Optional[float]
+    now_s: float
+    since_s: float
+    fingerprint: str
+    text: str
+    statistics: Mapping[str, Any]
     """None: not finite."""
-    repeat: bool = declared(REQUIRED)
-    hint: str = text_column()
-    black_box: str = text_column()
-    alert_id: int = declared(REQUIRED)
+    repeat: bool
+    hint: str
+    black_box: str
+    alert_id: int
     """Number of the transition that began the alert: the same for all of its levels and its end."""
 
 
-_GIVEN_COLUMNS = (
-    "wall_s, robot, signal, from_level, to_level, value, statistic, bound, now_s, since_s, fingerprint, text, "
-    "statistics, repeated, hint, black_box"
-)
-TRANSITION_COLUMNS = f"{_GIVEN_COLUMNS}, coalesce(alert_id, id)"
-"""The columns of a transition except its id, in the order of the fields of `StoredTransition`."""
+_GIVEN = StoredTransition._fields[1:-1]
+TRANSITION_COLUMNS = f"id, {', '.join(_GIVEN)}, coalesce(alert_id, id)"
+"""The columns of a transition, in the order of the fields of `StoredTransition`."""
 
-INSERT_TRANSITION = f"INSERT INTO transitions ({_GIVEN_COLUMNS}, alert_id) VALUES ({', '.join('?' * 17)})"
+INSERT_TRANSITION = f"INSERT INTO transitions ({', '.join(_GIVEN)}, alert_id) VALUES ({', '.join('?' * 17)})"
 """Stores what `transition_row` returns; the last value is the transition that began the alert (None: this one)."""
 
 
 def transition_row(transition: Transition, wall_s: float) -> Tuple[Any, ...]:
     """Returns the columns of a transition at a time in s since 1970, as of one that begins an alert."""
-    return (
-        wall_s, printable(transition.robot), printable(transition.signal), int(transition.from_level),
-        int(transition.to_level), _storable(transition.value), transition.statistic, transition.bound,
-        transition.now_s, transition.since_s, transition.fingerprint, printable(transition.text),
-        json.dumps({name: value if math.isfinite(value) else None for name, value in transition.statistics.items()}),
-        int(transition.repeat), printable(transition.hint), transition.black_box, None,
-    )  # fmt: skip
+    row = {name: getattr(transition, name) for name in _GIVEN[1:]}
+    row["value"] = _storable(transition.value)
+    row["statistics"] = json.dumps(
+        {name: value if math.isfinite(value) else None for name, value in transition.statistics.items()}
+    )
+    return (wall_s, *(printable(value) if isinstance(value, str) else value for value in row.values()), None)
 
 
 def pack_samples(samples: Sequence[Tuple[float, Any]], stored_until_s: float = -math.inf) -> bytes:
@@ -248,4 +215,4 @@ def _storable(value: Any) -> Any:
         return value
     if isinstance(value, int) and not isinstance(value, bool) and abs(value) < 1 << 53:
         return value
-    return printable(datum_text(value))
+    return datum_text(value)

@@ -7,13 +7,14 @@ the largest value stay exactly. A row may be stored in parts, and a restarted mo
 from __future__ import annotations
 
 from sqlite3 import Connection
-from typing import Any, Dict, Iterable, Iterator, List, NamedTuple, Optional, Tuple
+from typing import Any, Dict, Iterable, Iterator, List, NamedTuple, Optional, Sequence, Tuple, get_type_hints
 
+from ...core.config.schema import LATEST_S
 from ...core.judge.sample_summary import PERIOD_S, SampleSummary
 from ...core.values.model import Level
 from ...core.values.patterns import matches_pattern
 from ...runtime.times import iso_time
-from .rows import LATEST_S, checked, is_count, is_level, is_number, is_text, is_time, optional
+from .rows import Rows, records, select
 
 MERGED_S = 300.0
 """Length of the periods into which old ones are merged, in s."""
@@ -25,16 +26,13 @@ _MOST_ROWS = 300  # merged per step of the upkeep: 200 robots of ten signals sto
 _MOST_DELETED = 4_000  # 50 bytes each: as much as a transaction of the writer adds
 _LEAST_FINE_S = 3600.0
 _PAGE = 2_000
-_COLUMNS = "start_s, seconds, least, most, mean, last, good, bad, level"
-_CHECKS = (is_time, is_number, *[optional(is_number)] * 4, is_count, is_count, is_level)
-_LEVELS = tuple(Level)  # by their numbers
 _OF_SIGNAL = "robot = ? AND signal = ?"
 _SEVERITY = "CASE {0} WHEN 2 THEN 3 WHEN 3 THEN 2 ELSE {0} END"  # OK, WARN, STALE, ERROR; and back to the level
 _WORST = f"max({_SEVERITY.format('level')}, {_SEVERITY.format('excluded.level')})"
 
 # The mean of two parts is kept between theirs: it may be rounded.
 _STORE = f"""
-    INSERT INTO samples (robot, signal, {_COLUMNS}) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)
+    INSERT INTO samples VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)
     ON CONFLICT (robot, signal, start_s) DO UPDATE SET
         least = coalesce(min(least, excluded.least), least, excluded.least),
         most = coalesce(max(most, excluded.most), most, excluded.most),
@@ -53,7 +51,7 @@ _SCALE = 2.0**-60  # a sum of values near the largest double would be infinite
 
 # `last` is that of the latest period.
 _COARSE = f"""
-    SELECT number * :seconds, max(:seconds, longest), least, most, mean,
+    SELECT :robot, :signal, number * :seconds AS start_s, max(:seconds, longest), least, most, mean,
         (SELECT last FROM samples WHERE robot = :robot AND signal = :signal AND start_s = newest_s), good, bad,
         {_SEVERITY.format("level")}
     FROM (
@@ -141,18 +139,14 @@ def read(
         until_s: only periods that begin before this time.
     """
     for series in _chosen_series(connection, robot, signal):
-        after_s, before_s = (
-            -LATEST_S if since_s is None else since_s - MERGED_S,
-            LATEST_S if until_s is None else until_s,
-        )
+        after_s = -LATEST_S if since_s is None else since_s - MERGED_S
         while True:  # page by page: an open query would keep the writer's log from being shortened
-            rows = _rows(connection, series, "start_s > ? AND start_s < ?", (after_s, before_s), _PAGE)
-            for each in _checked(connection, series, rows):
-                if since_s is None or each.start_s + each.seconds > since_s:
-                    yield each
-            if len(rows) < _PAGE:
+            values = (after_s, LATEST_S if until_s is None else until_s)
+            rows = _rows(connection, series, "start_s > ? AND start_s < ?", values, _PAGE)
+            yield from (each for each in rows if since_s is None or each.start_s + each.seconds > since_s)
+            if not rows.found:
                 break
-            after_s = rows[-1][0]
+            after_s = rows.found[-1][2]
 
 
 def read_coarse(
@@ -173,20 +167,17 @@ def read_coarse(
     """
     values = {"robot": robot, "signal": signal, "since": since_s - seconds, "until": until_s, "seconds": seconds,
               "most": MOST_COARSE}  # fmt: skip
-    rows = connection.execute(_COARSE, values).fetchall()
-    return _checked(connection, (robot, signal), rows[::-1])
+    types = get_type_hints(StoredSamples).values()
+    return [StoredSamples(*row) for row in select(connection, "samples", types, _COARSE, values)][::-1]
 
 
-def read_levels(connection: Connection, since_s: float) -> Iterator[Tuple[str, float, Level]]:
-    """Yields robot, begin and worst level of each cell of `CELL_S` that begins at a time or later; at most two days.
+def read_levels(connection: Connection, since_s: float) -> Sequence[Tuple[Any, ...]]:
+    """Returns robot, begin and worst level of each cell of `CELL_S` that begins at a time or later; at most two days.
 
     Times are in s since 1970. There is no cell for a time in which nothing was known.
     """
-    rows = connection.execute(
-        "SELECT robot, start_s, level FROM robot_levels WHERE start_s >= ?", (since_s,)
-    ).fetchall()
-    for robot, start_s, level in checked(connection, "robot_levels", rows, (is_text, is_time, is_level)):
-        yield robot, start_s, Level(level)
+    query = "SELECT robot, start_s, level FROM robot_levels WHERE start_s >= ?"
+    return select(connection, "robot_levels", (str, float, Level), query, (since_s,))
 
 
 class SampleUpkeep:
@@ -250,15 +241,18 @@ class SampleUpkeep:
         """Merges the oldest hour that is fine and before a time; returns how many rows that was."""
         where = f"start_s >= ? AND start_s < ? AND seconds < {MERGED_S}"
         rows = _rows(self._connection, series, where, (self._merged_until_s, before_s), int(_STEP_S / PERIOD_S))
-        if not rows:
+        if not rows.found:
             return 0
-        begin_s = rows[0][0] // MERGED_S * MERGED_S
+        begin_s = rows.found[0][2] // MERGED_S * MERGED_S
         end_s = min(begin_s + _STEP_S, before_s)
-        fine = _checked(self._connection, series, [row for row in rows if row[0] < end_s])
-        merged = [each._replace(start_s=each.start_s // MERGED_S * MERGED_S, seconds=MERGED_S) for each in fine]
+        merged = [
+            each._replace(start_s=each.start_s // MERGED_S * MERGED_S, seconds=MERGED_S)
+            for each in rows
+            if each.start_s < end_s
+        ]
         self._connection.execute(f"DELETE FROM samples WHERE {_OF_SIGNAL} AND {where}", (*series, begin_s, end_s))
         self._connection.executemany(_STORE, merged)
-        return len(rows)
+        return len(rows.found)
 
 
 def _chosen_series(connection: Connection, robot: Optional[str], signal: Optional[str]) -> Iterator[_Series]:
@@ -275,18 +269,13 @@ def _series(connection: Connection) -> Iterator[_Series]:
     query = "SELECT robot, signal FROM samples {} ORDER BY robot, signal LIMIT 1"
     found = connection.execute(query.format("")).fetchone()
     while found is not None:
-        if is_text(found[0]) and is_text(found[1]):
+        if isinstance(found[0], str) and isinstance(found[1], str):
             yield found
         found = connection.execute(query.format("WHERE (robot, signal) > (?, ?)"), found).fetchone()
 
 
 def _rows(
     connection: Connection, series: _Series, where: str, values: Iterable[object], limit: int
-) -> List[Tuple[Any, ...]]:
-    query = f"SELECT {_COLUMNS} FROM samples WHERE {_OF_SIGNAL} AND {where} ORDER BY start_s LIMIT {limit}"
-    return connection.execute(query, (*series, *values)).fetchall()
-
-
-def _checked(connection: Connection, series: _Series, rows: List[Tuple[Any, ...]]) -> List[StoredSamples]:
-    found = checked(connection, "samples", rows, _CHECKS)
-    return [StoredSamples._make((*series, *values, _LEVELS[level])) for *values, level in found]
+) -> Rows[StoredSamples]:
+    tail = f"WHERE {_OF_SIGNAL} AND {where} ORDER BY start_s LIMIT {limit}"
+    return records(connection, "samples", StoredSamples, tail, (*series, *values))

@@ -59,7 +59,7 @@ CREATE TABLE transitions (
     fingerprint TEXT NOT NULL,
     text TEXT NOT NULL,
     statistics TEXT NOT NULL,            -- JSON object
-    repeated INTEGER NOT NULL,           -- 1: a repetition (repeat_s), no change of level
+    repeat INTEGER NOT NULL,             -- 1: a repetition (repeat_s), no change of level
     hint TEXT NOT NULL,                  -- why there were no samples
     black_box TEXT NOT NULL,             -- name of the file that records it
     alert_id INTEGER                     -- the transition that began the alert; NULL: this one

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import math
 import re
-import sqlite3
 from dataclasses import dataclass, replace
+from sqlite3 import Connection
 from typing import Callable, Dict, FrozenSet, List, NamedTuple, Optional, Sequence, Set, Tuple
 
 from ...core.values.errors import ConfigError
@@ -21,7 +21,7 @@ from ...runtime.times import local_time
 from .matchers import Matcher, matchers_text, parse_matchers
 from .queries import number_range
 from .recurrence import Recurrence, parse_recurrence
-from .rows import checked, is_count, is_level, is_text, is_time, optional, skip
+from .rows import select, skip
 
 MOST_ACTIVE = 1000
 """Largest number of active silences."""
@@ -34,9 +34,8 @@ _MOST_KEPT = 10_000
 _RESOLVED = "its alerts are resolved"
 _CLOCK_WAS_WRONG = "it was made by a clock that was wrong"
 
-_CHECKS = (
-    is_count, is_text, is_text, is_text, is_time, optional(is_time), is_count, optional(is_time), optional(is_time),
-    is_text, is_text, is_text, is_text,
+_TYPES = (
+    int, str, str, str, float, Optional[float], bool, Optional[float], Optional[float], str, str, str, str,
 )  # fmt: skip
 
 _DURATION = re.compile(r"(?:(\d{1,6})w)?(?:(\d{1,6})d)?(?:(\d{1,6})h)?(?:(\d{1,8})m)?(?:(\d{1,9})s)?\Z", re.ASCII)
@@ -174,7 +173,7 @@ def time_text(wall_s: float) -> str:
 
 
 def add_silence(
-    connection: sqlite3.Connection,
+    connection: Connection,
     matchers: Sequence[Matcher],
     now_s: float,
     *,
@@ -232,7 +231,7 @@ def add_silence(
     return replace(silence, id=number)
 
 
-def insert_silence(connection: sqlite3.Connection, silence: Silence, number: Optional[int]) -> int:
+def insert_silence(connection: Connection, silence: Silence, number: Optional[int]) -> int:
     """Inserts a silence that has not ended, under a number or a new one (None); returns its number."""
     columns = "id, matchers, reason, author, created_s, until_s, until_resolved, noticed_s, every, timezone"
     rule = ("", "") if silence.every is None else (silence.every.text, silence.every.zone)
@@ -258,9 +257,7 @@ def _check_texts(reason: str, author: str) -> None:
             raise ConfigError(f"expected a {name} of one line, at most {MOST_TEXT} characters, got {ascii(text)[:60]}")
 
 
-def expire_silence(
-    connection: sqlite3.Connection, number: int, now_s: float, *, reason: str = "", author: str = ""
-) -> Silence:
+def expire_silence(connection: Connection, number: int, now_s: float, *, reason: str = "", author: str = "") -> Silence:
     """Ends a silence at a time in s since 1970, and returns it. Call inside a transaction.
 
     Raises:
@@ -276,32 +273,27 @@ def expire_silence(
     return silence
 
 
-def _end(connection: sqlite3.Connection, number: int, now_s: float, author: str, reason: str) -> None:
+def _end(connection: Connection, number: int, now_s: float, author: str, reason: str) -> None:
     update = "UPDATE silences SET ended_s = ?, ended_by = ?, ended_reason = ? WHERE id = ?"
     connection.execute(update, (now_s, author, reason, number))
 
 
-def read_silences(connection: sqlite3.Connection, active_at_s: Optional[float] = None) -> List[Silence]:
+def read_silences(connection: Connection, active_at_s: Optional[float] = None) -> List[Silence]:
     """Returns the silences, oldest first: those that are active at a time in s since 1970, or all."""
     condition, values = "1", []
     if active_at_s is not None:
         condition, values = "ended_s IS NULL AND (until_s IS NULL OR until_s > ?)", [active_at_s]
-    rows = connection.execute(
+    query = (
         "SELECT id, matchers, reason, author, created_s, until_s, until_resolved, ended_s, noticed_s, ended_by, "
-        f"ended_reason, every, timezone FROM silences WHERE {condition} ORDER BY id",
-        values,
-    ).fetchall()
+        f"ended_reason, every, timezone FROM silences WHERE {condition} ORDER BY id"
+    )
+    found = select(connection, "silences", _TYPES, query, values)
     alerts: Dict[int, Set[Alert]] = {}
-    if any(row[6] for row in rows):
-        for number, robot, signal in connection.execute(
-            "SELECT silence_id, robot, signal FROM silenced_alerts WHERE resolved_s IS NULL"
-        ):
-            if is_text(robot) and is_text(signal):
-                alerts.setdefault(number, set()).add((robot, signal))
-            else:
-                skip(connection, "silenced_alerts", number)
+    if any(row[6] for row in found):
+        query = "SELECT silence_id, robot, signal FROM silenced_alerts WHERE resolved_s IS NULL"
+        for number, *alert in select(connection, "silenced_alerts", (int, str, str), query):
+            alerts.setdefault(number, set()).add((alert[0], alert[1]))
     silences = []
-    found = checked(connection, "silences", rows, _CHECKS)
     for number, text, reason, author, created_s, until_s, until_resolved, ended_s, noticed_s, by, why, *rule in found:
         try:
             matchers = parse_matchers(text)
@@ -318,7 +310,7 @@ def read_silences(connection: sqlite3.Connection, active_at_s: Optional[float] =
     return silences
 
 
-def limit_to_durations(connection: sqlite3.Connection, now_s: float) -> List[Silence]:
+def limit_to_durations(connection: Connection, now_s: float) -> List[Silence]:
     """Limits the silences that were made in the future to their duration from now on; ends those where that is over.
 
     Call inside a transaction, about once a second while there are any. Returns those that are limited since this call.
@@ -335,7 +327,7 @@ def limit_to_durations(connection: sqlite3.Connection, now_s: float) -> List[Sil
     return noticed
 
 
-def resolve_alert(connection: sqlite3.Connection, alert: Alert, now_s: float) -> bool:
+def resolve_alert(connection: Connection, alert: Alert, now_s: float) -> bool:
     """Notes that an alert has resolved; returns whether a silence until resolved applied to it.
 
     Call inside a transaction.
@@ -353,11 +345,12 @@ def resolve_alert(connection: sqlite3.Connection, alert: Alert, now_s: float) ->
     return resolved > 0
 
 
-def open_alerts(connection: sqlite3.Connection) -> Dict[Alert, Level]:
+def open_alerts(connection: Connection) -> Dict[Alert, Level]:
     """Returns the alerts that are open, with their levels."""
-    rows = connection.execute("SELECT robot, signal, level FROM open_alerts ORDER BY robot, signal").fetchall()
-    found = checked(connection, "open_alerts", rows, (is_text, is_text, is_level))
-    return {(robot, signal): Level(level) for robot, signal, level in found}
+    query = "SELECT robot, signal, level FROM open_alerts ORDER BY robot, signal"
+    return {
+        (robot, signal): level for robot, signal, level in select(connection, "open_alerts", (str, str, Level), query)
+    }
 
 
 class SilenceEvent(NamedTuple):
@@ -371,7 +364,7 @@ class SilenceEvent(NamedTuple):
 
 
 def silence_events(
-    connection: sqlite3.Connection,
+    connection: Connection,
     now_s: float,
     since_s: float = 0.0,
     robot: Optional[str] = None,
@@ -395,29 +388,25 @@ def silence_events(
     return sorted((event for event in found if event.wall_s >= since_s), key=lambda event: event.wall_s)
 
 
-def _names(connection: sqlite3.Connection, label: str, given: str) -> List[str]:
+def _names(connection: Connection, label: str, given: str) -> List[str]:
     """Returns the names of robots or signals that a filter means."""
     if "*" not in given and "?" not in given:
         return [given]
-    known = connection.execute(f"SELECT DISTINCT {label} FROM signal_states").fetchall()
-    return [name for (name,) in known if is_text(name) and matches_pattern(name, given)]
+    known = select(connection, "signal_states", (str,), f"SELECT DISTINCT {label} FROM signal_states")
+    return [name for (name,) in known if matches_pattern(name, given)]
 
 
-def silenced_transitions(connection: sqlite3.Connection, silence: Silence, now_s: float) -> int:
+def silenced_transitions(connection: Connection, silence: Silence, now_s: float) -> int:
     """Returns how many alerts a silence has applied to so far, by changes of their level since it began."""
     silence = silence.seen_at(now_s)
-    every = silence.every
-    connection.create_function(
-        "in_force", 1, lambda wall_s: every is None or (is_time(wall_s) and every.contains(wall_s))
-    )
-    counts = connection.execute(
-        "SELECT robot, signal, count(DISTINCT coalesce(alert_id, id)) FROM transitions WHERE id BETWEEN ? AND ? "
-        "AND +wall_s >= ? AND +wall_s < ? AND to_level <> 0 AND NOT repeated AND in_force(wall_s) "
-        "GROUP BY robot, signal",
-        (*number_range(connection, silence.created_s), silence.created_s, silence.end_s(now_s)),
-    ).fetchall()
-    covered = {(robot, signal): count for robot, signal, count in counts if is_text(robot) and is_text(signal)}
-    if silence.until_resolved:
-        alerts = connection.execute("SELECT robot, signal FROM silenced_alerts WHERE silence_id = ?", (silence.id,))
-        covered = {alert: covered[alert] for alert in alerts if alert in covered}
-    return sum(count for alert, count in covered.items() if silence.matches(*alert))
+    query = """
+        SELECT robot, signal, count(DISTINCT coalesce(alert_id, id)) FROM transitions WHERE id BETWEEN ? AND ?
+            AND +wall_s >= ? AND +wall_s < ? AND to_level <> 0 AND NOT repeat AND in_force(wall_s)
+            AND (NOT ? OR (robot, signal) IN (SELECT robot, signal FROM silenced_alerts WHERE silence_id = ?))
+        GROUP BY robot, signal
+    """
+    every, begin_s = silence.every, silence.created_s
+    connection.create_function("in_force", 1, lambda wall_s: every is None or every.contains(wall_s))
+    values = (*number_range(connection, begin_s), begin_s, silence.end_s(now_s), silence.until_resolved, silence.id)
+    counts = select(connection, "transitions", (str, str, int), query, values)
+    return sum(count for robot, signal, count in counts if silence.matches(robot, signal))

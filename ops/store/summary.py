@@ -20,14 +20,14 @@ from ...core.judge.saved_state import Saved
 from ...core.values.model import Level
 from ...core.values.patterns import matches_pattern
 from .queries import pattern_condition
-from .rows import checked, is_count, is_level, is_number, is_text, is_time
+from .rows import select
 
 MOST_LEVELS = 5_000
 """Most changes in the course of a level; after them it is unknown."""
 
 _PAGE = 5_000
 _ROUNDING_S = 1e-6
-_CHECKS = (is_count, is_time, is_text, is_text, is_level, is_level, is_number)
+_TYPES = (int, float, str, str, Level, Level, float)
 
 _Spans = List[Tuple[float, float]]
 """Times from begin to end that are sorted and do not overlap."""
@@ -86,12 +86,12 @@ def summarize(
 
     lasting_s: Dict[Tuple[str, str], float] = {}
     for name, signal_name, state in connection.execute("SELECT robot, signal, state FROM signal_states"):
-        if name in watched and is_text(signal_name):
+        if name in watched and isinstance(signal_name, str):
             signal_of(name, signal_name)
             lasting_s[name, signal_name] = _known_s(state, now_s)
-    for wall_s, name, signal_name, from_level, to_level, lasted_s in _transitions(connection, robot, "NOT repeated"):
+    for wall_s, name, signal_name, from_level, to_level, lasted_s in _transitions(connection, robot, "NOT repeat"):
         if name in watched:
-            signal_of(name, signal_name).apply(wall_s, Level(from_level), Level(to_level), lasted_s)
+            signal_of(name, signal_name).apply(wall_s, from_level, to_level, lasted_s)
     summaries = []
     for (name, signal_name), found in sorted(signals.items()):
         if now_s > found.begin_s and (signal is None or matches_pattern(signal_name, signal)):
@@ -204,7 +204,7 @@ def _reachable(connection: Connection, robot: Optional[str], watched: Mapping[st
             wall_s = max(wall_s, begin_s)
             if end_s == math.inf:
                 ups[name][-1] = (begin_s, wall_s)
-            if to_level == Level.OK:
+            if to_level is Level.OK:
                 ups[name].append((wall_s, math.inf))
     return {name: [each for up in found for each in _within(watched[name], *up)] for name, found in ups.items()}
 
@@ -224,14 +224,13 @@ def _known_s(state: object, now_s: float) -> float:
 
 def _watched(connection: Connection, robot: Optional[str]) -> Dict[str, _Spans]:
     """Returns the times in which each robot was watched, merged and sorted."""
-    condition, values = pattern_condition(connection, "robot", robot)
     query = f"""
-        SELECT watches.id, robot, watches.started_s, coalesce(watches.stopped_s, runs.stopped_s, runs.alive_s)
-        FROM watches JOIN runs ON runs.id = run_id WHERE {condition} ORDER BY watches.started_s, watches.id
+        SELECT watches.id, robot, watches.started_s, coalesce(watches.stopped_s, runs.stopped_s, alive_s) AS end_s
+        FROM watches JOIN runs ON runs.id = run_id WHERE {pattern_condition(connection, "robot")}
+        ORDER BY watches.started_s, watches.id
     """
     merged: Dict[str, _Spans] = {}
-    rows = connection.execute(query, values).fetchall()
-    for _, name, begin_s, end_s in checked(connection, "watches", rows, (is_count, is_text, is_time, is_time)):
+    for _, name, begin_s, end_s in select(connection, "watches", (int, str, float, float), query, {"robot": robot}):
         spans = merged.setdefault(name, [])
         if spans and begin_s <= spans[-1][1]:
             begin_s, earlier_end_s = spans.pop()
@@ -240,15 +239,15 @@ def _watched(connection: Connection, robot: Optional[str]) -> Dict[str, _Spans]:
     return merged
 
 
-def _transitions(connection: Connection, robot: Optional[str], where: str) -> Iterator[Tuple[Any, ...]]:
+def _transitions(connection: Connection, robot: Optional[str], where: str) -> Iterator[Sequence[Any]]:
     """Yields wall time, robot, signal, levels, and duration of the earlier level."""
-    condition, values = pattern_condition(connection, "robot", robot)
     query = f"""
         SELECT id, wall_s, robot, signal, from_level, to_level, now_s - since_s FROM transitions
-        WHERE id > ? AND {where} AND {condition} ORDER BY id LIMIT {_PAGE}
+        WHERE id > :id AND {where} AND {pattern_condition(connection, "robot")} ORDER BY id LIMIT {_PAGE}
     """
-    rows: List[Tuple[Any, ...]] = [(0,)]
-    while rows:
-        rows = connection.execute(query, [rows[-1][0], *values]).fetchall()
-        for row in checked(connection, "transitions", rows, _CHECKS):
-            yield row[1:]
+    found: Sequence[Sequence[Any]] = ((0,),)
+    while found:
+        rows = select(connection, "transitions", _TYPES, query, {"id": found[-1][0], "robot": robot})
+        for _, *row in rows:
+            yield row
+        found = rows.found

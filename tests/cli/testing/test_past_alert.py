@@ -234,7 +234,7 @@ def test_a_test_of_other_thresholds_is_run_with_them(tmp_path: Path, capsys: pyt
     [
         ("DELETE FROM transitions", "there is no alert 1 in this history"),
         (
-            "UPDATE transitions SET repeated = 1",
+            "UPDATE transitions SET repeat = 1",
             "--from-alert: 1 repeats an earlier alert; expected the id of that one",
         ),
         ("DELETE FROM configuration_changes", "--from-alert: this history has no configuration of r3"),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import datetime
 from dataclasses import dataclass
-from typing import Any, Dict, Iterator, Mapping, Optional, Tuple
+from typing import Any, Dict, Iterator, Mapping, NamedTuple, Optional, Tuple, get_type_hints
 
 import pytest
 
@@ -162,20 +162,22 @@ def test_a_text_that_is_no_value_is_named(texts: Dict[str, str], problem: str) -
     assert str(raised.value).startswith(problem)
 
 
-@dataclass(frozen=True)
-class Row:
-    id: int = declared(REQUIRED)
-    at_s: float = declared(REQUIRED, "", -10.0, 10.0)
-    level: Level = declared(REQUIRED)
-    bound: Optional[float] = declared(REQUIRED)
-    repeat: bool = declared(REQUIRED)
-    values: Mapping[str, Any] = declared(REQUIRED)
-    text: str = declared("", any_text=True)
+class Row(NamedTuple):
+    id: int
+    at_s: float
+    level: Level
+    bound: Optional[float]
+    repeat: bool
+    values: Mapping[str, Any]
+    text: str
+
+
+read_row = row_reader(Row._fields, get_type_hints(Row).values())
 
 
 def test_a_row_has_levels_as_numbers_flags_as_numbers_and_mappings_as_json() -> None:
-    row = row_reader(Row)((7, 1.5, 3, None, 1, '{"a": 1}', "x\ny"))
-    assert row == Row(7, 1.5, Level.STALE, None, True, {"a": 1}, "x\ny")
+    row = read_row((7, 1.5, 3, None, 1, '{"a": 1}', "x\ny"))
+    assert row == [7, 1.5, Level.STALE, None, True, {"a": 1}, "x\ny"]
 
 
 @pytest.mark.parametrize(
@@ -183,7 +185,7 @@ def test_a_row_has_levels_as_numbers_flags_as_numbers_and_mappings_as_json() -> 
     [
         ("7", 1.5, 3, None, 1, "{}", ""),
         (7, None, 3, None, 1, "{}", ""),
-        (7, 11.0, 3, None, 1, "{}", ""),
+        (7, 1e12, 3, None, 1, "{}", ""),
         (7, 1.5, 4, None, 1, "{}", ""),
         (7, 1.5, "OK", None, 1, "{}", ""),
         (7, 1.5, 3, "x", 1, "{}", ""),
@@ -194,4 +196,4 @@ def test_a_row_has_levels_as_numbers_flags_as_numbers_and_mappings_as_json() -> 
     ],
 )
 def test_a_row_with_an_unexpected_value_is_none(row: Tuple[Any, ...]) -> None:
-    assert row_reader(Row)(row) is None
+    assert read_row(row) is None

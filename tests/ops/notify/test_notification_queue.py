@@ -475,7 +475,9 @@ def test_another_robot_does_not_wait_for_the_rows_of_a_driver_that_renames_itsel
 def test_taking_a_row_costs_the_same_however_many_names_wait() -> None:
     bench = Bench()
     renamed(bench, 499)
-    plan = bench.connection.execute(f"EXPLAIN QUERY PLAN {notification_queue._HEAD}", ("chat",)).fetchall()
+    plan = bench.connection.execute(
+        f"EXPLAIN QUERY PLAN SELECT * FROM notifications {notification_queue._HEAD}", ("chat",)
+    ).fetchall()
     steps = [row[-1] for row in plan]
     assert not [step for step in steps if "TEMP B-TREE" in step or step.startswith("SCAN row")]
 
@@ -699,11 +701,6 @@ def test_what_is_unknown_after_a_loss_is_sent_again_and_its_end_in_any_case() ->
     assert bench.deliver() == [("cpu", "resolved", "WARN"), ("battery", "WARN", "WARN")]
 
 
-@pytest.mark.parametrize("line", [None, 5, b"x", "", "[]", "{}", "[" * 100_000, '"text"', "NaN"], ids=repr)
-def test_other_values_are_no_transition(line: Any) -> None:
-    assert not is_transition(line)
-
-
 @pytest.mark.parametrize(
     ("name", "value"),
     [
@@ -713,8 +710,9 @@ def test_other_values_are_no_transition(line: Any) -> None:
 )  # fmt: skip
 def test_an_unexpected_field_makes_it_none(name: str, value: Any) -> None:
     fields = json.loads(json_line(transition()))
-    assert is_transition(json.dumps(fields))
-    assert not is_transition(json.dumps({**fields, name: value}))
+    assert is_transition(fields)
+    assert not is_transition({**fields, name: value})
+    assert not is_transition({})
 
 
 def test_many_silenced_notifications_are_discarded_a_few_at_a_time() -> None:

@@ -17,10 +17,8 @@ from robot_health_monitor.ops.store.active_silences import Silences
 from robot_health_monitor.ops.store.database_file import reading
 from robot_health_monitor.ops.store.rows import (
     CheckedConnection,
-    checked,
-    is_count,
-    is_time,
     pack_samples,
+    select,
     skip,
     unpack_samples,
 )
@@ -132,11 +130,11 @@ def database() -> CheckedConnection:
 def test_skipped_rows_are_noted_in_one_line() -> None:
     connection = database()
     assert connection.skipped_text == ""
-    rows: List[Tuple[Any, ...]] = [(1, 1.0), (2, "x"), (3, 9e999), (4, 4.0)]
-    assert [*checked(connection, "resets", rows, (is_count, is_time))] == [(1, 1.0), (4, 4.0)]
-    assert connection.skipped_text == "2 rows have unexpected values and are skipped (resets 2)"
-    assert [*checked(connection, "resets", rows, (is_count, is_time))] == [(1, 1.0), (4, 4.0)]
-    assert len(connection.skipped) == 2
+    query = "SELECT column1 AS id, column2 AS wall_s FROM (VALUES (1, 1.0), (2, 'x'), (3, 9e999), (4, 4.0), (5, 1e12))"
+    assert select(connection, "resets", (int, float), query) == [(1, 1.0), (4, 4.0)]
+    assert connection.skipped_text == "3 rows have unexpected values and are skipped (resets 2)"
+    assert select(connection, "resets", (int, float), query) == [(1, 1.0), (4, 4.0)]
+    assert len(connection.skipped) == 3
 
 
 def test_the_notes_are_bounded() -> None:
