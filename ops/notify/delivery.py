@@ -39,7 +39,11 @@ class Caller(StepThread, ABC):
         self._part = f"notify {settings.name}"
         self._faults = faults
         self._clock = clock
-        super().__init__(self._part, self.step, faults_of_step(faults, self._part))
+        super().__init__(
+            self._part,
+            self.step,  # what it raises may contain a secret
+            lambda error: faults.report(self._part, f"internal error: {type(error).__name__}"),
+        )
 
     @abstractmethod
     def step(self) -> float:
@@ -66,11 +70,6 @@ class Caller(StepThread, ABC):
             self._faults.report(f"{self._part}: {about}", text, Level.WARN)
         else:
             self._faults.clear(f"{self._part}: {about}")
-
-
-def faults_of_step(faults: Faults, part: str) -> Callable[[Exception], None]:
-    """Returns the function that reports what a thread raises as the fault of a part; its text may contain a secret."""
-    return lambda error: faults.report(part, f"internal error: {type(error).__name__}")
 
 
 class Delivery(Caller):

@@ -205,6 +205,11 @@ class NotificationQueue:
         self._dropped: Counter[str] = Counter()
         self._drop_at: Dict[str, int] = {}
 
+    @property
+    def has_targets(self) -> bool:
+        """Whether there are targets that are sent alerts."""
+        return bool(self._targets)
+
     def waiting(self, target: str) -> int:
         """Returns how many notifications wait for a target. May be called from any thread."""
         return self._waiting[target]

@@ -2,28 +2,25 @@
 
 from __future__ import annotations
 
-import sqlite3
 import threading
 import time
+from sqlite3 import Connection
 from typing import Callable, Collection, Dict, List, Mapping, Optional, Sequence
 
-from ...core.values.errors import ServiceError
 from ...core.values.faults import Faults
 from ...core.values.model import Transition
-from ...runtime.threads import StepThread
 from ..configuration import TargetSettings
 from ..store.active_silences import Silences
+from ..store.database import Job
 from ..store.history import History
 from .alertmanager import Alertmanager
 from .apprise import AppriseTarget
 from .command import Command
-from .delivery import Caller, Delivery, Heartbeat, faults_of_step
+from .delivery import Caller, Delivery, Heartbeat
 from .notification_queue import NotificationQueue
 from .sender import Sender
 from .webhook import Webhook
 
-CHECK_PERIOD_S = 1.0  # of the check for silences that have expired
-WAKE_PERIOD_S = 0.05  # at which the threads of the targets learn of new transitions
 CLOSE_TIMEOUT_S = 1.0  # how long `close` waits for notifications of targets that work
 _LONGEST_END_S = 5.0
 _CLOSE_POLL_S = 0.02
@@ -48,7 +45,7 @@ class Notifier:
         is_simulated: Callable[[str, str], bool] = lambda robot, signal: False,
         public_url: str = "",
     ) -> None:
-        """Starts the threads. Call before the first AlertSystem starts, or its first transitions are missed.
+        """Starts a thread per target. Call before the first AlertSystem starts, or its first transitions are missed.
 
         `history` also stores the queue. `faults` receives failing targets, as `notify <name>`. `wall_time_s` returns
         seconds since 1970. `is_simulated`, of a robot and its signal, must be cheap and may be called from any thread.
@@ -57,24 +54,25 @@ class Notifier:
         self._faults = faults = Faults() if faults is None else faults
         self._history = history
         self._wall_time_s = wall_time_s
-        self._is_prepared = False
-        self._has_news = False
-        self._checked_s = time.monotonic() - CHECK_PERIOD_S
+        self._is_up_to_date = self._has_news = False
         self._watched: Optional[Collection[str]] = None
         self._callers: Dict[str, Caller] = {}  # by name of the target
         self._changing = threading.Lock()
-        self._queue_thread = StepThread("notify queue", self._step, faults_of_step(faults, "notify queue"))
-        self._is_noting = False
 
         def is_silenced(robot: str, signal: str) -> bool:
             return silences is not None and silences.silence_of(robot, signal) is not None
 
-        def look(connection: sqlite3.Connection) -> None:
+        def look(connection: Connection) -> None:
             if silences is not None:
                 silences.look(connection)
 
         self._queue = NotificationQueue(_alerted(targets), is_silenced, look, is_simulated, wall_time_s, public_url)
         self._start(targets)
+        history.on_record(self._note)
+        history.on_second.append(self._follow)
+        history.on_batch.append(self._wake_for_news)
+        history.on_lost.append(self._prepare_again)
+        self._follow()
 
     def use_targets(self, targets: Sequence[TargetSettings]) -> str:
         """Replaces the targets; returns what changed, in one line. Takes up to some seconds.
@@ -87,7 +85,7 @@ class Notifier:
             ended = [name for name, settings in known.items() if wanted.get(name) != settings]
             started = [target for name, target in wanted.items() if known.get(name) != target]
             if ended or started:
-                self._history.run(lambda connection: self._change_targets(connection, targets))
+                self._history.run(lambda connection: self._catch_up(connection, _alerted(targets)))
             for name in ended:
                 self._end(name)
             self._start(started)
@@ -114,28 +112,17 @@ class Notifier:
 
         Call when these are known, and when they change; returns at once.
         """
-        self._watched = frozenset(robots)
+        self._watched, self._is_up_to_date = frozenset(robots), False
 
     def close(self) -> None:
         """Ends the threads. Targets that work are sent what waits, for at most 1 s; the rest stays in the queue."""
         until_s = time.monotonic() + CLOSE_TIMEOUT_S
-        while time.monotonic() < until_s and (
-            self._has_news or any(caller.has_work() for caller in self._callers.values())
-        ):
+        while time.monotonic() < until_s and any(caller.has_work() for caller in self._callers.values()):
             time.sleep(_CLOSE_POLL_S)
-        threads = [*self._callers.values(), *([self._queue_thread] if self._is_noting else [])]
-        for thread in threads:
-            thread.close()
-        for thread in threads:
-            thread.join(max(0.0, until_s - time.monotonic()))
-
-    def _change_targets(self, connection: sqlite3.Connection, targets: Sequence[TargetSettings]) -> None:
-        self._history.database.state.keep_lines(connection)
-        self._queue.prepare(connection, _alerted(targets))
-
-    def _prepare(self, connection: sqlite3.Connection) -> None:
-        self._history.database.state.keep_lines(connection)
-        self._queue.prepare(connection)
+        for caller in self._callers.values():
+            caller.close()
+        for caller in self._callers.values():
+            caller.join(max(0.0, until_s - time.monotonic()))
 
     def _start(self, targets: Sequence[TargetSettings]) -> None:
         """Starts new targets."""
@@ -147,11 +134,6 @@ class Notifier:
                 caller = Delivery(settings, sender, self._queue, self._history, self._faults)
             self._callers[settings.name] = caller
             caller.start()
-        if _alerted(targets) and not self._is_noting:
-            self._is_noting = True
-            self._history.on_record(self._note)
-            self._history.database.on_lost.append(self._prepare_again)
-            self._queue_thread.start()
 
     def _end(self, name: str) -> None:
         """Ends a target, and what is being sent to it."""
@@ -160,54 +142,45 @@ class Notifier:
         caller.join(min(caller.settings.timeout_s, _LONGEST_END_S))
         caller.clear_faults()
 
-    def _note(self, connection: sqlite3.Connection, alert_id: int, transition: Transition, wall_s: float) -> None:
-        """Queues a transition; runs inside the transaction that stores it. Wakes no thread: the alert comes first."""
-        self._queue.note(connection, transition, alert_id, wall_s)
-        self._has_news = True
+    def _note(self, connection: Connection, alert_id: int, transition: Transition, wall_s: float) -> None:
+        """Queues a transition; runs inside the transaction that stores it."""
+        if self._queue.has_targets:
+            self._queue.note(connection, transition, alert_id, wall_s)
+            self._has_news = True
 
-    def _prepare_again(self, connection: sqlite3.Connection, lost: Sequence[str]) -> None:
+    def _prepare_again(self, connection: Connection, lost: Sequence[str]) -> None:
         """A new database was begun without some tables of the old one."""
         if "notified" in lost:
             self._queue.assume_sent(connection)
-        self._is_prepared = False
+        self._is_up_to_date = False
+
+    def _wake_for_news(self) -> None:
+        if self._has_news:
+            self._has_news = False
+            self._wake()
 
     def _wake(self) -> None:
         for name, caller in tuple(self._callers.items()):
             if self._queue.waiting(name):
                 caller.note_news()
 
-    def _step(self) -> float:
-        """Wakes the targets for new transitions, and queues each second what a change of silences or robots causes."""
-        try:
-            if not self._is_prepared:
-                self._is_prepared = True  # first: a new database may be begun at any moment
-                try:
-                    self._history.run(self._prepare)
-                except ServiceError:
-                    self._is_prepared = False
-                    raise
-                self._has_news = True
-            if self._has_news:
-                self._has_news = False  # first: a transition may be queued at any moment
-                self._wake()
-            if time.monotonic() >= self._checked_s + CHECK_PERIOD_S:
-                self._checked_s = time.monotonic()
-                self._check()
-        except ServiceError:
-            return CHECK_PERIOD_S  # the history reports its own fault
-        return WAKE_PERIOD_S
+    def _follow(self, connection: Optional[Connection] = None) -> None:
+        """Queues what a change of silences or robots causes; called each second."""
+        if self._queue.has_targets and (not self._is_up_to_date or self._queue.is_reconciliation_due()):
+            self._history.submit(Job(self._catch_up, is_foreign=True))
 
-    def _check(self) -> None:
+    def _catch_up(self, connection: Connection, targets: Optional[Sequence[TargetSettings]] = None) -> None:
+        """Queues what the targets do not know yet; `targets`: those of another configuration."""
         watched = self._watched
-        if watched is not None:
-            wall_s = self._wall_time_s()
-            self._history.run(lambda connection: self._queue.end_unwatched(connection, watched, wall_s))
-            if self._watched is watched:
-                self._watched = None
-            self._wake()
-        if self._queue.is_reconciliation_due():
-            self._history.run(self._queue.reconcile)
-            self._wake()
+        if self._is_up_to_date and targets is None:
+            self._queue.reconcile(connection)
+        else:
+            self._history.state.keep_lines(connection)
+            self._queue.prepare(connection, targets)
+            if watched is not None:
+                self._queue.end_unwatched(connection, watched, self._wall_time_s())
+            self._is_up_to_date = self._watched is watched
+        self._has_news = True
 
 
 def _alerted(targets: Sequence[TargetSettings]) -> List[TargetSettings]:

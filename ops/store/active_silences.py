@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-import sqlite3
 import threading
 import time
 from dataclasses import replace
+from sqlite3 import Connection
 from typing import Callable, Dict, List, Mapping, Optional, Sequence, Tuple, TypeVar
 
 from ...core.values.errors import ServiceError
@@ -57,14 +57,14 @@ class Silences:
         self._active: Sequence[Silence] = ()
         self._found: Dict[Alert, Optional[Silence]] = {}
         self._set_s = self._next_change_s = -math.inf
-        self._seen: Optional[Tuple[sqlite3.Connection, int]] = None
+        self._seen: Optional[Tuple[Connection, int]] = None
         self._stored: Sequence[Silence] = ()
         """As they were read last: one that is not active now may be so once the wall clock is set."""
         self._causes: Dict[str, Mapping[str, str]] = {}
         self._followed_s = wall_time_s()
         history.on_record(self._note_transition)
-        history.database.on_second.append(self._follow)
-        history.database.on_lost.append(self._restore)
+        history.on_second.append(self._follow)
+        history.on_lost.append(self._restore)
         try:
             history.run(self._limit, _TIMEOUT_S)
         except ServiceError as error:
@@ -104,7 +104,7 @@ class Silences:
         now_s = self._wall_time_s()
         return [silence.seen_at(now_s) for silence in self._active if silence.is_active(now_s)]
 
-    def look(self, connection: sqlite3.Connection) -> None:
+    def look(self, connection: Connection) -> None:
         """Reads the silences again if another process has changed the file: call before a notification is sent.
 
         Call with the history's connection inside a transaction, in which another process cannot add a silence.
@@ -138,7 +138,7 @@ class Silences:
             lambda connection, now_s: expire_silence(connection, number, now_s, reason=reason, author=author)
         )
 
-    def _follow(self, connection: sqlite3.Connection) -> None:
+    def _follow(self, connection: Connection) -> None:
         """Looks whether others changed the silences, or the wall clock was set."""
         now_s = self._wall_time_s()
         if now_s < self._followed_s:
@@ -151,13 +151,13 @@ class Silences:
         else:
             self._faults.clear(_CLOCK_FAULT)
 
-    def _restore(self, connection: sqlite3.Connection, lost: Sequence[str]) -> None:
+    def _restore(self, connection: Connection, lost: Sequence[str]) -> None:
         """Stores the last known silences in a new database, if those of the old one could not be read."""
         if "silences" in lost or "silenced_alerts" in lost:
             for silence in self._active:
                 insert_silence(connection, silence, silence.id)
 
-    def _limit(self, connection: sqlite3.Connection) -> None:
+    def _limit(self, connection: Connection) -> None:
         """Limits silences that were made in the future to their duration, with one line."""
         now_s = self._wall_time_s()
         noticed = limit_to_durations(connection, now_s)
@@ -165,18 +165,18 @@ class Silences:
             self._faults.report(_CLOCK_FAULT, _limit_text(noticed, now_s), Level.WARN)
         self._take_over(connection)
 
-    def _change(self, change: Callable[[sqlite3.Connection, float], Changed]) -> Changed:
+    def _change(self, change: Callable[[Connection, float], Changed]) -> Changed:
         """Changes the stored silences in a transaction, with the present time in s since 1970."""
         now_s = self._wall_time_s()
 
-        def change_and_read(connection: sqlite3.Connection) -> Changed:
+        def change_and_read(connection: Connection) -> Changed:
             changed = change(connection, now_s)
             self._take_over(connection)
             return changed
 
         return self._history.run(change_and_read, _TIMEOUT_S)
 
-    def _take_over(self, connection: sqlite3.Connection) -> None:
+    def _take_over(self, connection: Connection) -> None:
         """Reads the silences, in the history's writer thread."""
         now_s = self._wall_time_s()
         silences = read_silences(connection, active_at_s=now_s)
@@ -192,9 +192,7 @@ class Silences:
         self._set_s = now_s
         self._next_change_s = min((silence.change_s(now_s) for silence in self._active), default=math.inf)
 
-    def _note_transition(
-        self, connection: sqlite3.Connection, alert_id: int, transition: Transition, wall_s: float
-    ) -> None:
+    def _note_transition(self, connection: Connection, alert_id: int, transition: Transition, wall_s: float) -> None:
         """Ends silences whose last alert has resolved; runs in the transaction that stores the transition."""
         if transition.to_level is not Level.OK:
             return

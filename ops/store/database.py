@@ -17,6 +17,7 @@ import sqlite3
 import threading
 import time
 from collections import deque
+from sqlite3 import Connection
 from typing import Any, Callable, Deque, Generic, List, Optional, Sequence, TypeVar
 
 from ...core.values.errors import ServiceError
@@ -24,6 +25,7 @@ from ...core.values.faults import Faults
 from ...core.values.model import Level
 from ...runtime.backoff import Backoff
 from ...runtime.threads import MonotonicEvent, StepThread
+from ..configuration import HistorySettings
 from . import samples, schema
 from .database_file import (
     DatabaseFile,
@@ -32,6 +34,7 @@ from .database_file import (
     is_damage,
     is_file_error,
     open_read_only,
+    reading,
     reason,
     set_aside,
 )  # fmt: skip
@@ -69,7 +72,7 @@ _DAY_S = 86_400.0
 class Job(Generic[Result]):
     """A function to run in the writer's thread, inside a transaction; again if the database has to be replaced."""
 
-    def __init__(self, function: Callable[[sqlite3.Connection], Result], is_foreign: bool = False) -> None:
+    def __init__(self, function: Callable[[Connection], Result], is_foreign: bool = False) -> None:
         """`is_foreign`: a function of another module, in a separate transaction; its errors go to the caller."""
         self.function = function
         self.is_foreign = is_foreign
@@ -92,34 +95,39 @@ class Database:
     """Owns the connection and its thread, which runs jobs: several in one transaction if they are waiting."""
 
     def __init__(
-        self, file: Optional[str], keep_days: float, keep_mb: float, faults: Faults, wall_s: Callable[[], float]
+        self, settings: Optional[HistorySettings], wall_time_s: Callable[[], float], faults: Optional[Faults]
     ) -> None:
-        """Starts the thread, which opens the file (None: memory). The other arguments are those of `History`."""
-        self._path = file
-        self._keep_s = keep_days * _DAY_S
-        keep_bytes = keep_mb * 1e6
+        """Starts the thread, which opens the file. The arguments are those of `History`."""
+        self.file = None if settings is None else settings.file
+        """Path of the file; None: the history is in memory."""
+        self.wall_s = wall_time_s
+        self.faults = Faults() if faults is None else faults
+        """What is wrong with the history."""
+        keep = settings or HistorySettings("")
+        self._keep_s = keep.keep_days * _DAY_S
+        keep_bytes = keep.keep_mb * 1e6
         self._log_bytes = min(_LOG_BYTES, 0.2 * keep_bytes)
         self._max_log_bytes = 1.5 * self._log_bytes
         self._max_bytes = 1.05 * keep_bytes - self._max_log_bytes - _BATCH_BYTES
         self._max_memory_bytes = (
-            _MEMORY_BYTES if file is None else min(_MEMORY_BYTES, _EMPTY_BYTES + 0.5 * self._log_bytes)
+            _MEMORY_BYTES if settings is None else min(_MEMORY_BYTES, _EMPTY_BYTES + 0.5 * self._log_bytes)
         )
-        self._faults = faults
-        self._wall_s = wall_s
-        self.state = PresentState(wall_s)
+        self.state = PresentState(wall_time_s)
         """What a new database begins with."""
-        self.on_second: List[Callable[[sqlite3.Connection], object]] = []
+        self.on_second: List[Callable[[Connection], object]] = []
         """Called about once a second by the writer's thread, outside of a transaction."""
-        self.on_lost: List[Callable[[sqlite3.Connection, Sequence[str]], object]] = []
+        self.on_batch: List[Callable[[], object]] = []
+        """Called by the writer's thread when jobs are done and something may wait for the next ones."""
+        self.on_lost: List[Callable[[Connection, Sequence[str]], object]] = []
         """Called inside the transaction that begins a new database, with the tables of the present state that could
         not be read."""
         self._file: Optional[DatabaseFile] = None
-        self._memory: Optional[sqlite3.Connection] = None
+        self._memory: Optional[Connection] = None
         self._is_copy = False
         self._backoff = Backoff(_FIRST_RETRY_S, _LAST_RETRY_S)
         self._next_retry_s = 0.0
         self._retention: Optional[Retention] = None
-        self._age_clock = AgeClock(wall_s(), _boot_s())
+        self._age_clock = AgeClock(wall_time_s(), _boot_s())
         self._maintain_at_s = time.monotonic() + _PERIOD_S
         self._old_at_s = self._surplus_at_s = 0.0
         self._is_too_large = self._is_closing = False
@@ -134,17 +142,12 @@ class Database:
     # From any thread
 
     @property
-    def is_in_memory(self) -> bool:
-        """Whether the file is not in use."""
-        return self._memory is not None
-
-    @property
     def busy_s(self) -> float:
         """For how long the present transaction has lasted, in s; 0: there is none."""
         since_s = self._busy_since_s
         return 0.0 if since_s is None else time.monotonic() - since_s
 
-    def put(self, job: Job[Result], is_urgent: bool = False) -> bool:
+    def submit(self, job: Job[Result], is_urgent: bool = False) -> bool:
         """Adds a job; returns False if the writer is closing, or too many are waiting and it is not urgent."""
         with self._lock:
             if (len(self._jobs) >= MAX_WAITING and not is_urgent) or self._is_closing:
@@ -167,10 +170,22 @@ class Database:
         self._events.append(event)
         return job.is_done
 
-    def run(self, function: Callable[[sqlite3.Connection], Result], timeout_s: float) -> Result:
-        """Runs a function in a separate transaction and returns its result; see `History.run`."""
+    def put(self, function: Callable[[Connection], object]) -> None:
+        """Runs a function in the writer's thread, after everything requested before; returns at once."""
+        self.check_progress()
+        self.submit(Job(function))
+
+    def run(self, function: Callable[[Connection], Result], timeout_s: float = 5.0) -> Result:
+        """Runs a function in the writer's thread, in a separate transaction. Not for the path of an alert.
+
+        The function must not keep the connection; it is not run if it has not begun after `timeout_s`.
+
+        Raises:
+            ServiceError: the database failed, or did not answer in time.
+        """
+        self.check_progress()
         job = Job(function, is_foreign=True)
-        if not self.put(job):
+        if not self.submit(job):
             raise ServiceError("history: too many requests are waiting, or it is closed")
         if not self.wait(job, timeout_s):
             job.is_cancelled = True
@@ -181,18 +196,37 @@ class Database:
             raise job.error
         return job.result  # type: ignore[return-value]
 
-    def close(self, timeout_s: float) -> bool:
-        """Runs the waiting jobs, stores the end of the run and closes the file; returns whether it did so in time."""
+    def read(self, function: Callable[[Connection], Result]) -> Result:
+        """Runs a query: on a separate connection for a file, else in the writer's thread.
+
+        Raises:
+            ServiceError: the database failed, or did not answer in time.
+            ConfigError: the file cannot be read.
+        """
+        if self.file is None or self._memory is not None:
+            return self.run(function)
+        with reading(self.file) as connection:
+            result = function(connection)
+            self._report_skipped(connection)
+            return result
+
+    def check_progress(self) -> None:
+        """Reports a disk that does not respond."""
+        busy_s = self.busy_s
+        if busy_s > SLOW_S:
+            self._report(f"{self.file}: the disk has not responded for {busy_s:.0f} s")
+
+    def close(self, timeout_s: float = 2.0) -> None:
+        """Runs the waiting jobs, stores the end of the run and closes the file; waits at most `timeout_s`."""
         with self._lock:
             self._is_closing = True
         self._thread.wake()
         self._thread.join(timeout_s)
-        return not self._thread.is_alive()
 
     # In the writer's thread
 
     @property
-    def connection(self) -> sqlite3.Connection:
+    def connection(self) -> Connection:
         """The connection, in autocommit mode."""
         if self._file is not None:
             return self._file.connection
@@ -243,8 +277,12 @@ class Database:
             error = self._attempt(batch)
             if error is None or not self._handle(error, not batch[0].is_foreign):
                 break
+        if error is not None and batch[0].event is None:
+            self._report(f"internal error: {type(error).__name__}")
         for job in batch:
             job.end(error)
+        for hook in self.on_batch:
+            hook()
 
     def _attempt(self, batch: List[Job[Any]]) -> Optional[BaseException]:
         connection = self.connection
@@ -308,7 +346,7 @@ class Database:
         if self._file is not None:
             self._check_file(self._file)
         connection = self.connection
-        report_skipped(self._faults, connection)
+        self._report_skipped(connection)
         self.state.note_alive(connection)
         for hook in self.on_second:
             hook(connection)
@@ -333,11 +371,11 @@ class Database:
         return True
 
     def _age_s(self) -> float:
-        return self._age_clock.now_s(self._wall_s(), _boot_s())
+        return self._age_clock.now_s(self.wall_s(), _boot_s())
 
     def _open(self) -> None:
         """Opens the file or, if that is not possible, a database in memory. Never raises."""
-        if self._path is None:
+        if self.file is None:
             self._use_memory(None)
         else:
             self._open_file()
@@ -354,23 +392,23 @@ class Database:
 
     def _open_file(self) -> None:
         """Opens the file and moves what is in memory into it, or uses memory."""
-        assert self._path is not None
+        assert self.file is not None
         try:
-            file = self._opened(self._path)
+            file = self._opened(self.file)
         except (InUseError, NotAHistoryError, schema.UnknownSchemaError) as error:
             self._backoff.reset()
-            self._report(f"{self._path} is not used: {error}; continuing without a history file")
+            self._report(f"{self.file} is not used: {error}; continuing without a history file")
             self._require_memory(None)
         except (OSError, sqlite3.Error) as error:
             self._retry_later()
-            self._report(f"{reason(error, self._path)}; continuing in memory")
-            self._require_memory(self._path)
+            self._report(f"{reason(error, self.file)}; continuing in memory")
+            self._require_memory(self.file)
         else:
             if self._memory is not None:
                 self._memory.close()
             self._memory, self._file, self._retention = None, file, None
             self._backoff.reset()
-            self._faults.clear(PART)
+            self.faults.clear(PART)
 
     def _opened(self, path: str) -> DatabaseFile:
         """Returns the open file with the present run in it; a damaged one is replaced. Raises as `DatabaseFile`."""
@@ -402,40 +440,40 @@ class Database:
     def _check_file(self, file: DatabaseFile) -> None:
         """Looks whether the file was deleted or replaced, or its disk fails."""
         if not file.is_in_place():
-            text = f"{self._path} was deleted or replaced while in use: the present state was written to a new file"
+            text = f"{self.file} was deleted or replaced while in use: the present state was written to a new file"
             self._use_memory(file.connection)
             self._file = None
             _close(file)
-            self._faults.report(REPLACED_PART, text)
+            self.faults.report(REPLACED_PART, text)
             self._open_file()
         elif file.problem:
-            self._report(f"{self._path} cannot be flushed to the disk: {file.problem}")
+            self._report(f"{self.file} cannot be flushed to the disk: {file.problem}")
         elif file.flushing_s > SLOW_S:
-            self._report(f"{self._path}: the disk has not responded for {file.flushing_s:.0f} s")
+            self._report(f"{self.file}: the disk has not responded for {file.flushing_s:.0f} s")
         else:
-            self._faults.clear(PART)
+            self.faults.clear(PART)
 
     def _put_aside(self, path: str, error: BaseException) -> None:
         """Renames a damaged file, or raises OSError."""
-        aside = set_aside(path, self._wall_s())
+        aside = set_aside(path, self.wall_s())
         text = f"{path} is damaged ({error}): kept as {aside}, a new history was begun"
-        self._faults.report(REPLACED_PART, text)
+        self.faults.report(REPLACED_PART, text)
 
-    def _use_memory(self, source: Optional[sqlite3.Connection], error: Optional[BaseException] = None) -> None:
+    def _use_memory(self, source: Optional[Connection], error: Optional[BaseException] = None) -> None:
         """Goes on in memory, with what can be read of `source`, which was used until now; `error`: why no longer."""
         memory = schema.in_memory(CheckedConnection)
         with schema.transaction(memory):
             unreadable = schema.LIVE_TABLES if source is None else schema.copy_state(source, memory)
             self._is_copy = not unreadable
-            if unreadable and self._path is not None:
-                schema.number_from(memory, int(self._wall_s() * 1000.0))  # larger than any number in the file
+            if unreadable and self.file is not None:
+                schema.number_from(memory, int(self.wall_s() * 1000.0))  # larger than any number in the file
             self.state.write(memory, unreadable)
             if unreadable:
                 for hook in self.on_lost:
                     hook(memory, unreadable)
         self._memory, self._retention = memory, None
         if error is not None:
-            self._report(f"{reason(error, str(self._path))}; continuing in memory")
+            self._report(f"{reason(error, str(self.file))}; continuing in memory")
             self._retry_later()
 
     def _require_memory(self, readable: Optional[str]) -> None:
@@ -453,7 +491,7 @@ class Database:
     def _retry_later(self) -> None:
         self._next_retry_s = time.monotonic() + self._backoff.next_s()
 
-    def _move_from_memory(self, memory: sqlite3.Connection, connection: sqlite3.Connection) -> None:
+    def _move_from_memory(self, memory: Connection, connection: Connection) -> None:
         for table in schema.tables(memory):
             if self._is_copy and table in schema.LIVE_TABLES and table not in schema.SHARED_TABLES:
                 connection.execute(f"DELETE FROM {table}")
@@ -479,13 +517,12 @@ class Database:
                 raise sqlite3.OperationalError(problem)
 
     def _report(self, text: str) -> None:
-        self._faults.report(PART, text)
+        self.faults.report(PART, text)
 
-
-def report_skipped(faults: Faults, connection: sqlite3.Connection) -> None:
-    """Reports the first row that was skipped because of its values; the fault lasts until the monitor is restarted."""
-    if isinstance(connection, CheckedConnection) and connection.skipped and ROWS_PART not in faults.current():
-        faults.report(ROWS_PART, connection.skipped_text, Level.WARN)
+    def _report_skipped(self, connection: Connection) -> None:
+        """Reports the first row that was skipped because of its values; the fault lasts until a restart."""
+        if isinstance(connection, CheckedConnection) and connection.skipped and ROWS_PART not in self.faults.current():
+            self.faults.report(ROWS_PART, connection.skipped_text, Level.WARN)
 
 
 def _boot_s() -> float:

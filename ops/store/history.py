@@ -8,10 +8,10 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-import sqlite3
 import threading
 import time
 from collections import deque
+from sqlite3 import Connection, OperationalError
 from typing import Any, Callable, Deque, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple, TypeVar
 
 from ...core.judge.sample_summary import SampleSummary
@@ -21,15 +21,15 @@ from ...core.values.faults import Faults
 from ...core.values.formatting import printable
 from ...core.values.model import Transition
 from ..configuration import HistorySettings
-from .database import PART, SLOW_S, Database, Job, report_skipped
-from .database_file import is_file_error, reading
+from .database import PART, Database, Job
+from .database_file import is_file_error
 from .queries import read_states
 from .rows import INSERT_TRANSITION, pack_samples, transition_row
 from .samples import StoredSamples, store, summaries_of
 from .schema import altered_error
 
 Result = TypeVar("Result")
-OnRecord = Callable[[sqlite3.Connection, int, Transition, float], None]
+OnRecord = Callable[[Connection, int, Transition, float], None]
 """Receives the connection, the number of the transition that began the alert, the transition, and the wall time in
 s."""
 
@@ -42,12 +42,10 @@ LOST_PART = "history queue"
 
 _MOST_EVIDENT = 1_000  # signals per robot whose latest samples are known: a driver may rename itself
 _RESTORE_TIMEOUT_S = 5.0
-_CLOSE_TIMEOUT_S = 2.0
 _HOOK_PART = "notifications"
-_DEFAULT_KEEP = HistorySettings("")
 
 
-class History:
+class History(Database):
     """Writes a history file, or keeps a history in memory. All methods may be called from any thread."""
 
     def __init__(
@@ -63,14 +61,8 @@ class History:
             wall_time_s: seconds since 1970.
             faults: receives what is wrong with it; None: not reported.
         """
-        self.file = None if settings is None else settings.file
-        """Path of the file; None: the history is in memory."""
-        self.wall_s = wall_time_s
-        self.faults = Faults() if faults is None else faults
-        """What is wrong with the history."""
-        keep = settings or _DEFAULT_KEEP
-        self.database = Database(self.file, keep.keep_days, keep.keep_mb, self.faults, wall_time_s)
-        self.keeps_samples = keep.samples
+        super().__init__(settings, wall_time_s, faults)
+        self.keeps_samples = settings is None or settings.samples
         """Whether samples are stored."""
         self._samples_lock = threading.Lock()
         self._open_samples: Optional[Deque[StoredSamples]] = None
@@ -88,38 +80,8 @@ class History:
 
     def of_robot(self, robot: str) -> RobotHistory:
         """Returns the history of one robot, for its AlertSystem: the only one until that is closed."""
-        self.put(lambda connection: self.database.state.begin_watch(connection, robot))
+        self.put(lambda connection: self.state.begin_watch(connection, robot))
         return RobotHistory(self, robot)
-
-    def run(self, function: Callable[[sqlite3.Connection], Result], timeout_s: float = 5.0) -> Result:
-        """Runs a function in the writer's thread, in a separate transaction. Not for the path of an alert.
-
-        The function must not keep the connection; it is not run if it has not begun after `timeout_s`.
-
-        Raises:
-            ServiceError: the database failed, or did not answer in time.
-        """
-        self.check_progress()
-        return self.database.run(function, timeout_s)
-
-    def read(self, function: Callable[[sqlite3.Connection], Result], timeout_s: float = 5.0) -> Result:
-        """Runs a query: on a separate connection for a file, else in the writer's thread.
-
-        Raises:
-            ServiceError: the database failed, or did not answer in time.
-            ConfigError: the file cannot be read.
-        """
-        if self.file is None or self.database.is_in_memory:
-            return self.run(function, timeout_s)
-        with reading(self.file) as connection:
-            result = function(connection)
-            report_skipped(self.faults, connection)
-            return result
-
-    def put(self, function: Callable[[sqlite3.Connection], object]) -> None:
-        """Runs a function in the writer's thread, after everything requested before; returns at once."""
-        self.check_progress()
-        self.database.put(Job(function))
 
     def put_samples(self, rows: Iterable[StoredSamples]) -> None:
         """Stores samples after everything requested before; returns at once."""
@@ -129,36 +91,25 @@ class History:
                 return
             waiting = self._open_samples = deque(rows, MAX_WAITING_SAMPLES)
 
-        def write(connection: sqlite3.Connection) -> None:
+        def write(connection: Connection) -> None:
             with self._samples_lock:
                 if self._open_samples is waiting:
                     self._open_samples = None
             store(connection, waiting)
 
         # Also if many jobs are waiting: there is one such job at most.
-        self.database.put(Job(write), is_urgent=True)
-
-    def close(self) -> None:
-        """Stores the end of the run and closes the file; waits at most 2 s."""
-        self.database.close(_CLOSE_TIMEOUT_S)
-
-    def check_progress(self) -> None:
-        """Reports a disk that does not respond."""
-        busy_s = self.database.busy_s
-        if busy_s > SLOW_S:
-            self.faults.report(PART, f"{self.file}: the disk has not responded for {busy_s:.0f} s")
+        self.submit(Job(write), is_urgent=True)
 
     def store(
-        self, connection: sqlite3.Connection, row: Sequence[Any], samples: bytes, transition: Transition, wall_s: float
+        self, connection: Connection, row: Sequence[Any], samples: bytes, transition: Transition, wall_s: float
     ) -> None:
         """Stores a transition, by its row and its packed samples. Call inside a transaction."""
-        database = self.database
-        began = database.state.alert_of(transition)
+        began = self.state.alert_of(transition)
         number = connection.execute(INSERT_TRANSITION, (*row[:-1], began or None)).lastrowid or 0
         connection.execute("INSERT INTO evidence VALUES (?, ?)", (number, samples))
-        database.note_transition(row[1], row[2])
-        database.state.note_transition(connection, number, began, transition, wall_s)
-        database.state.note_alive(connection)
+        self.note_transition(row[1], row[2])
+        self.state.note_transition(connection, number, began, transition, wall_s)
+        self.state.note_alive(connection)
         for hook in self._on_record:
             # Their mistakes do not affect the transition.
             connection.execute("SAVEPOINT hook")
@@ -168,7 +119,7 @@ class History:
                 if is_file_error(error):
                     raise
                 connection.execute("ROLLBACK TO hook")
-                altered = altered_error(connection) if isinstance(error, sqlite3.OperationalError) else None
+                altered = altered_error(connection) if isinstance(error, OperationalError) else None
                 if altered is not None:
                     raise altered from None
                 self.faults.report(_HOOK_PART, f"{type(error).__name__}: {error}")
@@ -259,7 +210,7 @@ class RobotHistory:
         key = hashlib.sha256(text.encode("utf-8", "backslashreplace")).hexdigest()
         row = (self.wall_s(), self._robot, key)
 
-        def insert(connection: sqlite3.Connection) -> None:
+        def insert(connection: Connection) -> None:
             connection.execute("INSERT OR IGNORE INTO configurations VALUES (?, ?)", (key, text))
             connection.execute("INSERT INTO configuration_changes (wall_s, robot, hash) VALUES (?, ?, ?)", row)
 
@@ -267,9 +218,9 @@ class RobotHistory:
 
     def close(self) -> None:
         """Stores that the robot is no longer watched. Not needed at the end of the process."""
-        self._history.put(lambda connection: self._history.database.state.end_watch(connection, self._robot))
+        self._history.put(lambda connection: self._history.state.end_watch(connection, self._robot))
 
-    def _read(self, function: Callable[[sqlite3.Connection], Result]) -> Optional[Result]:
+    def _read(self, function: Callable[[Connection], Result]) -> Optional[Result]:
         try:
             return self._history.run(function, _RESTORE_TIMEOUT_S)
         except ServiceError as error:
@@ -282,14 +233,14 @@ class RobotHistory:
         row = transition_row(transition, wall_s)
         samples = pack_samples(evidence, self._evidence_until_s.get(signal, -math.inf))
 
-        def insert(connection: sqlite3.Connection) -> None:
+        def insert(connection: Connection) -> None:
             history.store(connection, row, samples, transition, wall_s)
-            history.database.state.write_states(connection, self._robot, {signal: state})
+            history.state.write_states(connection, self._robot, {signal: state})
 
         job = Job(insert)
         history.check_progress()
         with self._lock:
-            is_waiting = history.database.put(job)
+            is_waiting = history.submit(job)
             if is_waiting:
                 self._open_save = None  # later states go behind this transition
                 if evidence:
@@ -300,8 +251,8 @@ class RobotHistory:
         if not is_waiting:
             history.note_lost()
             self._save({signal: state})
-        elif history.database.busy_s < COMMIT_TIMEOUT_S:  # while the disk hangs, the first caller has waited
-            history.database.wait(job, COMMIT_TIMEOUT_S)
+        elif history.busy_s < COMMIT_TIMEOUT_S:  # while the disk hangs, the first caller has waited
+            history.wait(job, COMMIT_TIMEOUT_S)
 
     def _save(self, states: Mapping[str, str]) -> None:
         with self._lock:
@@ -310,14 +261,14 @@ class RobotHistory:
                 return
             waiting = self._open_save = dict(states)
 
-            def write(connection: sqlite3.Connection) -> None:
+            def write(connection: Connection) -> None:
                 with self._lock:
                     if self._open_save is waiting:
                         self._open_save = None
-                self._history.database.state.write_states(connection, self._robot, waiting)
+                self._history.state.write_states(connection, self._robot, waiting)
 
             # Also if many jobs are waiting: between two transitions there is one such job per robot at most.
-            self._history.database.put(Job(write), is_urgent=True)
+            self._history.submit(Job(write), is_urgent=True)
 
     def _report(self, text: str) -> None:
         self._history.faults.report(PART, text)

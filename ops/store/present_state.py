@@ -6,7 +6,7 @@ Used by the writer's thread only, inside its transactions.
 
 from __future__ import annotations
 
-import sqlite3
+from sqlite3 import Connection
 from typing import Any, Callable, Dict, Mapping, Sequence, Tuple
 
 from ...core.config.signal_config import template_name
@@ -42,7 +42,7 @@ def alert_json(transition: Transition, alert_id: int, **further: object) -> str:
     return json_line(transition, alert_id=alert_id, **further)
 
 
-def _past_alert_json(connection: sqlite3.Connection, stored: StoredTransition) -> str:
+def _past_alert_json(connection: Connection, stored: StoredTransition) -> str:
     """Formats a transition of an earlier run as `alert_json`, with what to do by the configuration in force then."""
     kept = configuration(connection, stored.robot, stored.wall_s) or {}
     settings = kept.get(stored.signal) or kept.get(template_name(stored.signal))
@@ -65,7 +65,7 @@ class PresentState:
         self._keeps_lines = False
         self._last_id = 0
 
-    def begin(self, connection: sqlite3.Connection) -> float:
+    def begin(self, connection: Connection) -> float:
         """Begins the run in a database that earlier runs may have used; returns the latest time that they knew."""
         self._started_s = self._wall_s()
         last = select(connection, "runs", (float,), "SELECT alive_s FROM runs ORDER BY id DESC LIMIT 1")
@@ -79,7 +79,7 @@ class PresentState:
             self._alerts.setdefault(alert[:2], alert)
         return min(last[0][0], self._started_s) if last else self._started_s
 
-    def write(self, connection: sqlite3.Connection, unreadable: Sequence[str]) -> None:
+    def write(self, connection: Connection, unreadable: Sequence[str]) -> None:
         """Writes all of it into a new database, which has a copy of the tables that were readable."""
         if not self.run_id:
             self.begin(connection)
@@ -92,7 +92,7 @@ class PresentState:
             connection.executemany(_STORE_ALERT, self._alerts.values())
         self.continue_numbers(connection)
 
-    def keep_lines(self, connection: sqlite3.Connection) -> None:
+    def keep_lines(self, connection: Connection) -> None:
         """From now on, stores the JSON of each open alert, which only notifications need: it takes most of the space.
 
         That of an alert of an earlier run is made from its transition.
@@ -109,28 +109,28 @@ class PresentState:
             )
             connection.execute(update, (line, *name))
 
-    def continue_numbers(self, connection: sqlite3.Connection) -> None:
+    def continue_numbers(self, connection: Connection) -> None:
         """Lets the numbers of transitions continue, also in a new file."""
         schema.number_from(connection, self._last_id, ("transitions",))
 
-    def begin_watch(self, connection: sqlite3.Connection, robot: str) -> None:
+    def begin_watch(self, connection: Connection, robot: str) -> None:
         """Stores that a robot is watched from now on."""
         now_s = self._wall_s()
         insert = "INSERT INTO watches (run_id, robot, started_s) VALUES (?, ?, ?)"
         self._watches[robot] = connection.execute(insert, (self.run_id, robot, now_s)).lastrowid or 0, now_s
 
-    def end_watch(self, connection: sqlite3.Connection, robot: str) -> None:
+    def end_watch(self, connection: Connection, robot: str) -> None:
         """Stores that a robot is no longer watched."""
         number, _ = self._watches.pop(robot, (0, 0.0))
         connection.execute("UPDATE watches SET stopped_s = ? WHERE id = ?", (self._wall_s(), number))
 
-    def note_alive(self, connection: sqlite3.Connection, has_stopped: bool = False) -> None:
+    def note_alive(self, connection: Connection, has_stopped: bool = False) -> None:
         """Stores a sign of life of the run, or its end."""
         now_s = self._wall_s()
         update = "UPDATE runs SET alive_s = ?, stopped_s = ? WHERE id = ?"
         connection.execute(update, (now_s, now_s if has_stopped else None, self.run_id))
 
-    def write_states(self, connection: sqlite3.Connection, robot: str, states: Mapping[str, str]) -> None:
+    def write_states(self, connection: Connection, robot: str, states: Mapping[str, str]) -> None:
         """Stores the states of signals of a robot in JSON; `{}` deletes one."""
         for signal, state in states.items():  # first: a statement may fail
             if state == "{}":
@@ -150,7 +150,7 @@ class PresentState:
         return 0 if known is None or transition.from_level is Level.OK else int(known[2])
 
     def note_transition(
-        self, connection: sqlite3.Connection, number: int, alert: int, transition: Transition, wall_s: float
+        self, connection: Connection, number: int, alert: int, transition: Transition, wall_s: float
     ) -> None:
         """Stores that a transition with this number opens, changes or ends an alert (`alert_of`, 0: this one)."""
         self._last_id = max(self._last_id, number)

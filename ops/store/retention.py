@@ -7,8 +7,8 @@ others. Samples make room before transitions.
 
 from __future__ import annotations
 
-import sqlite3
 from collections import Counter
+from sqlite3 import Connection
 from typing import List, Optional, Tuple
 
 from ...core.config.signal_config import template_name
@@ -71,7 +71,7 @@ class AgeClock:
 class Retention:
     """Deletes entries of one database. The state of signals, open alerts, notifications and silences stay."""
 
-    def __init__(self, connection: sqlite3.Connection, max_bytes: float) -> None:
+    def __init__(self, connection: Connection, max_bytes: float) -> None:
         """`max_bytes` limits the database. Reads nothing yet: counting takes time, and a start must not wait for it."""
         self._connection = connection
         self._max_bytes = max_bytes
@@ -197,7 +197,7 @@ def _template(signal: object) -> str:
     return template_name(signal) if isinstance(signal, str) else ""
 
 
-def used_bytes(connection: sqlite3.Connection) -> Tuple[int, int]:
+def used_bytes(connection: Connection) -> Tuple[int, int]:
     """Returns the size of the used and of the unused pages of the database, in bytes."""
     page, pages, unused = (
         connection.execute(f"PRAGMA {name}").fetchone()[0] for name in ("page_size", "page_count", "freelist_count")

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import sqlite3
 from contextlib import closing, contextmanager
+from sqlite3 import Connection
 from typing import Iterator, List, Mapping, Optional, Sequence, Tuple, Type
 
 from ...core.values.errors import ConfigError
@@ -205,7 +206,7 @@ class UnknownSchemaError(ConfigError):
     """A file that this version cannot use: written by a newer version, or no history at all. `str()` says which."""
 
 
-def prepare(connection: sqlite3.Connection) -> None:
+def prepare(connection: Connection) -> None:
     """Creates the tables in an empty database, or migrates those of an older version, in one transaction.
 
     Raises:
@@ -217,7 +218,7 @@ def prepare(connection: sqlite3.Connection) -> None:
             migrate(connection, version_of(connection))
 
 
-def migrate(connection: sqlite3.Connection, version: int) -> None:
+def migrate(connection: Connection, version: int) -> None:
     """Turns the tables of a version into those of the present one; version 0 is an empty database.
 
     Call inside a transaction: a step that fails changes nothing. To change the tables, change `_TABLES`, add 1 to
@@ -232,7 +233,7 @@ def migrate(connection: sqlite3.Connection, version: int) -> None:
 
 
 @contextmanager
-def transaction(connection: sqlite3.Connection) -> Iterator[None]:
+def transaction(connection: Connection) -> Iterator[None]:
     """Runs a block in one transaction of a connection in autocommit mode; rolled back if it or the commit fails."""
     connection.execute("BEGIN IMMEDIATE")
     try:
@@ -247,7 +248,7 @@ def transaction(connection: sqlite3.Connection) -> Iterator[None]:
         raise
 
 
-def require_known(connection: sqlite3.Connection) -> None:
+def require_known(connection: Connection) -> None:
     """Raises UnknownSchemaError unless the file is a history of this version."""
     version = version_of(connection)
     if version == 0:
@@ -256,7 +257,7 @@ def require_known(connection: sqlite3.Connection) -> None:
         raise UnknownSchemaError("it is from an older version of the monitor, which has to open it once")
 
 
-def version_of(connection: sqlite3.Connection) -> int:
+def version_of(connection: Connection) -> int:
     """Returns the version of the tables; 0: there are none. Changes nothing.
 
     Raises:
@@ -277,7 +278,7 @@ def version_of(connection: sqlite3.Connection) -> int:
     return version
 
 
-def tables(connection: sqlite3.Connection) -> List[str]:
+def tables(connection: Connection) -> List[str]:
     """Returns the names of the tables."""
     query = "SELECT name FROM sqlite_master WHERE type = 'table' AND name NOT LIKE 'sqlite~_%' ESCAPE '~'"
     return [name for (name,) in connection.execute(query)]
@@ -287,7 +288,7 @@ ALTERED = "was altered"
 """What an error says of a table that another program has dropped or altered."""
 
 
-def altered_error(connection: sqlite3.Connection) -> Optional[sqlite3.DatabaseError]:
+def altered_error(connection: Connection) -> Optional[sqlite3.DatabaseError]:
     """Returns an error that names the first table that lacks a column; None if all tables are as they were made."""
     with closing(in_memory()) as intact:
         for table in tables(intact):
@@ -297,14 +298,14 @@ def altered_error(connection: sqlite3.Connection) -> Optional[sqlite3.DatabaseEr
     return None
 
 
-def in_memory(factory: Type[sqlite3.Connection] = sqlite3.Connection) -> sqlite3.Connection:
+def in_memory(factory: Type[Connection] = Connection) -> Connection:
     """Returns a connection to a new database in memory, with the tables."""
     connection = sqlite3.connect(":memory:", isolation_level=None, check_same_thread=False, factory=factory)
     prepare(connection)
     return connection
 
 
-def copy_state(source: sqlite3.Connection, target: sqlite3.Connection) -> Sequence[str]:
+def copy_state(source: Connection, target: Connection) -> Sequence[str]:
     """Copies the tables of the present state, and the last number of each; returns those that could not be read."""
     unreadable = []
     for table in ("sqlite_sequence", *LIVE_TABLES):
@@ -315,7 +316,7 @@ def copy_state(source: sqlite3.Connection, target: sqlite3.Connection) -> Sequen
     return unreadable
 
 
-def copy_table(source: sqlite3.Connection, target: sqlite3.Connection, table: str) -> None:
+def copy_table(source: Connection, target: Connection, table: str) -> None:
     """Copies the rows of a table; those that the target refuses are left out."""
     names = [row[1] for row in target.execute(f"PRAGMA table_info({table})")]
     columns = ", ".join(names)
@@ -327,7 +328,7 @@ def copy_table(source: sqlite3.Connection, target: sqlite3.Connection, table: st
             pass  # edited by hand
 
 
-def number_from(connection: sqlite3.Connection, number: int, tables: Tuple[str, ...] = ()) -> None:
+def number_from(connection: Connection, number: int, tables: Tuple[str, ...] = ()) -> None:
     """Makes the numbers of rows continue after `number` where they are below it; no tables: all that have numbers."""
     if not tables:
         query = "SELECT name FROM sqlite_master WHERE type = 'table' AND sql LIKE '%AUTOINCREMENT%'"

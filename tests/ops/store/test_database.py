@@ -437,9 +437,9 @@ def test_a_mistake_in_a_statement_of_another_module_replaces_nothing(tmp_path: P
 
 @pytest.fixture
 def writer() -> Iterator[Database]:
-    opened = Database(None, 90.0, 100.0, Faults(), time.time)
+    opened = Database(None, time.time, None)
     yield opened
-    opened.close(5.0)
+    opened.close()
 
 
 @pytest.fixture
@@ -451,7 +451,7 @@ def hang(writer: Database) -> Iterator[threading.Event]:
         has_begun.set()
         proceed.wait(60.0)
 
-    writer.put(Job(wait))
+    writer.submit(Job(wait))
     has_begun.wait(60.0)
     yield proceed
     proceed.set()
@@ -481,7 +481,7 @@ def test_a_wait_ends_in_time_while_the_disk_hangs_and_with_the_job_once_it_respo
     writer: Database, hang: threading.Event
 ) -> None:
     jobs = [Job(lambda connection: None) for _ in range(2)]
-    assert all(map(writer.put, jobs))
+    assert all(map(writer.submit, jobs))
     assert not writer.wait(jobs[0], 0.01)
     assert writer.busy_s > 0.0
     hang.set()
@@ -491,7 +491,7 @@ def test_a_wait_ends_in_time_while_the_disk_hangs_and_with_the_job_once_it_respo
 
 def test_several_threads_wait_at_the_same_time(writer: Database, hang: threading.Event) -> None:
     jobs = [Job(lambda connection: None) for _ in range(8)]
-    assert all(map(writer.put, jobs))
+    assert all(map(writer.submit, jobs))
     results: List[bool] = []
     waiting = [threading.Thread(target=lambda job=job: results.append(writer.wait(job, 60.0))) for job in jobs]
     for thread in waiting:
@@ -512,17 +512,17 @@ def test_a_function_that_was_given_up_does_not_run_later(writer: Database, hang:
 
 
 def test_the_number_of_waiting_jobs_is_bounded(writer: Database, hang: threading.Event) -> None:
-    accepted = sum(writer.put(Job(lambda connection: None)) for _ in range(MAX_WAITING + 10))
+    accepted = sum(writer.submit(Job(lambda connection: None)) for _ in range(MAX_WAITING + 10))
     assert accepted == MAX_WAITING
     with pytest.raises(ServiceError, match="too many requests"):
         writer.run(lambda connection: None, 60.0)
-    assert writer.put(Job(lambda connection: None), is_urgent=True)
+    assert writer.submit(Job(lambda connection: None), is_urgent=True)
 
 
 def test_closing_runs_what_waits(writer: Database) -> None:
     done: List[int] = []
     for number in range(100):
-        writer.put(Job(lambda connection, n=number: done.append(n)))  # type: ignore[misc]
-    assert writer.close(60.0)
+        writer.submit(Job(lambda connection, n=number: done.append(n)))  # type: ignore[misc]
+    writer.close(60.0)
     assert done == list(range(100))
-    assert not writer.put(Job(lambda connection: None))
+    assert not writer.submit(Job(lambda connection: None))

@@ -199,7 +199,7 @@ def test_a_driver_that_renames_itself_leaves_nothing_in_memory(history: History)
         robot.record(transition(0, Level.STALE, signal=name), {"level": 1}, [(float(number), 1.0)])
         robot.record(transition(0, Level.OK, from_level=Level.STALE, signal=name), {}, [])
     history.run(lambda connection: None, 60.0)
-    state = history.database.state
+    state = history.state
     assert (len(state._states), len(state._alerts)) == (0, 0)
     assert len(robot._evidence_until_s) <= 1_000
 
@@ -207,9 +207,9 @@ def test_a_driver_that_renames_itself_leaves_nothing_in_memory(history: History)
 def test_only_the_first_caller_waits_while_the_disk_hangs(history: History, monkeypatch: pytest.MonkeyPatch) -> None:
     proceed, waited = threading.Event(), []
     monkeypatch.setattr(history_module, "COMMIT_TIMEOUT_S", 0.05)
-    monkeypatch.setattr(history.database, "wait", lambda job, timeout_s: waited.append(timeout_s))
+    monkeypatch.setattr(history, "wait", lambda job, timeout_s: waited.append(timeout_s))
     history.put(lambda connection: proceed.wait(60.0))
-    while history.database.busy_s < 0.05:
+    while history.busy_s < 0.05:
         pass
     history.of_robot("r1").record(low_battery(), {}, [])
     assert waited == []
@@ -236,15 +236,15 @@ def test_samples_of_all_robots_wait_in_one_job_and_are_bounded(monkeypatch: pyte
     history.put(hang)
     has_begun.wait(60.0)
     # More jobs than may wait: transitions that do not fit are lost, but samples take no more room.
-    while history.database.put(Job(lambda connection: None)):
+    while history.submit(Job(lambda connection: None)):
         pass
     for number in range(20):
         for robot in robots:
             robot.record_samples({"a": [SampleSummary(10.0 * number, 1.0, 1.0, 1.0, 1.0, 1, 0, Level.OK)]})
-    assert len(history.database._jobs) == MAX_WAITING + 1
+    assert len(history._jobs) == MAX_WAITING + 1
     proceed.set()
     job = Job(lambda connection: [(each.robot, each.start_s) for each in read(connection)])
-    assert history.database.put(job, is_urgent=True)
-    assert history.database.wait(job, 60.0)
+    assert history.submit(job, is_urgent=True)
+    assert history.wait(job, 60.0)
     assert job.result == [(robot, 10.0 * number) for robot in ("r1", "r2") for number in range(5, 20)]
     history.close()

@@ -68,7 +68,7 @@ def test_the_json_of_open_alerts_is_stored_once_something_needs_it(tmp_path: Pat
         assert history.run(lambda connection: connection.execute(query).fetchall()) == [("fan", "")]
     with closing(opened(file)) as history:
         history.of_robot("r1").record(transition(signal="link"), {}, ())
-        history.run(history.database.state.keep_lines)
+        history.run(history.state.keep_lines)
         history.of_robot("r1").record(transition(signal="motor"), {}, ())
         lines = {
             signal: json.loads(line)
