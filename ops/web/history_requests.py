@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-import sqlite3
 from dataclasses import dataclass
 from itertools import islice
-from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Tuple, TypeVar, Union
+from sqlite3 import Connection
+from typing import Any, Callable, Dict, List, NamedTuple, Optional, Tuple, TypeVar, Union
 
 from ...core.config.kept_settings import read_kept, settings_of
-from ...core.config.schema import REQUIRED, Time, declared, read_record
+from ...core.config.schema import REQUIRED, Time, declared
 from ...core.config.signal_config import template_name
 from ...core.values.errors import ConfigError, ServiceError
 from ...core.values.model import Level
@@ -101,6 +101,13 @@ class NewSilence:
 
 
 @dataclass(frozen=True)
+class Reset:
+    """The body of a request that resets a robot."""
+
+    robot: str = declared("", any_text=True)
+
+
+@dataclass(frozen=True)
 class EndOfSilence:
     """The body of a request that ends a silence."""
 
@@ -112,7 +119,7 @@ class EndOfSilence:
 def past_alerts(history: History, query: Query) -> Json:
     """Returns the answer of `/api/history`; raises ServiceError if the history failed or did not answer."""
 
-    def read(connection: sqlite3.Connection) -> Json:
+    def read(connection: Connection) -> Json:
         since_s = _seconds(query.since)
         found = list(
             queries.transitions(
@@ -140,7 +147,7 @@ def past_alerts(history: History, query: Query) -> Json:
 def past_alert(history: History, number: int) -> Optional[PastAlert]:
     """Returns an alert by its id, None if there is none; raises ServiceError as `past_alerts`."""
 
-    def read(connection: sqlite3.Connection) -> Optional[PastAlert]:
+    def read(connection: Connection) -> Optional[PastAlert]:
         transition = queries.transition(connection, number)
         if transition is None:
             return None
@@ -159,7 +166,7 @@ def past_alert(history: History, number: int) -> Optional[PastAlert]:
     return _read(history, read)
 
 
-def _silences_at(connection: sqlite3.Connection, alert: StoredTransition, now_s: float) -> List[Json]:
+def _silences_at(connection: Connection, alert: StoredTransition, now_s: float) -> List[Json]:
     """Returns the silences that were in force at some time of an alert, its acknowledgement among them."""
     ended_s = queries.ended_s(connection, alert)
     until_s = math.inf if ended_s is None else ended_s
@@ -170,7 +177,7 @@ def _silences_at(connection: sqlite3.Connection, alert: StoredTransition, now_s:
     ]
 
 
-def _thresholds_at(connection: sqlite3.Connection, alert: StoredTransition) -> Json:
+def _thresholds_at(connection: Connection, alert: StoredTransition) -> Json:
     kept = queries.configuration(connection, alert.robot, alert.wall_s) or {}
     name = alert.signal if alert.signal in kept else template_name(alert.signal)
     try:
@@ -181,27 +188,21 @@ def _thresholds_at(connection: sqlite3.Connection, alert: StoredTransition) -> J
 
 def past_samples(history: History, query: SamplesQuery) -> bytes:
     """Returns the answer of `/api/history/samples`; raises as `past_alerts`."""
-    found, is_more = _stored_samples(history, query)
-    # One by one: encoding all at once would hold the interpreter's lock, for which the monitor waits.
-    body = b",".join([json_bytes(samples_fields(each)) for each in found])
-    return b'{"samples":[' + body + b'],"more":' + json_bytes(is_more) + b"}"
-
-
-def _stored_samples(history: History, query: SamplesQuery) -> Tuple[List[StoredSamples], bool]:
-    """Returns the samples that a request asks for, and whether there are more."""
     since_s, until_s, seconds = _seconds(query.from_), _seconds(query.to), query.seconds
 
-    def read(connection: sqlite3.Connection) -> Tuple[List[StoredSamples], bool]:
-        if seconds is not None:
-            end_s = history.wall_s() if until_s is None else until_s
-            begin_s = end_s - seconds * samples.MOST_COARSE if since_s is None else since_s
-            coarse = samples.read_coarse(connection, query.robot, query.signal, begin_s, end_s, float(seconds))
-            return coarse, len(coarse) >= samples.MOST_COARSE
-        found = samples.read(connection, robot=query.robot, signal=query.signal, since_s=since_s, until_s=until_s)
-        some = [*islice(found, _MOST_SAMPLES + 1)]
-        return some[:_MOST_SAMPLES], len(some) > _MOST_SAMPLES
+    def read(connection: Connection) -> List[StoredSamples]:
+        if seconds is None:
+            found = samples.read(connection, robot=query.robot, signal=query.signal, since_s=since_s, until_s=until_s)
+            return [*islice(found, _MOST_SAMPLES + 1)]
+        end_s = history.wall_s() if until_s is None else until_s
+        begin_s = end_s - seconds * samples.MOST_COARSE if since_s is None else since_s
+        return samples.read_coarse(connection, query.robot, query.signal, begin_s, end_s, float(seconds))
 
-    return _read(history, read)
+    found = _read(history, read)
+    is_more = len(found) > _MOST_SAMPLES if seconds is None else len(found) >= samples.MOST_COARSE
+    # One by one: encoding all at once would hold the interpreter's lock, for which the monitor waits.
+    body = b",".join([json_bytes(samples_fields(each)) for each in found[:_MOST_SAMPLES]])
+    return b'{"samples":[' + body + b'],"more":' + json_bytes(is_more) + b"}"
 
 
 def past_levels(history: History) -> bytes:
@@ -210,7 +211,7 @@ def past_levels(history: History) -> bytes:
     begin_s = (wall_s // samples.CELL_S - _CELLS + 1) * samples.CELL_S
     cells: Dict[str, List[str]] = {}
 
-    def read(connection: sqlite3.Connection) -> None:
+    def read(connection: Connection) -> None:
         for robot, start_s, level in samples.read_levels(connection, begin_s):
             number = int((start_s - begin_s) / samples.CELL_S)
             if number < _CELLS:
@@ -221,30 +222,26 @@ def past_levels(history: History) -> bytes:
     return json_bytes({"from": iso_time(begin_s), "seconds": samples.CELL_S, "robots": robots})
 
 
-def _read(history: History, function: Callable[[sqlite3.Connection], Result]) -> Result:
+def _read(history: History, function: Callable[[Connection], Result]) -> Result:
     try:
         return history.read(function)
     except ConfigError as error:  # the file was replaced or damaged: not the fault of the request
         raise ServiceError(error.problem) from None
 
 
-def _alert(connection: sqlite3.Connection, transition: StoredTransition) -> Json:
+_OF_ALERT = (
+    "id", "robot", "signal", "value", "statistic", "bound", "text", "hint", "black_box", "alert_id", "repeat",
+)  # fmt: skip
+"""Fields of a transition that are shown as they are."""
+
+
+def _alert(connection: Connection, transition: StoredTransition) -> Json:
     return {
-        "id": transition.id,
+        **{name: getattr(transition, name) for name in _OF_ALERT},
         "time": iso_time(transition.wall_s),
-        "robot": transition.robot,
-        "signal": transition.signal,
         "from_level": transition.from_level.name,
         "to_level": transition.to_level.name,
-        "value": transition.value,
-        "statistic": transition.statistic,
-        "bound": transition.bound,
         "since": iso_time(transition.wall_s - (transition.now_s - transition.since_s)),
-        "text": transition.text,
-        "hint": transition.hint,
-        "black_box": transition.black_box,
-        "alert_id": transition.alert_id,
-        "repeat": transition.repeat,
         "notes": [_note_json(note) for note in notes_of(connection, transition.id)],
     }
 
@@ -265,12 +262,11 @@ def _id(given: Union[str, int], of: str) -> int:
     return min(int(text), LARGEST_ID)
 
 
-def new_note(history: History, body: Mapping[str, Any]) -> Json:
-    """Adds the note that a request asks for, and returns it; raises MessageError if a value is missing or invalid."""
-    new = read_record(NewNote, body)
+def new_note(history: History, new: NewNote) -> Json:
+    """Adds the note that a request asks for, and returns it; raises MessageError if a value is invalid."""
     number, wall_s = _id(new.id, "an alert"), history.wall_s()
 
-    def add(connection: sqlite3.Connection) -> Note:
+    def add(connection: Connection) -> Note:
         if queries.transition(connection, number) is None:
             raise ApiError(404, f"there is no alert {number}")
         return add_note(connection, number, new.text, new.author, wall_s)
@@ -295,18 +291,16 @@ def silence_json(silence: Silence, now_s: float) -> Json:
     }
 
 
-def new_silence(silences: Silences, body: Mapping[str, Any]) -> Silence:
+def new_silence(silences: Silences, new: NewSilence) -> Silence:
     """Adds the silence that a request asks for, as `Silences.add`; raises MessageError if a value is invalid."""
-    new = read_record(NewSilence, body)
     matchers = [Matcher("robot", True, new.robot)] + ([Matcher("signal", True, new.signal)] if new.signal else [])
     return silences.add(
         matchers, for_s=new.for_s, until_resolved=new.until_resolved, reason=new.reason, author=new.author
     )
 
 
-def expire_silence(silences: Silences, body: Mapping[str, Any]) -> Silence:
+def expire_silence(silences: Silences, end: EndOfSilence) -> Silence:
     """Ends the silence that a request names; raises MessageError if it names none, or one that has ended."""
-    end = read_record(EndOfSilence, body)
     number = _id(end.id, "a silence")
     try:
         return silences.expire(number, reason=end.reason, author=end.author)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import importlib.util
 import time
-from dataclasses import dataclass
 from functools import partial
 from typing import (
     Any,
@@ -20,12 +19,13 @@ from typing import (
     Sequence,
     Set,
     Tuple,
+    Type,
     TypeVar,
 )  # fmt: skip
 
 from aiohttp import web
 
-from ...core.config.schema import declared, read_record, read_texts
+from ...core.config.schema import read_record, read_texts
 from ...core.nodes import AlertSystem
 from ...core.nodes.outlets import Event
 from ...core.values.errors import ConfigError, MessageError, ServiceError
@@ -38,7 +38,11 @@ from ..black_box.folder import find_file
 from ..store.active_silences import Silences
 from ..store.history import History
 from .history_requests import (  # fmt: skip
+    EndOfSilence,
+    NewNote,
+    NewSilence,
     Query,
+    Reset,
     SamplesQuery,
     expire_silence,
     new_note,
@@ -57,7 +61,6 @@ from .requests import (
     ApiError,
     Client,
     check_same_origin,
-    encoded_response,
     json_response,
     read_object,
     serve_page_file,
@@ -83,15 +86,9 @@ _NO_SILENCES = "there are no silences; ops.yaml configures a history for them"
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
+Asked = TypeVar("Asked")
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 Json = Dict[str, Any]
-
-
-@dataclass(frozen=True)
-class _Reset:
-    """The body of a request that resets a robot."""
-
-    robot: str = declared("", any_text=True)
 
 
 class WebInterface:
@@ -158,17 +155,17 @@ class WebInterface:
         return [
             get("/api/state", self._reading_route(self._get_state)),
             get("/api/events", self._reading_route(self.updates.serve), allow_head=False),
-            get("/api/history", self._reading_route(self._get_history)),
-            get("/api/history/samples", self._reading_route(self._get_past_samples)),
+            get("/api/history", self._past_route(Query, past_alerts)),
+            get("/api/history/samples", self._past_route(SamplesQuery, past_samples)),
             get("/api/history/levels", self._reading_route(self._get_past_levels)),
             get("/api/history/{id}", self._reading_route(self._get_past_alert)),
             get("/api/black_box/{name}", self._reading_route(self._get_black_box)),
             post("/api/login", self._route(self._login)),
             post("/api/logout", self._route(self._logout)),
-            post("/api/silence", self._changing_route(self._add_silence)),
-            post("/api/silence/expire", self._changing_route(self._expire_silence)),
-            post("/api/note", self._changing_route(self._add_note)),
-            post("/api/reset", self._changing_route(self._reset)),
+            post("/api/silence", self._changing_route(NewSilence, self._add_silence)),
+            post("/api/silence/expire", self._changing_route(EndOfSilence, self._expire_silence)),
+            post("/api/note", self._changing_route(NewNote, self._add_note)),
+            post("/api/reset", self._changing_route(Reset, self._reset)),
             get("/metrics", self._reading_route(self._get_metrics)),
             get("/healthz", self._route(self._get_health)),
             get("/", serve_page_file),
@@ -214,10 +211,19 @@ class WebInterface:
 
         return self._route(handle)
 
-    def _changing_route(self, handler: Callable[[Json], Awaitable[object]]) -> Handler:
+    def _past_route(self, schema: Type[Asked], read: Callable[[History, Asked], object]) -> Handler:
+        """Answers a request with what a function reads from the history."""
+
+        async def handle(request: web.Request) -> web.StreamResponse:
+            history, query = _required(self._history, _NO_HISTORY), read_texts(schema, request.query)
+            return json_response(await self._past.run(read, history, query))
+
+        return self._reading_route(handle)
+
+    def _changing_route(self, schema: Type[Asked], change: Callable[[Asked], Awaitable[object]]) -> Handler:
         async def handle(request: web.Request) -> web.StreamResponse:
             check_same_origin(request)
-            answer = await handler(await read_object(request))
+            answer = await change(read_record(schema, await read_object(request)))
             self._answers.clear()
             self._announced.update(self._robots())
             self.updates.note_change()
@@ -341,17 +347,9 @@ class WebInterface:
 
     # History
 
-    async def _get_history(self, request: web.Request) -> web.StreamResponse:
-        history, query = _required(self._history, _NO_HISTORY), read_texts(Query, request.query)
-        return json_response(await self._past.run(past_alerts, history, query))
-
-    async def _get_past_samples(self, request: web.Request) -> web.StreamResponse:
-        history, query = _required(self._history, _NO_HISTORY), read_texts(SamplesQuery, request.query)
-        return encoded_response(await self._past.run(past_samples, history, query))
-
     async def _get_past_levels(self, request: web.Request) -> web.StreamResponse:
         encode = partial(self._past.run, past_levels, _required(self._history, _NO_HISTORY))
-        return encoded_response(await self._shared_answer(("levels",), encode, _LEVELS_KEPT_S))
+        return json_response(await self._shared_answer(("levels",), encode, _LEVELS_KEPT_S))
 
     async def _get_past_alert(self, request: web.Request) -> web.StreamResponse:
         history, text = _required(self._history, _NO_HISTORY), request.match_info["id"]
@@ -365,29 +363,25 @@ class WebInterface:
     async def _get_black_box(self, request: web.Request) -> web.StreamResponse:
         folder, name = _required(self._black_boxes, _NO_BLACK_BOX), request.match_info["name"]
         problem = f"there is no {name[:_MOST_SHOWN]!r}: it is being written, was deleted, or could not be written"
-        path = _required(await self._worker.run(partial(find_file, folder, name)), problem)
+        path = _required(await self._worker.run(find_file, folder, name), problem)
         headers = {"Content-Type": "application/octet-stream", "Content-Disposition": f'attachment; filename="{name}"'}
         return web.FileResponse(path, headers={**API_HEADERS, **headers})
 
     # Changes
 
-    async def _add_silence(self, body: Json) -> object:
-        silences = _required(self._silences, _NO_SILENCES)
-        added = await self._worker.run(partial(new_silence, silences, body))
+    async def _add_silence(self, new: NewSilence) -> object:
+        added = await self._worker.run(new_silence, _required(self._silences, _NO_SILENCES), new)
         return {"silence": silence_json(added, self._wall_time_s())}
 
-    async def _expire_silence(self, body: Json) -> object:
-        silences = _required(self._silences, _NO_SILENCES)
-        await self._worker.run(partial(expire_silence, silences, body))
+    async def _expire_silence(self, end: EndOfSilence) -> object:
+        await self._worker.run(expire_silence, _required(self._silences, _NO_SILENCES), end)
         return {"ok": True}
 
-    async def _add_note(self, body: Json) -> object:
-        history = _required(self._history, _NO_HISTORY)
-        return {"note": await self._worker.run(partial(new_note, history, body))}
+    async def _add_note(self, new: NewNote) -> object:
+        return {"note": await self._worker.run(new_note, _required(self._history, _NO_HISTORY), new)}
 
-    async def _reset(self, body: Json) -> object:
-        alert_system = self._require_reader(read_record(_Reset, body).robot).alert_system
-        return {"message": await self._read(alert_system.reset)}
+    async def _reset(self, wanted: Reset) -> object:
+        return {"message": await self._read(self._require_reader(wanted.robot).alert_system.reset)}
 
     # Metrics and health
 

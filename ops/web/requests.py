@@ -84,12 +84,8 @@ def json_bytes(value: object) -> bytes:
 
 
 def json_response(value: object, *, status: int = 200, headers: Optional[Mapping[str, str]] = None) -> web.Response:
-    """Returns an answer with JSON, which must not be cached."""
-    return encoded_response(json_bytes(value), status=status, headers=headers)
-
-
-def encoded_response(body: bytes, *, status: int = 200, headers: Optional[Mapping[str, str]] = None) -> web.Response:
-    """Returns an answer with JSON that was encoded before, which must not be cached."""
+    """Returns an answer with a JSON value, or with one that was encoded before, which must not be cached."""
+    body = value if isinstance(value, bytes) else json_bytes(value)
     all_headers = {**API_HEADERS, **(headers or {})}
     return web.Response(status=status, body=body, content_type="application/json", headers=all_headers)
 

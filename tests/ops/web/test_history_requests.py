@@ -10,13 +10,15 @@ import pytest
 
 pytest.importorskip("aiohttp", reason="aiohttp, which serves the page, is not installed")
 
-from robot_health_monitor.core.config.schema import read_texts
+from robot_health_monitor.core.config.schema import read_record, read_texts
 from robot_health_monitor.core.values.errors import ConfigError, MessageError, ServiceError
 from robot_health_monitor.core.values.model import Level
 from robot_health_monitor.ops.store.active_silences import Silences
 from robot_health_monitor.ops.store.history import History
 from robot_health_monitor.ops.store.silences import read_silences
 from robot_health_monitor.ops.web.history_requests import (
+    EndOfSilence,
+    NewSilence,
     Query,
     expire_silence,
     new_silence,
@@ -75,7 +77,7 @@ def test_a_silence_is_shown_with_its_times() -> None:
     history = History(None, lambda: 60.0)
     silences = Silences(history, None, lambda: 60.0)
     try:
-        silence = new_silence(silences, {"robot": "*", "for_s": 60, "reason": None})
+        silence = new_silence(silences, read_record(NewSilence, {"robot": "*", "for_s": 60, "reason": None}))
         assert silence_json(silence, 60.0) == {
             "id": "1",
             "matchers": "robot=*",
@@ -90,12 +92,12 @@ def test_a_silence_is_shown_with_its_times() -> None:
         }
         for bad in ({"id": 1, "author": "two\nlines"}, {"id": 1, "reason": 5}):
             with pytest.raises(MessageError, match=r"^(author|reason): expected"):
-                expire_silence(silences, bad)
-        assert expire_silence(silences, {"id": 1, "author": "ben", "reason": "replaced"}).id == 1
+                expire_silence(silences, read_record(EndOfSilence, bad))
+        assert expire_silence(silences, EndOfSilence(1, "replaced", "ben")).id == 1
         (stored,) = history.run(read_silences)
         assert (stored.ended_by, stored.ended_reason) == ("ben", "replaced")
         for bad in ({}, {"id": "one"}, {"id": -1}):
             with pytest.raises(MessageError):
-                expire_silence(silences, bad)
+                expire_silence(silences, read_record(EndOfSilence, bad))
     finally:
         history.close()
