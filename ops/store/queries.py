@@ -63,9 +63,10 @@ def transitions(
     values = {"since": since_s, "level": level, "robot": robot, "signal": signal}
     # Page by page: an open query would keep the writer's log from being shortened.
     while left > 0:
-        rows = _transitions(connection, where, {**values, "first": first, "last": last, "page": min(_PAGE, left)})
+        page = min(_PAGE, left)
+        rows = _transitions(connection, where, {**values, "first": first, "last": last, "page": page})
         yield from rows
-        if not rows.found:
+        if len(rows.found) < page:
             break
         left -= _PAGE
         if newest_first:
