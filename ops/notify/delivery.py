@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 import random
 import time
 from abc import ABC, abstractmethod
 from collections import Counter
-from typing import Any, Callable, Optional, TypeVar
+from functools import partial
+from typing import Any, Callable, Optional, TypeVar, Union
 
 from ...core.values.errors import ServiceError
 from ...core.values.faults import Faults
@@ -33,12 +35,25 @@ _TICK_CHECK_S = 1.0
 class Caller(StepThread, ABC):
     """Calls one target, in its thread. Failures are faults, as `notify <name>`; `clock` gives monotonic seconds."""
 
-    def __init__(self, settings: TargetSettings, faults: Faults, clock: Callable[[], float]) -> None:
+    def __init__(
+        self,
+        settings: TargetSettings,
+        endpoint: Union[Sender, HttpTarget],
+        faults: Faults,
+        clock: Callable[[], float],
+        backoff: Backoff,
+    ) -> None:
         """Calls nothing yet; see `start`."""
         self.settings = settings
         self._part = f"notify {settings.name}"
+        self._endpoint = endpoint
         self._faults = faults
         self._clock = clock
+        self._backoff = backoff
+        self._retry_at_s = clock()
+        self._not_before_s = clock()
+        """The wait that the target requested ends then; nothing shortens it."""
+        self._attempted_s = clock() - FIRST_RETRY_S
         super().__init__(
             self._part,
             self.step,  # what it raises may contain a secret
@@ -64,6 +79,27 @@ class Caller(StepThread, ABC):
         for part in ("", ": url_file", ": queue"):
             self._faults.clear(self._part + part)
 
+    def _attempt(self, call: Callable[[], object]) -> Optional[DeliveryError]:
+        """Calls the target, and shows whether that works; returns its failure."""
+        failure: Optional[DeliveryError] = None
+        try:
+            call()
+        except DeliveryError as error:
+            failure = error
+        except Exception as error:  # its text may contain a secret
+            failure = DeliveryError(f"internal error: {type(error).__name__}")
+        self._attempted_s = self._retry_at_s = self._clock()
+        if failure is None:
+            self._backoff.reset()
+            self._faults.clear(self._part)
+        else:
+            self._not_before_s = self._attempted_s + failure.retry_after_s
+            self._retry_at_s = max(self._not_before_s, self._attempted_s + self._backoff.next_s())
+            level = Level.ERROR if failure.is_refused else Level.WARN
+            self._faults.report(self._part, f"{self._endpoint.place}: {failure}", level)
+        self._warn("url_file", self._endpoint.warning)
+        return failure
+
     def _warn(self, about: str, text: str) -> None:
         """Reports a warning; ends it if the text is empty."""
         if text:
@@ -86,16 +122,12 @@ class Delivery(Caller):
         chance: Callable[[], float] = random.random,
     ) -> None:
         """Sends nothing yet. Many monitors do not return to a target at the same moment: `chance` is from 0 to 1."""
-        super().__init__(settings, faults, clock)
-        self._target = settings.name
+        backoff = Backoff(FIRST_RETRY_S, LONGEST_RETRY_S, spread=0.5, chance=chance)
+        super().__init__(settings, sender, faults, clock, backoff)
         self._sender = sender
         self._queue = queue
         self._history = history
-        self._backoff = Backoff(FIRST_RETRY_S, LONGEST_RETRY_S, spread=0.5, chance=chance)
-        self._retry_at_s = self._repeat_at_s = clock()
-        self._not_before_s = clock()
-        """The wait that the target requested ends then; nothing shortens it."""
-        self._attempted_s = clock() - FIRST_RETRY_S
+        self._repeat_at_s = clock()
         self._has_news = False
         self._to_finish: Optional[Taken] = None
         """Was sent, but that is not stored yet. Nothing else is sent before that, or it would be sent twice."""
@@ -103,8 +135,8 @@ class Delivery(Caller):
 
     def has_work(self) -> bool:
         """Returns whether a notification waits, and the latest attempt did not fail."""
-        is_waiting = self._queue.waiting(self._target) > 0 and not self._queue.wait_s(self._target)
-        return is_waiting and not self._backoff.is_failing
+        name = self.settings.name
+        return self._queue.waiting(name) > 0 and not self._queue.wait_s(name) and not self._backoff.is_failing
 
     def note_news(self) -> None:
         """Ends a long retry delay."""
@@ -118,25 +150,32 @@ class Delivery(Caller):
 
     def step(self) -> float:
         """Makes at most one attempt."""
+        name, every_s = self.settings.name, self._sender.repeat_every_s
         try:
             self._finish(self._to_finish)
+            dropped = self._queue.dropped(name)
+            text = f"full: {dropped} notifications dropped that later ones of the same alerts supersede"
+            self._warn("queue", text if dropped else "")
             if self._has_news:
                 self._has_news = False
                 self._retry_at_s = max(self._not_before_s, min(self._retry_at_s, self._attempted_s + FIRST_RETRY_S))
             now_s = self._clock()
-            if self._sender.repeat_every_s is not None and now_s >= max(self._repeat_at_s, self._not_before_s):
-                self._repeat_at_s = now_s + self._sender.repeat_every_s
-                self._repeat()
+            repeat_at_s = math.inf if every_s is None else max(self._repeat_at_s, self._not_before_s)
+            if every_s is not None and now_s >= repeat_at_s:
+                self._repeat_at_s = now_s + every_s
+                alerts = self._run(self._queue.open_at, name)
+                if alerts:
+                    self._attempt(partial(self._sender.repeat, alerts))
                 return 0.0
-            if now_s < self._retry_at_s:
-                return self._wait_s(self._retry_at_s)
-            taken = self._run(self._queue.take, self._target)
-            if taken is not None:
-                self._send(taken)
-                return 0.0
-            self._warn_if_dropped()
-            wait_s = self._queue.wait_s(self._target)
-            return self._wait_s(now_s + (wait_s if self._queue.waiting(self._target) else _IDLE_S))
+            if now_s >= self._retry_at_s:
+                taken = self._run(self._queue.take, name)
+                if taken is not None:
+                    self._send(taken)
+                    return 0.0
+                wait_s = self._queue.wait_s(name) if self._queue.waiting(name) else _IDLE_S
+            else:
+                wait_s = self._retry_at_s - now_s
+            return max(0.0, min(now_s + wait_s, repeat_at_s) - self._clock())
         except ServiceError:  # the history reports its own fault
             return _STORE_RETRY_S
 
@@ -144,44 +183,18 @@ class Delivery(Caller):
         """Runs a function of the queue in the history's writer thread."""
         return self._history.run(lambda connection: function(connection, *arguments))
 
-    def _wait_s(self, until_s: float) -> float:
-        if self._sender.repeat_every_s is not None:
-            until_s = min(until_s, max(self._repeat_at_s, self._not_before_s))
-        return max(0.0, until_s - self._clock())
-
-    def _repeat(self) -> None:
-        alerts = self._run(self._queue.open_at, self._target)
-        if not alerts:
-            return
-        try:
-            self._sender.repeat(alerts)
-        except DeliveryError as error:
-            self._note_failure(error)
-        else:
-            self._note_success()
-
     def _send(self, taken: Taken) -> None:
-        try:
-            self._sender.send(taken.notification)
-        except DeliveryError as error:
-            self._note_failed(taken, error)
-        except Exception as error:  # its text may contain a secret
-            self._note_failed(taken, DeliveryError(f"internal error: {type(error).__name__}"))
-        else:
-            self._refusals.pop(taken.id, None)
-            self._note_success()
-            self._finish(taken)
-
-    def _note_failed(self, taken: Taken, error: DeliveryError) -> None:
-        self._note_failure(error)
-        if error.is_refused:
+        failure = self._attempt(partial(self._sender.send, taken.notification))
+        if failure is not None and failure.is_refused:
             self._refusals[taken.id] += 1
-        if self._refusals[taken.id] >= MOST_REFUSALS:
+        is_given_up = self._refusals[taken.id] >= MOST_REFUSALS
+        if failure is None or is_given_up:
             del self._refusals[taken.id]
-            text = f"{error}; given up after {MOST_REFUSALS} attempts: {taken.notification.text}"
-            self._faults.report(self._part, f"{self._sender.place}: {text}", Level.ERROR)
+            if failure is not None:
+                text = f"{failure}; given up after {MOST_REFUSALS} attempts: {taken.notification.text}"
+                self._faults.report(self._part, f"{self._sender.place}: {text}", Level.ERROR)
             self._finish(taken)
-        elif not error.may_have_arrived:
+        elif not failure.may_have_arrived:
             self._run(self._queue.put_back, taken)
 
     def _finish(self, taken: Optional[Taken]) -> None:
@@ -191,37 +204,17 @@ class Delivery(Caller):
             self._run(self._queue.finish, taken)
             self._to_finish = None
 
-    def _note_success(self) -> None:
-        self._backoff.reset()
-        self._retry_at_s = self._attempted_s = self._clock()
-        self._faults.clear(self._part)
-        self._warn("url_file", self._sender.warning)
-
-    def _note_failure(self, error: DeliveryError) -> None:
-        self._attempted_s = self._clock()
-        self._not_before_s = self._attempted_s + error.retry_after_s
-        self._retry_at_s = max(self._not_before_s, self._attempted_s + self._backoff.next_s())
-        level = Level.ERROR if error.is_refused else Level.WARN
-        self._faults.report(self._part, f"{self._sender.place}: {error}", level)
-        self._warn("url_file", self._sender.warning)
-        self._warn_if_dropped()
-
-    def _warn_if_dropped(self) -> None:
-        dropped = self._queue.dropped(self._target)
-        text = f"full: {dropped} notifications dropped that later ones of the same alerts supersede"
-        self._warn("queue", text if dropped else "")
-
 
 class Heartbeat(Caller):
     """Calls an address every `every_s` (GET), as long as ticks come, so that another system notices if they do not."""
 
     def __init__(self, settings: TargetSettings, faults: Faults, clock: Callable[[], float] = time.monotonic) -> None:
         """Waits for the first tick."""
-        super().__init__(settings, faults, clock)
-        self._target = HttpTarget(settings)
-        self._tick_s: Optional[float] = None
+        target = HttpTarget(settings)
+        super().__init__(settings, target, faults, clock, Backoff(FIRST_RETRY_S, settings.every_s))
+        self._call = partial(target.deliver, None)
+        self._tick_s = -math.inf
         self._due_s = clock()
-        self._backoff = Backoff(FIRST_RETRY_S, settings.every_s)
 
     def note_tick(self) -> None:
         """Lets the calls go on."""
@@ -232,17 +225,9 @@ class Heartbeat(Caller):
         now_s = self._clock()
         if now_s < self._due_s:
             return self._due_s - now_s
-        if self._tick_s is None or now_s - self._tick_s > MAX_TICK_AGE_S:
+        if now_s - self._tick_s > MAX_TICK_AGE_S:
             return _TICK_CHECK_S
         self._due_s = now_s + self.settings.every_s
-        try:
-            self._target.deliver(None)
-        except DeliveryError as error:
-            self._faults.report(self._part, f"{self._target.place}: {error}", Level.WARN)
-            failed_s = self._clock()
-            self._due_s = max(min(self._due_s, failed_s + self._backoff.next_s()), failed_s + error.retry_after_s)
-        else:
-            self._faults.clear(self._part)
-            self._backoff.reset()
-        self._warn("url_file", self._target.warning)
+        if self._attempt(self._call) is not None:
+            self._due_s = max(min(self._due_s, self._retry_at_s), self._not_before_s)
         return max(0.0, self._due_s - self._clock())
