@@ -158,7 +158,7 @@ class ServerOptions:
             if given.get(one) and not given.get(other):
                 yield one, f"expected {other} as well, got {one} alone"
         if self.public_url and not is_http(self.public_url):
-            yield "public_url", f"expected http://host or https://host, got {_shown_url(self.public_url)}"
+            yield "public_url", f"expected http://host or https://host, got {_got(self.public_url)}"
         if any(letter.isspace() or letter == "/" for letter in self.address):
             yield "address", f"expected an IP address or the name of a host, got {self.address[:_MOST_SHOWN]!r}"
 
@@ -233,7 +233,11 @@ def _read_targets(found: object, folder: str) -> Tuple[TargetSettings, ...]:
 def url_problem(url: str, kind: str) -> str:
     """Returns why an address cannot be one of a type of target; empty if it can. It shows scheme and host only."""
     expected = _expected_url(url, kind)
-    return f"expected {expected}, got {_shown_url(url)}" if expected else ""
+    return f"expected {expected}, got {_got(url)}" if expected else ""
+
+
+def _got(url: str) -> str:
+    return repr(shown(url)) if "://" in url else "an address without a scheme"
 
 
 def is_http(url: str) -> bool:
@@ -263,12 +267,18 @@ def _expected_url(url: str, kind: str) -> str:
     return ""
 
 
-def _shown_url(url: str) -> str:
-    """Returns scheme and host: the rest of an address may be a secret, and so may the host in those of Apprise."""
+def shown(url: str) -> str:
+    """Returns scheme, host and port of an address: the rest may be a secret.
+
+    >>> shown("https://user:password@chat.example:8443/hooks/secret?key=secret")
+    'https://chat.example:8443'
+    """
     scheme, separator, rest = url.partition("://")
     if not separator:
-        return "an address without a scheme" if url else "''"
-    if rest and scheme.lower() not in ("http", "https"):
-        return repr(f"{scheme}://..."[:_MOST_SHOWN])
-    host = re.split(r"[/?#]", rest.rpartition("@")[2] if "@" in rest else rest)[0]
-    return repr(f"{scheme}://{host}"[:_MOST_SHOWN])
+        return "an address without a scheme"
+    if scheme.lower() not in ("http", "https"):
+        return f"{scheme[:20]}://..."  # apprise puts secrets in place of the host
+    host = re.split(r"[/?#\\]", rest, maxsplit=1)[0]
+    if "@" in rest[len(host) :]:  # a password that contains one of these characters
+        return f"{scheme}://..."
+    return f"{scheme}://{host.rpartition('@')[2][:200]}"

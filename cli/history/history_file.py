@@ -93,7 +93,7 @@ def change_history(file: str, change: Callable[[sqlite3.Connection], Changed]) -
             return change(connection)
     except OSError as error:
         raise ConfigError(error.strerror or str(error), file=file) from None
-    except (sqlite3.Error, schema.UnknownSchemaError) as error:
+    except (sqlite3.Error, schema.UnusableFileError) as error:
         raise ConfigError(f"cannot be used: {error}", file=file) from None
 
 

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import json
 import os
-import re
 import stat
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
@@ -17,7 +16,7 @@ from ...core.values.errors import ServiceError
 from ...core.values.formatting import count_text, with_hint
 from ...core.values.model import Level
 from ...runtime.times import utc_text
-from ..configuration import TargetSettings, is_http
+from ..configuration import TargetSettings, is_http, shown
 
 _MOST_LINES = 5  # of a group
 _LONGEST = 4096  # bytes of a file with an address
@@ -223,20 +222,3 @@ class Address:
 
     def _unusable(self, problem: str) -> DeliveryError:
         return DeliveryError(f"{self._file or 'url'}: {problem}", may_have_arrived=False)
-
-
-def shown(url: str) -> str:
-    """Returns scheme, host and port of an address: the rest may be a secret.
-
-    >>> shown("https://user:password@chat.example:8443/hooks/secret?key=secret")
-    'https://chat.example:8443'
-    """
-    scheme, separator, rest = url.partition("://")
-    if not separator:
-        return "an address without a scheme"
-    if scheme.lower() not in ("http", "https"):
-        return f"{scheme[:20]}://..."  # apprise puts secrets in place of the host
-    host = re.split(r"[/?#\\]", rest, maxsplit=1)[0]
-    if "@" in rest[len(host) :]:  # a password that contains one of these characters
-        return f"{scheme}://..."
-    return f"{scheme}://{host.rpartition('@')[2][:200]}"

@@ -29,8 +29,6 @@ from ..configuration import HistorySettings
 from . import samples, schema
 from .database_file import (
     DatabaseFile,
-    InUseError,
-    NotAHistoryError,
     is_damage,
     is_file_error,
     open_read_only,
@@ -395,7 +393,7 @@ class Database:
         assert self.file is not None
         try:
             file = self._opened(self.file)
-        except (InUseError, NotAHistoryError, schema.UnknownSchemaError) as error:
+        except schema.UnusableFileError as error:
             self._backoff.reset()
             self._report(f"{self.file} is not used: {error}; continuing without a history file")
             self._require_memory(None)
@@ -482,7 +480,7 @@ class Database:
             return
         try:
             source = None if readable is None else open_read_only(readable)
-        except (OSError, sqlite3.Error, schema.UnknownSchemaError):
+        except (OSError, sqlite3.Error, schema.UnusableFileError):
             source = None
         self._use_memory(source)
         if source is not None:

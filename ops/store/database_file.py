@@ -46,14 +46,6 @@ _SQLITE_MAGIC = b"SQLite format 3\0"
 _MAX_ASIDE = 100
 
 
-class InUseError(ConfigError):
-    """Another monitor writes the file."""
-
-
-class NotAHistoryError(ConfigError):
-    """The file contains something else, and is left alone."""
-
-
 def is_damage(error: BaseException) -> bool:
     """Whether an error says that the file's contents are damaged."""
     return isinstance(error, sqlite3.DatabaseError) and any(text in str(error) for text in _DAMAGE)
@@ -83,8 +75,7 @@ class DatabaseFile:
             log_bytes: size from which on the log is copied into the file, in bytes.
 
         Raises:
-            InUseError: another monitor writes it.
-            NotAHistoryError, UnknownSchemaError: it must not be touched.
+            UnusableFileError: another monitor writes it, or it must not be touched.
             OSError, sqlite3.Error: it cannot be written, or is damaged (`is_damage`).
         """
         self._given_path = path
@@ -234,7 +225,7 @@ def reading(file: Union[str, Path]) -> Iterator[CheckedConnection]:
         connection = open_read_only(path)
     except OSError as error:
         raise ConfigError(error.strerror or str(error), file=path) from None
-    except schema.UnknownSchemaError as error:
+    except schema.UnusableFileError as error:
         raise ConfigError(str(error), file=path) from None
     except sqlite3.Error as error:
         raise ConfigError(f"cannot be read: {error}", file=path) from None
@@ -250,7 +241,7 @@ def open_read_only(path: str) -> CheckedConnection:
 
     Raises:
         OSError: it does not exist or cannot be read.
-        UnknownSchemaError: it is no history, or one of another version.
+        schema.UnusableFileError: it is no history, or one of another version.
         sqlite3.Error: it is damaged.
     """
     _require_regular_file(path)
@@ -307,7 +298,7 @@ def _require_history_or_nothing(path: str) -> None:
         return
     # The lock beside it shows that a monitor has written it; the begin of the file may be damaged, but it is no text.
     if _is_text(begin) or not os.path.exists(lock_path(path)):
-        raise NotAHistoryError("it is not a history file")
+        raise schema.UnusableFileError("it is not a history file")
 
 
 def _is_text(begin: bytes) -> bool:
@@ -326,7 +317,9 @@ def _lock(path: str) -> int:
     except BlockingIOError:
         holder = os.read(descriptor, 20).decode("ascii", "replace").strip()
         os.close(descriptor)
-        raise InUseError(f"it is in use by another monitor{f' (process {holder})' if holder else ''}") from None
+        raise schema.UnusableFileError(
+            f"it is in use by another monitor{f' (process {holder})' if holder else ''}"
+        ) from None
     except BaseException:
         os.close(descriptor)
         raise

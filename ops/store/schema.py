@@ -202,15 +202,15 @@ LIVE_TABLES = ("signal_states", "open_alerts", "notified", "notifications", *SHA
 written the monitor goes on with a copy of them in memory."""
 
 
-class UnknownSchemaError(ConfigError):
-    """A file that this version cannot use: written by a newer version, or no history at all. `str()` says which."""
+class UnusableFileError(ConfigError):
+    """A file that cannot be used, and is left alone: in use, of a newer version, or no history. `str()` says which."""
 
 
 def prepare(connection: Connection) -> None:
     """Creates the tables in an empty database, or migrates those of an older version, in one transaction.
 
     Raises:
-        UnknownSchemaError: the file is no history, or from a newer version; it is unchanged.
+        UnusableFileError: the file is no history, or from a newer version; it is unchanged.
         sqlite3.Error: the file is damaged or cannot be written.
     """
     if version_of(connection) != SCHEMA_VERSION:
@@ -249,19 +249,19 @@ def transaction(connection: Connection) -> Iterator[None]:
 
 
 def require_known(connection: Connection) -> None:
-    """Raises UnknownSchemaError unless the file is a history of this version."""
+    """Raises UnusableFileError unless the file is a history of this version."""
     version = version_of(connection)
     if version == 0:
-        raise UnknownSchemaError("it is empty: no monitor has written it yet")
+        raise UnusableFileError("it is empty: no monitor has written it yet")
     if version != SCHEMA_VERSION:
-        raise UnknownSchemaError("it is from an older version of the monitor, which has to open it once")
+        raise UnusableFileError("it is from an older version of the monitor, which has to open it once")
 
 
 def version_of(connection: Connection) -> int:
     """Returns the version of the tables; 0: there are none. Changes nothing.
 
     Raises:
-        UnknownSchemaError: the file is no history, or from a newer version.
+        UnusableFileError: the file is no history, or from a newer version.
         sqlite3.Error: the file is damaged or cannot be read.
     """
     version: int = connection.execute("PRAGMA user_version").fetchone()[0]
@@ -269,9 +269,9 @@ def version_of(connection: Connection) -> int:
     if connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0] == 0:
         return 0
     if application_id != APPLICATION_ID:
-        raise UnknownSchemaError("it is an SQLite database, but not a history")
+        raise UnusableFileError("it is an SQLite database, but not a history")
     if version > SCHEMA_VERSION:
-        raise UnknownSchemaError(
+        raise UnusableFileError(
             f"it was written by a newer version (schema {version}; this version knows up to {SCHEMA_VERSION}): "
             "install that version again, or name another file"
         )

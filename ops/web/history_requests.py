@@ -229,19 +229,23 @@ def _read(history: History, function: Callable[[Connection], Result]) -> Result:
         raise ServiceError(error.problem) from None
 
 
-_OF_ALERT = (
-    "id", "robot", "signal", "value", "statistic", "bound", "text", "hint", "black_box", "alert_id", "repeat",
-)  # fmt: skip
-"""Fields of a transition that are shown as they are."""
-
-
 def _alert(connection: Connection, transition: StoredTransition) -> Json:
     return {
-        **{name: getattr(transition, name) for name in _OF_ALERT},
+        "id": transition.id,
         "time": iso_time(transition.wall_s),
+        "robot": transition.robot,
+        "signal": transition.signal,
         "from_level": transition.from_level.name,
         "to_level": transition.to_level.name,
+        "value": transition.value,
+        "statistic": transition.statistic,
+        "bound": transition.bound,
         "since": iso_time(transition.wall_s - (transition.now_s - transition.since_s)),
+        "text": transition.text,
+        "hint": transition.hint,
+        "black_box": transition.black_box,
+        "alert_id": transition.alert_id,
+        "repeat": transition.repeat,
         "notes": [_note_json(note) for note in notes_of(connection, transition.id)],
     }
 

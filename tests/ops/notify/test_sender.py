@@ -12,8 +12,8 @@ from harness.transitions import transition
 
 from robot_health_monitor.core import Level
 from robot_health_monitor.core.nodes.outlets import json_line
-from robot_health_monitor.ops.configuration import TargetSettings
-from robot_health_monitor.ops.notify.sender import Address, DeliveryError, Notification, Notified, annotations_of, shown
+from robot_health_monitor.ops.configuration import TargetSettings, shown
+from robot_health_monitor.ops.notify.sender import Address, DeliveryError, Notification, Notified, annotations_of
 
 
 def of_file(path: Path) -> Address:

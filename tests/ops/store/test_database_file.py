@@ -14,10 +14,9 @@ import pytest
 from harness.waiting import WAIT_S, wait_for
 
 from robot_health_monitor.core.values.errors import ConfigError
+from robot_health_monitor.ops.store import schema
 from robot_health_monitor.ops.store.database_file import (
     DatabaseFile,
-    InUseError,
-    NotAHistoryError,
     is_damage,
     is_file_error,
     lock_path,
@@ -40,7 +39,7 @@ def test_the_lock_of_a_killed_process_is_released(tmp_path: Path) -> None:
     with subprocess.Popen([sys.executable, "-c", code, file], stdout=subprocess.PIPE, env=variables) as holder:
         assert holder.stdout is not None
         assert holder.stdout.readline() == b"open\n"
-        with pytest.raises(InUseError, match=rf"in use by another monitor \(process {holder.pid}\)"):
+        with pytest.raises(schema.UnusableFileError, match=rf"in use by another monitor \(process {holder.pid}\)"):
             DatabaseFile(file)
         holder.kill()
         holder.wait()
@@ -172,7 +171,7 @@ def test_a_text_file_is_left_alone_although_a_lock_is_beside_it(tmp_path: Path) 
     path = tmp_path / "notes.txt"
     path.write_text("äöü " * 5000, encoding="utf-8")
     Path(lock_path(str(path))).touch()
-    with pytest.raises(NotAHistoryError):
+    with pytest.raises(schema.UnusableFileError):
         DatabaseFile(str(path))
 
 

@@ -23,7 +23,7 @@ def test_a_newer_version_is_refused_and_left_alone() -> None:
     connection = sqlite3.connect(":memory:", isolation_level=None)
     schema.prepare(connection)
     connection.execute("PRAGMA user_version = 99")
-    with pytest.raises(schema.UnknownSchemaError, match=r"newer version \(schema 99; "):
+    with pytest.raises(schema.UnusableFileError, match=r"newer version \(schema 99; "):
         schema.prepare(connection)
     assert connection.execute("PRAGMA user_version").fetchone() == (99,)
 
@@ -31,7 +31,7 @@ def test_a_newer_version_is_refused_and_left_alone() -> None:
 def test_another_database_is_refused() -> None:
     connection = sqlite3.connect(":memory:", isolation_level=None)
     connection.execute("CREATE TABLE songs (title)")
-    with pytest.raises(schema.UnknownSchemaError, match="an SQLite database, but not a history"):
+    with pytest.raises(schema.UnusableFileError, match="an SQLite database, but not a history"):
         schema.prepare(connection)
 
 
@@ -57,7 +57,7 @@ def test_an_older_version_is_migrated_once_and_keeps_its_rows(tmp_path: Path, mo
     monkeypatch.setattr(schema, "SCHEMA_VERSION", schema.SCHEMA_VERSION + 1)
     monkeypatch.setattr(schema, "MIGRATIONS", {schema.SCHEMA_VERSION - 1: (ADD_ROBOT,)})
     connection = sqlite3.connect(path, isolation_level=None)
-    with pytest.raises(schema.UnknownSchemaError, match="an older version of the monitor, which has to open it once"):
+    with pytest.raises(schema.UnusableFileError, match="an older version of the monitor, which has to open it once"):
         schema.require_known(connection)
     connection.close()
     for _ in range(2):
