@@ -12,7 +12,6 @@ import pytest
 pytest.importorskip("rich", reason="rich, which draws the table, is not installed")
 
 from rich.cells import cell_len
-from rich.text import Text
 
 from robot_health_monitor.cli.output.tables import (
     UNKNOWN_STATES,
