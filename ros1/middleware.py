@@ -49,10 +49,55 @@ _QUEUE_SIZE = 1000
 """Messages that may wait to be sent to a subscriber, then the oldest are lost. Incoming ones wait at their sender."""
 
 
+class _Timer(threading.Thread):
+    """Calls back every period of a clock; `active` says whether to, as a call may have begun when it is cancelled.
+
+    Not a rospy.Timer: that one ends with the first exception, calls at once if time goes back, several times if it
+    jumps ahead, and follows the wall clock when NTP steps it.
+    """
+
+    def __init__(self, node: Ros1Middleware, period_s: float, callback: Callable[[float], None], steady: bool) -> None:
+        super().__init__(daemon=True)
+        self._node = node
+        self._callback = callback
+        self._simulated = not steady
+        self._clock = time.monotonic if steady else node._clock
+        self._cancelled = MonotonicEvent()
+        self._last_s = self._clock()
+        self._schedule = PeriodicSchedule(period_s, self._last_s)
+        self.start()
+
+    @property
+    def active(self) -> bool:
+        return not self._cancelled.is_set()
+
+    def cancel(self) -> None:
+        self._cancelled.set()
+
+    def run(self) -> None:
+        while self.active:
+            now_s = self._clock()
+            if now_s < self._last_s or self._is_clock_unset():
+                self._schedule.restart(now_s)
+            self._last_s = now_s
+            if now_s >= self._schedule.due_s and not self._is_clock_unset():
+                self._schedule.advance(now_s)
+                self._node._call_timer(self, self._callback)
+            elif self._simulated:
+                _wait_while(self._clock, now_s)
+            else:
+                self._cancelled.wait(self._schedule.due_s - now_s)
+
+    def _is_clock_unset(self) -> bool:
+        """Until the first message on /clock rospy's simulated time is 0; periods begin with that message."""
+        return self._simulated and self._last_s == 0.0
+
+
 class Ros1Middleware(NativeNode):
     """One logical node of this process; implements `core.middleware.Middleware`. Call `rospy.init_node` first."""
 
     graph_period_s = 2.0
+    _timer_class = _Timer
 
     def __init__(self, name: str = "") -> None:
         """Creates the node.
@@ -148,7 +193,10 @@ class Ros1Middleware(NativeNode):
                     except Exception as error:
                         log_failure(error)
 
-        return self._keep(Subscription(resolved, cls, deliver))
+        subscription = Subscription(resolved, cls, deliver)
+        with self._lock:
+            self._subscriptions.append(subscription)
+        return subscription
 
     def serialize(self, type_name: str, message: Message) -> Tuple[bytes, RawFormat]:
         native = self._stamped(messages.message_class(type_name), message)
@@ -192,12 +240,6 @@ class Ros1Middleware(NativeNode):
                 return handler(request)
 
         self._serve(service, type_name, locked)
-
-    def create_timer(self, period_s: float, callback: Callable[[float], None], *, steady: bool = False) -> _Timer:
-        with self._lock:
-            timer = _Timer(self, period_s, callback, steady=steady or not self._simulated)
-            self._timers = [*(known for known in self._timers if known.is_alive()), timer]
-        return timer
 
     def log(self, severity: Severity, text: str) -> None:
         stream = "stdout" if severity < Severity.WARN else "stderr"
@@ -245,11 +287,6 @@ class Ros1Middleware(NativeNode):
         """Blocks the thread of one publisher, and so its later messages."""
         while subscription.active and self._clock() == 0.0 and not rospy.is_shutdown():
             _wait_while(self._clock, 0.0)
-
-    def _keep(self, subscription: Subscription) -> Subscription:
-        with self._lock:
-            self._subscriptions.append(subscription)
-        return subscription
 
     def _end(self, subscription: Subscription) -> None:
         subscription.end()
@@ -365,50 +402,6 @@ class PublisherLookup:
 def _explain(topic: str, type_name: str, published: Mapping[str, str], own: Container[str]) -> Optional[str]:
     found = [published[topic]] if topic in published else []
     return explain(topic, type_name, found, similar_topics(topic, type_name, published, own))
-
-
-class _Timer(threading.Thread):
-    """Calls back every period of a clock; `active` says whether to, as a call may have begun when it is cancelled.
-
-    Not a rospy.Timer: that one ends with the first exception, calls at once if time goes back, several times if it
-    jumps ahead, and follows the wall clock when NTP steps it.
-    """
-
-    def __init__(self, node: Ros1Middleware, period_s: float, callback: Callable[[float], None], steady: bool) -> None:
-        super().__init__(daemon=True)
-        self._node = node
-        self._callback = callback
-        self._simulated = not steady
-        self._clock = time.monotonic if steady else node._clock
-        self._cancelled = MonotonicEvent()
-        self._last_s = self._clock()
-        self._schedule = PeriodicSchedule(period_s, self._last_s)
-        self.start()
-
-    @property
-    def active(self) -> bool:
-        return not self._cancelled.is_set()
-
-    def cancel(self) -> None:
-        self._cancelled.set()
-
-    def run(self) -> None:
-        while self.active:
-            now_s = self._clock()
-            if now_s < self._last_s or self._is_clock_unset():
-                self._schedule.restart(now_s)
-            self._last_s = now_s
-            if now_s >= self._schedule.due_s and not self._is_clock_unset():
-                self._schedule.advance(now_s)
-                self._node._call_timer(self, self._callback)
-            elif self._simulated:
-                _wait_while(self._clock, now_s)
-            else:
-                self._cancelled.wait(self._schedule.due_s - now_s)
-
-    def _is_clock_unset(self) -> bool:
-        """Until the first message on /clock rospy's simulated time is 0; periods begin with that message."""
-        return self._simulated and self._last_s == 0.0
 
 
 def _wait_while(clock: Callable[[], float], now_s: float) -> None:

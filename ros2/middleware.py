@@ -54,8 +54,35 @@ _QOS_CHECK_PERIOD_S = 1.0
 """Period of the check for publishers with an incompatible QoS, in s."""
 
 
+class _Timer:
+    """A timer of rclpy. It may still call back when it was cancelled: `active` says whether to."""
+
+    def __init__(self, node: Ros2Middleware, period_s: float, callback: Callable[[float], None], steady: bool) -> None:
+        self.active = True
+        self._node = node
+        self._callback = callback
+        self._steady = steady
+        clock = node._steady_clock if steady else node._ros_clock
+        self._native = node.node.create_timer(period_s, self._call, clock=clock)
+
+    def restart(self) -> None:
+        if self.active and not self._steady:
+            self._native.reset()
+
+    def cancel(self) -> None:
+        with self._node._lock:
+            if self.active:
+                self.active = False
+                self._node.node.destroy_timer(self._native)
+
+    def _call(self) -> None:
+        self._node._call_timer(self, self._callback)
+
+
 class Ros2Middleware(NativeNode):
     """One rclpy node; implements `core.middleware.Middleware`. It works while an executor spins `node`."""
+
+    _timer_class = _Timer
 
     def __init__(self, name: str, context: Optional[Context] = None, **options: Any) -> None:
         """Creates the node.
@@ -180,12 +207,6 @@ class Ros2Middleware(NativeNode):
                     return response
 
         self.node.create_service(cls, _native_name(service), answer)
-
-    def create_timer(self, period_s: float, callback: Callable[[float], None], *, steady: bool = False) -> _Timer:
-        with self._lock:
-            timer = _Timer(self, period_s, callback, steady=steady or not self._simulated)
-            self._timers.append(timer)
-        return timer
 
     def log(self, severity: Severity, text: str) -> None:
         if self.node.context.ok():  # otherwise rcl would print that it cannot publish the line
@@ -432,32 +453,6 @@ class _Channel:
     def may_be_volatile(self) -> bool:
         """Whether it receives latched messages only because all publishers were latched when it began."""
         return self.key[2] and all(reader.is_raw or not reader.is_latched for reader in self.readers)
-
-
-class _Timer:
-    """A timer of rclpy. It may still call back when it was cancelled: `active` says whether to."""
-
-    def __init__(self, node: Ros2Middleware, period_s: float, callback: Callable[[float], None], steady: bool) -> None:
-        self.active = True
-        self._node = node
-        self._callback = callback
-        self._steady = steady
-        clock = node._steady_clock if steady else node._ros_clock
-        self._native = node.node.create_timer(period_s, self._call, clock=clock)
-
-    def restart(self) -> None:
-        if self.active and not self._steady:
-            self._native.reset()
-
-    def cancel(self) -> None:
-        with self._node._lock:
-            if self.active:
-                self.active = False
-                self._node._timers.remove(self)
-                self._node.node.destroy_timer(self._native)
-
-    def _call(self) -> None:
-        self._node._call_timer(self, self._callback)
 
 
 def _native_name(name: str) -> str:

@@ -28,6 +28,8 @@ class NativeNode(abc.ABC):
 
     graph_period_s = 1.0
     """Time between two readings of the graph, in s."""
+    _timer_class: Any
+    """Class of timers: by node, period in s, callback, and whether they are on steady time."""
 
     def __init__(
         self,
@@ -92,6 +94,12 @@ class NativeNode(abc.ABC):
     def publish(self, topic: str, message: Message) -> None:
         publisher, cls = self._advertised(topic)
         publisher.publish(self._stamped(cls, message))
+
+    def create_timer(self, period_s: float, callback: Callable[[float], None], *, steady: bool = False) -> Any:
+        with self._lock:
+            timer = self._timer_class(self, period_s, callback, steady or not self._simulated)
+            self._timers = [*(known for known in self._timers if known.active), timer]
+        return timer
 
     def unsubscribe(self, subscription: Any) -> None:
         with self._lock:
