@@ -42,7 +42,7 @@ from ..history.history_entries import (  # fmt: skip
     time_text,
 )
 from ..history.history_file import DEFAULT_FILE, history_file, reading_history
-from ..output.lines import plain_table, readable, share_text
+from ..output.lines import below_causes, folded_name, plain_table, readable, share_text
 
 _LEVELS = (Level.OK, Level.WARN, Level.ERROR, Level.STALE)
 Event = Union[MonitorEvent, SilenceEvent]
@@ -215,7 +215,8 @@ def _show_summary(connection: sqlite3.Connection, arguments: argparse.Namespace,
         return
     if not summaries:
         return
-    rows = [_summary_cells(summary) for summary in summaries]
+    folded = below_causes(summaries, lambda each: (each.robot, each.signal), lambda each: each.cause)
+    rows = [_summary_cells(summary, folded_name(summary.signal, effects)) for summary, effects in folded]
     begin_s = end_s - max(summary.duration_s for summary in summaries)
     stream.write(f"{time_text(begin_s)} to {time_text(end_s)}\n")
     for line in plain_table([_SUMMARY_HEAD, *rows], 2):
@@ -236,11 +237,11 @@ def _summary_fields(summary: SignalSummary) -> Dict[str, Any]:
     }
 
 
-def _summary_cells(summary: SignalSummary) -> List[str]:
+def _summary_cells(summary: SignalSummary, name: str) -> List[str]:
     shares = [share_text(summary.shares.get(level, 0.0)) for level in _LEVELS]
     available, outage, recovery = outage_cells(summary)
     unknown = share_text(summary.unknown)
-    return [summary.robot, summary.signal, *shares, unknown, available, str(summary.alerts), outage, recovery]
+    return [summary.robot, name, *shares, unknown, available, str(summary.alerts), outage, recovery]
 
 
 def _show_samples(connection: sqlite3.Connection, arguments: argparse.Namespace, stream: TextIO) -> None:

@@ -480,10 +480,10 @@ class AlertSystem:
     def _announce(self, changes: Changes, now_s: float) -> None:
         for text in changes.notices:
             self.outlets.emit(Notice(now_s, Severity.INFO, text))
+        effects = self.monitor.effects() if changes else {}
         for transition in changes:
-            black_box = self._black_box_of(transition)
-            if black_box:
-                transition = replace(transition, black_box=black_box)
+            affects = len(effects.get(transition.signal, ()))
+            transition = replace(transition, affects=affects, black_box=self._black_box_of(transition))
             if self._continuity is not None:  # no failure of a history may keep an alert from the outlets
                 self._middleware.faults.guard("storing an alert", self._continuity.record, transition)
             self.outlets.emit(transition)

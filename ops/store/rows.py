@@ -150,7 +150,7 @@ class StoredTransition:
     wall_s: float = time_column()
     """When, in s since 1970."""
     robot: str = text_column()
-    """As the fields of `Transition` of the same names, down to `black_box`."""
+    """As the fields of `Transition` of the same names, down to `cause`."""
     signal: str = text_column()
     from_level: Level = declared(REQUIRED)
     to_level: Level = declared(REQUIRED)
@@ -167,18 +167,30 @@ class StoredTransition:
     repeat: bool = declared(REQUIRED)
     hint: str = text_column()
     black_box: str = text_column()
+    cause: str = text_column()
     alert_id: int = declared(REQUIRED)
     """Number of the transition that began the alert: the same for all of its levels and its end."""
+    affected: str = text_column()
+
+    @property
+    def effects(self) -> Sequence[str]:
+        """Names of the signals that the alert kept from being announced, if it began here."""
+        return self.affected.split("\n") if self.affected else ()
+
+    @property
+    def affects(self) -> int:
+        """How many they are."""
+        return len(self.effects)
 
 
 _GIVEN_COLUMNS = (
     "wall_s, robot, signal, from_level, to_level, value, statistic, bound, now_s, since_s, fingerprint, text, "
-    "statistics, repeated, hint, black_box"
+    "statistics, repeated, hint, black_box, cause"
 )
-TRANSITION_COLUMNS = f"{_GIVEN_COLUMNS}, coalesce(alert_id, id)"
+TRANSITION_COLUMNS = f"{_GIVEN_COLUMNS}, coalesce(alert_id, id), affected"
 """The columns of a transition except its id, in the order of the fields of `StoredTransition`."""
 
-INSERT_TRANSITION = f"INSERT INTO transitions ({_GIVEN_COLUMNS}, alert_id) VALUES ({', '.join('?' * 17)})"
+INSERT_TRANSITION = f"INSERT INTO transitions ({_GIVEN_COLUMNS}, alert_id) VALUES ({', '.join('?' * 18)})"
 """Stores what `transition_row` returns; the last value is the transition that began the alert (None: this one)."""
 
 
@@ -189,7 +201,8 @@ def transition_row(transition: Transition, wall_s: float) -> Tuple[Any, ...]:
         int(transition.to_level), _storable(transition.value), transition.statistic, transition.bound,
         transition.now_s, transition.since_s, transition.fingerprint, printable(transition.text),
         json.dumps({name: value if math.isfinite(value) else None for name, value in transition.statistics.items()}),
-        int(transition.repeat), printable(transition.hint), transition.black_box, None,
+        int(transition.repeat), printable(transition.hint), transition.black_box, transition.cause,
+        None,
     )  # fmt: skip
 
 

@@ -28,7 +28,7 @@ MOST_LEVELS = 5_000
 
 _PAGE = 5_000
 _ROUNDING_S = 1e-6
-_CHECKS = (is_count, is_time, is_text, is_text, is_level, is_level, is_number, is_count)
+_CHECKS = (is_count, is_time, is_text, is_text, is_level, is_level, is_number, is_count, is_text)
 
 
 @dataclass(frozen=True)
@@ -52,6 +52,8 @@ class SignalSummary:
     None: there was none."""
     levels: Sequence[Tuple[float, Optional[Level]]]
     """The course of the level: begin of each, in s since 1970; None: unknown."""
+    cause: str = ""
+    """Name of the latest alert of which it was an effect, if it had none of its own; empty: none."""
 
     @property
     def availability(self) -> Optional[float]:
@@ -82,9 +84,12 @@ def summarize(
         if name in robots and is_text(signal_name):
             robots[name].signals[signal_name] = _Signal(robots[name].begin_s)
             lasting_s[name, signal_name] = _known_s(state, now_s)
-    for wall_s, name, signal_name, from_level, to_level, lasted_s, repeated in _transitions(connection, robot):
+    for wall_s, name, signal_name, from_level, to_level, lasted_s, repeated, affected in _transitions(
+        connection, robot
+    ):
         if name in robots and not repeated:
             robots[name].apply(wall_s, signal_name, Level(from_level), Level(to_level), lasted_s)
+            robots[name].causes.update(dict.fromkeys(affected.split("\n"), signal_name))
     return [
         summary
         for name in sorted(robots)
@@ -160,6 +165,8 @@ class _Robot:
         self._end_s = end_s
         self._is_link_down = False
         self.signals: Dict[str, _Signal] = {}
+        self.causes: Dict[str, str] = {}
+        """The alert of which each signal was an effect at last, by their names."""
 
     def apply(self, wall_s: float, name: str, from_level: Level, to_level: Level, lasted_s: float) -> None:
         """Applies a transition; `from_level` was announced and known for `lasted_s`."""
@@ -198,6 +205,7 @@ class _Robot:
                 robot, name, duration_s, shares, unknown if unknown > 1e-9 else 0.0, signal.alerts,
                 signal.longest_outage_s, signal.recovery_s / signal.recoveries if signal.recoveries else None,
                 self._spans.cut(signal.levels, self._end_s),
+                self.causes.get(name, "") if shares.keys() <= {Level.OK} else "",
             )  # fmt: skip
 
     def _end_ok(self, signal: _Signal, known_s: float) -> None:
@@ -308,10 +316,10 @@ def _watched(connection: sqlite3.Connection, robot: Optional[str]) -> Dict[str, 
 
 
 def _transitions(connection: sqlite3.Connection, robot: Optional[str]) -> Iterator[Tuple[Any, ...]]:
-    """Yields wall time, robot, signal, levels, duration of the earlier level, and whether it is a repetition."""
+    """Yields wall time, robot, signal, levels, duration of the earlier level, whether it is a repetition, effects."""
     condition, values = pattern_condition(connection, "robot", robot)
     query = f"""
-        SELECT id, wall_s, robot, signal, from_level, to_level, now_s - since_s, repeated FROM transitions
+        SELECT id, wall_s, robot, signal, from_level, to_level, now_s - since_s, repeated, affected FROM transitions
         WHERE id > ? AND {condition} ORDER BY id LIMIT {_PAGE}
     """
     number = 0

@@ -244,6 +244,8 @@ def _alert(connection: sqlite3.Connection, transition: StoredTransition) -> Json
         "hint": transition.hint,
         "black_box": transition.black_box,
         "alert_id": transition.alert_id,
+        "cause": transition.cause or None,
+        "effects": transition.effects,
         "repeat": transition.repeat,
         "notes": [_note_json(note) for note in notes_of(connection, transition.id)],
     }

@@ -718,6 +718,8 @@ def test_past_alerts_come_with_their_evidence(tmp_path: Path) -> None:
             "hint": "",
             "black_box": "",
             "alert_id": number,
+            "cause": None,
+            "effects": [],
             "repeat": False,
             "notes": [],
         }
