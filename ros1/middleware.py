@@ -22,7 +22,7 @@ import rospy.topics
 
 from ..core.config.parameters import Parameter
 from ..core.messages.dialect import Message
-from ..core.port.graph import NOT_COUNTED, Found, Wanted, count
+from ..core.port.graph import NOT_COUNTED, Counts, Wanted, count, is_pattern, matching
 from ..core.port.hints import Answer, explain, similar_topics
 from ..core.port.middleware import Callback, OnChange, RawCallback, RawFormat, Severity
 from ..core.port.timers import PeriodicSchedule
@@ -30,7 +30,6 @@ from ..core.values.errors import ConfigError, ServiceError
 from ..core.values.field_path import ABSENT, Getter
 from ..core.values.formatting import with_degree_sign
 from ..core.values.names import canonical_type, resolve_name, split_type_name
-from ..core.values.patterns import matches_pattern
 from ..runtime.native_node import NativeNode
 from ..runtime.threads import MonotonicEvent
 from . import messages
@@ -111,7 +110,7 @@ class Ros1Middleware(NativeNode):
         super().__init__(
             resolve_name(name or rospy.get_name(), rospy.get_name()),
             messages.native,
-            PublisherLookup(self._master, self._own_topics).look_up,
+            PublisherLookup(self._master, self._own_topics, self._last_publishers).look_up,
             None if rospy.rostime.is_wallclock() else rospy.get_time,
         )
         self.parameters = NodeParameters(self._master, self.name)
@@ -184,6 +183,7 @@ class Ros1Middleware(NativeNode):
         lock, clock, simulated, log_failure = self._lock, self._clock, self._simulated, self._log_failure
 
         def deliver(native: Any, subscription: Subscription) -> None:
+            subscription.header = native._connection_header
             if simulated and clock() == 0.0:
                 self._wait_for_first_clock_message(subscription)
             with lock:
@@ -209,29 +209,33 @@ class Ros1Middleware(NativeNode):
     def why_silent(self, topic: str, type_name: str) -> Optional[str]:
         return self._hints.get(rospy.resolve_name(self._resolve(topic)), type_name)
 
-    def check_graph(self, key: str) -> None:
+    def graph_name(self, key: str, name: str) -> str:
         if key == "lifecycle":
             raise ConfigError("ROS 1 has no lifecycle nodes")
+        resolved = self._resolve(name)
+        return resolved if is_pattern(name) else str(rospy.resolve_name(resolved))
 
-    def _find(self, wanted: Collection[Wanted]) -> Found:
+    def _count(self, wanted: Collection[Wanted]) -> Counts:
         publishers, subscribers, services = self._master.system_state()
         nodes = {node for kind in (publishers, subscribers, services) for _, users in kind for node in users}
-        watched = {node for node in nodes for key, name in wanted if key == "node" and matches_pattern(node, name)}
-        for kind, endpoints in (("publishers", publishers), ("subscribers", subscribers)):
-            topics = [name for key, name in wanted if key == kind]
-            for topic, users in endpoints:
-                if any(matches_pattern(topic, name) for name in topics):
-                    watched.update(users)
-        own, own_topics = rospy.get_name(), self._own_topics()
+        watched = matching(wanted, "node", nodes)
+        for kind, endpoints in (("publishers", dict(publishers)), ("subscribers", dict(subscribers))):
+            watched.update(node for topic in matching(wanted, kind, endpoints) for node in endpoints[topic])
+        own = rospy.get_name()
         gone = self._node_checks.gone(watched - {own}) | {NOT_COUNTED}
 
-        def others(endpoints: Sequence[Tuple[str, List[str]]]) -> Iterator[str]:
+        def others(endpoints: Sequence[Tuple[str, List[str]]], own_topics: Set[str]) -> Iterator[str]:
             for topic, users in endpoints:
                 for user in users:
                     if user not in gone and not (user == own and topic in own_topics):
                         yield topic
 
-        return count(wanted, nodes - gone, others(publishers), others(subscribers))
+        return count(
+            wanted,
+            nodes - gone,
+            others(publishers, self._published_topics()),
+            others(subscribers, self._subscribed_topics()),
+        )
 
     def advertise_service(self, service: str, type_name: str, handler: Callable[[Message], Message]) -> None:
         def locked(request: Message) -> Message:
@@ -294,10 +298,21 @@ class Ros1Middleware(NativeNode):
     def _stamp(self) -> Any:
         return rospy.Time.now()
 
+    def _published_topics(self) -> Set[str]:
+        """Returns the topics that this node publishes, as the master knows them. May be called in any thread."""
+        return {publisher.resolved_name for publisher, _ in tuple(self._publishers.values())}
+
+    def _subscribed_topics(self) -> Set[str]:
+        """Returns the topics that it subscribes to, as the master knows them. May be called in any thread."""
+        return {subscription.topic for subscription in tuple(self._subscriptions)}
+
     def _own_topics(self) -> Set[str]:
-        """Returns the topics of this node, as the master knows them. May be called in any thread."""
-        advertised = {publisher.resolved_name for publisher, _ in tuple(self._publishers.values())}
-        return advertised | {subscription.topic for subscription in tuple(self._subscriptions)}
+        return self._published_topics() | self._subscribed_topics()
+
+    def _last_publishers(self, topic: str) -> Set[str]:
+        """Returns the nodes whose messages on a topic came last. May be called in any thread."""
+        headers = [each.header for each in tuple(self._subscriptions) if each.topic == topic]
+        return {str(header["callerid"]) for header in headers if "callerid" in header}
 
     def _resolve(self, name: str) -> str:
         """Returns the absolute name. It is not remapped: rospy remaps every name that it gets."""
@@ -331,6 +346,8 @@ class Subscription:
     def __init__(self, topic: str, cls: Any, deliver: Callable[[Any, Subscription], None]) -> None:
         """Subscribes; `deliver` receives each native message with this object, in a thread of its publisher."""
         self.active = True
+        self.header: Mapping[str, str] = {}
+        """That of the connection which brought the latest message."""
         self._subscriber = rospy.Subscriber(topic, cls, deliver, self, tcp_nodelay=True)
         self.topic: str = self._subscriber.resolved_name
 
@@ -361,10 +378,20 @@ def _unregister(topic: Any) -> None:
 class PublisherLookup:
     """Asks the master in a thread, which ends when it has answered: neither a callback nor a tick waits for it."""
 
-    def __init__(self, master: Master, own_topics: Callable[[], Container[str]]) -> None:
-        """Asks nothing yet; `own_topics` returns the resolved topics that the node itself uses, in the thread."""
+    def __init__(
+        self,
+        master: Master,
+        own_topics: Callable[[], Container[str]],
+        last_publishers: Callable[[str], Collection[str]] = lambda topic: (),
+    ) -> None:
+        """Asks nothing yet.
+
+        `own_topics` returns the resolved topics that the node itself uses, `last_publishers` the nodes whose messages
+        on a topic came last; both are called in the thread.
+        """
         self._master = master
         self._own_topics = own_topics
+        self._last_publishers = last_publishers
         self._lock = threading.Lock()
         self._questions: Dict[Tuple[str, str], Answer] = {}
         self._is_asking = False
@@ -387,7 +414,15 @@ class PublisherLookup:
             published = self._published()
             own = self._own_topics()
             for (topic, type_name), answer in questions.items():
-                answer(None if published is None else _explain(topic, type_name, published, own))
+                answer(None if published is None else self._explain(topic, type_name, published, own))
+
+    def _explain(self, topic: str, type_name: str, published: Mapping[str, str], own: Container[str]) -> Optional[str]:
+        try:
+            gone = [node for node in self._last_publishers(topic) if self._master.is_gone(node)]
+        except ServiceError:
+            gone = []
+        types = [published[topic]] if topic in published and not gone else []
+        return explain(topic, type_name, types, similar_topics(topic, type_name, published, own), gone)
 
     def _published(self) -> Optional[Mapping[str, str]]:
         """Returns the type of each topic that has a publisher; None: the master does not answer."""
@@ -397,11 +432,6 @@ class PublisherLookup:
         except ServiceError:
             return None
         return {topic: types.get(topic, "") for topic, nodes in publishers if nodes}
-
-
-def _explain(topic: str, type_name: str, published: Mapping[str, str], own: Container[str]) -> Optional[str]:
-    found = [published[topic]] if topic in published else []
-    return explain(topic, type_name, found, similar_topics(topic, type_name, published, own))
 
 
 def _wait_while(clock: Callable[[], float], now_s: float) -> None:

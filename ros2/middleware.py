@@ -20,19 +20,18 @@ from rclpy.serialization import deserialize_message, serialize_message
 
 from ..core.config.parameters import Parameter
 from ..core.messages.dialect import Message
-from ..core.port.graph import Found, Wanted, count, is_pattern
+from ..core.port.graph import Counts, Wanted, count, is_pattern, matching
 from ..core.port.middleware import Callback, OnChange, RawCallback, RawFormat, Severity
 from ..core.values.errors import ConfigError
 from ..core.values.field_path import ABSENT, Getter
 from ..core.values.formatting import with_degree_sign
-from ..core.values.names import canonical_type
-from ..core.values.patterns import matches_pattern
+from ..core.values.names import canonical_type, resolve_name
 from ..runtime.native_node import NativeNode
 from . import messages
 from .definitions import raw_format
 from .lifecycle import LifecycleStates
 from .parameters import NodeParameters, ParameterNode
-from .publishers import PublisherLookup, are_latched, has_best_effort
+from .publishers import PublisherLookup, are_latched, full_name, has_best_effort, node_names
 
 _QUEUE_SIZE = 1000
 """Outgoing messages that a reliable subscriber may still request, then the oldest are lost: room for many alerts."""
@@ -95,10 +94,11 @@ class Ros2Middleware(NativeNode):
         self.node = ParameterNode(name, context=context, **options)
         self._logger = self.node.get_logger()
         self._ros_clock = self.node.get_clock()
+        self._lookup = PublisherLookup(self.node, self._own_topics, self._qos_of)
         super().__init__(
             self.node.get_fully_qualified_name(),
             messages.native,
-            PublisherLookup(self.node, self._own_topics, self._qos_of).look_up,
+            self._lookup.look_up,
             self._ros_time_s if self._ros_clock.ros_time_is_active else None,
         )
         self.parameters = NodeParameters(self.node)
@@ -164,32 +164,32 @@ class Ros2Middleware(NativeNode):
         with self._lock:
             return self._hints.get(self._resolve(topic), type_name)
 
-    def check_graph(self, key: str) -> None:
+    def graph_name(self, key: str, name: str) -> str:
         if key == "lifecycle":
             messages.service_class(_GET_STATE)
+        is_topic = key in ("publishers", "subscribers") and not is_pattern(name)
+        return self._resolve(name) if is_topic else resolve_name(name, self.name)
 
-    def _find(self, wanted: Collection[Wanted]) -> Found:
+    def _count(self, wanted: Collection[Wanted]) -> Counts:
         node = self.node
-        names = [f"{namespace.rstrip('/')}/{name}" for name, namespace in node.get_node_names_and_namespaces()]
+        names = node_names(node)
         publishers = self._endpoints("publishers", wanted, node.get_publishers_info_by_topic)
         subscribers = self._endpoints("subscribers", wanted, node.get_subscriptions_info_by_topic)
-        found = count(wanted, names, publishers, subscribers)
+        counts = count(wanted, names, publishers, subscribers)
         watched = {name for key, name in wanted if key == "lifecycle"}
-        found.update((("lifecycle", name), 0.0) for name in watched.difference(names))
+        counts.update((("lifecycle", name), 0.0) for name in watched.difference(names))
         for name, state in self._states.read(watched.intersection(names)).items():
-            found["lifecycle", name] = state
-        return found
+            counts["lifecycle", name] = state
+        return counts
 
     def _endpoints(self, key: str, wanted: Collection[Wanted], infos: Callable[[str], Any]) -> Iterator[str]:
         """Yields the topic of each endpoint of another node."""
-        names = {name for its_key, name in wanted if its_key == key}
-        topics = {name for name in names if not is_pattern(name)}
-        if topics != names:
-            present = self.topic_types()
-            topics |= {each for each in present if any(matches_pattern(each, name) for name in names)}
+        topics = {name for its_key, name in wanted if its_key == key}
+        if any(map(is_pattern, topics)):
+            topics = matching(wanted, key, self.topic_types())
         for topic in topics:
             for info in infos(topic):
-                if f"{info.node_namespace.rstrip('/')}/{info.node_name}" != self.name:
+                if full_name(info.node_name, info.node_namespace) != self.name:
                     yield topic
 
     def advertise_service(self, service: str, type_name: str, handler: Callable[[Message], Message]) -> None:
@@ -393,10 +393,11 @@ class Ros2Middleware(NativeNode):
                         self._start(subscription, type_name)
                     except ConfigError as error:
                         self._failures.write(subscription.topic, Severity.ERROR, str(error))
+            numbers = {topic: self.node.count_publishers(topic) for topic, _, _ in self._channels}
+            self._lookup.remember(numbers)
             for channel in tuple(self._channels.values()):
                 topic, cls, _ = channel.key
-                unheard = self.node.count_publishers(topic) > channel.native.get_publisher_count()
-                if not unheard:
+                if numbers[topic] <= channel.native.get_publisher_count():
                     continue
                 own = (topic, cls, False)
                 becomes_volatile = channel.may_be_volatile and own not in self._channels
