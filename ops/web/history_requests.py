@@ -147,8 +147,9 @@ def past_alert(history: History, number: int) -> Optional[PastAlert]:
         samples = queries.evidence(connection, number)
         shown = [(round(t, 3), value if value - value == 0.0 else None) for t, value in samples]
         others = queries.not_ok_at(connection, transition, _MOST_OTHERS)
+        begun = queries.transition(connection, transition.alert_id) or transition
         return PastAlert(
-            _alert(connection, transition),
+            {**_alert(connection, transition), "effects": begun.effects},
             shown,
             transition.statistics.get("trend_per_min"),
             [_alert(connection, other) for other in others],
