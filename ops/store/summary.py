@@ -18,6 +18,7 @@ from typing import Any, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
 
 from ...core.config.signal_config import LINK, template_name
 from ...core.judge.saved_state import Saved
+from ...core.judge.sources import is_source
 from ...core.values.model import Level
 from ...core.values.patterns import matches_pattern
 from .queries import pattern_condition
@@ -70,7 +71,7 @@ def summarize(
     robot: Optional[str] = None,
     signal: Optional[str] = None,
 ) -> List[SignalSummary]:
-    """Returns a summary per robot and signal, sorted by their names.
+    """Returns a summary per robot and signal, and per topic that was silent, sorted by their names.
 
     It reaches from `since_s` (None: when the robot was first watched) to `now_s`, in s since 1970. In `robot` and
     `signal`, `*` and `?` work as in file names.
@@ -200,6 +201,8 @@ class _Robot:
             has_ended = name != template_name(name) and (robot, name) not in lasting_s
             self._end_ok(signal, 0.0 if has_ended else lasting_s.get((robot, name), math.inf))
             shares = {level: seconds / duration_s for level, seconds in sorted(signal.times.items()) if seconds > 0.0}
+            if is_source(name) and shares.keys() <= {Level.OK}:
+                continue  # topics are shown while they are silent
             unknown = max(0.0, 1.0 - sum(shares.values()))
             yield SignalSummary(
                 robot, name, duration_s, shares, unknown if unknown > 1e-9 else 0.0, signal.alerts,
