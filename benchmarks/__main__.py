@@ -56,6 +56,7 @@ PARTS: Dict[str, Part] = {
     "black_box": in_turn(node("BLACK_BOX"), on_ros("black_box_memory")),
     "host": alone("host_cost"),
     "footprint": on_ros("footprint"),
+    "graph": on_ros("graph_cost"),
     "rosbridge": alone("rosbridge_cost"),
     "recordings": alone("recordings_cost"),
     "history": alone("history_cost"),

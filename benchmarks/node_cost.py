@@ -24,6 +24,10 @@ from benchmarks.targets import ROOT, Process, Target
 
 ROUNDS = 20
 SLICE_S = 3.0
+_NO_SOURCES = (
+    "from robot_health_monitor.core.judge.monitor import Monitor; Monitor.expect_sources = lambda self, names: None; "
+)
+"""Code that makes an alert node take each signal by itself: the topics of its signals are not watched."""
 SETTLE_S = 0.2
 """Time for messages in flight at the end of a slice."""
 
@@ -56,6 +60,7 @@ class Question(NamedTuple):
 
 
 NAMES = {
+    "without sources": "alert_system without sources",
     "subscriber": "bare subscriber",
     "events_subscriber": "bare subscriber, EventsExecutor",
     "rostopic hz": "rostopic hz",
@@ -65,7 +70,10 @@ NAMES = {
 MESSAGE = Question(
     "one message at 1 kHz",
     THRESHOLDS,
-    {"ros1": {"subscriber": 1.35}, "ros2": {"subscriber": 0.35, "events_subscriber": 1.15}},
+    {
+        "ros1": {"subscriber": 1.35, "without sources": 1.03},
+        "ros2": {"subscriber": 0.35, "events_subscriber": 1.15, "without sources": 1.03},
+    },
     remap=f"battery_level:={WATCHED}",
 )
 FREQUENCY = Question(
@@ -125,8 +133,14 @@ def compare(target: Target, question: Question, peer: str, rounds: int) -> Tuple
         thresholds = Path(folder, "thresholds.yaml")
         for file, text in ((thresholds, question.thresholds), (Path(folder, "ops.yaml"), question.ops)):
             file.write_text(text.replace("{folder}", folder))
+        if peer == "without sources":
+            bare = target.node("alert_system", "without_sources", f"battery_level:={BARE}", thresholds, _NO_SOURCES)
+        elif peer == "rostopic hz":
+            bare = target.tool("rostopic", "hz", BARE)
+        else:
+            bare = target.peer(peer, question.topics)
         contestants: Dict[str, Process] = {
-            BARE: target.tool("rostopic", "hz", BARE) if peer == "rostopic hz" else target.peer(peer, question.topics),
+            BARE: bare,
             WATCHED: target.node("alert_system", f"watching_{question.topics}", question.remap, thresholds),
         }
         feeding = target.peer(question.publisher, question.topics)

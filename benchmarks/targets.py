@@ -108,7 +108,9 @@ class Target:
     package: str
     """`ros1` or `ros2`."""
 
-    def node(self, executable: str, namespace: str, remap: str = "", parameters: Optional[Path] = None) -> Process:
+    def node(
+        self, executable: str, namespace: str, remap: str = "", parameters: Optional[Path] = None, first: str = ""
+    ) -> Process:
         """Starts one of this project's executables.
 
         Args:
@@ -116,9 +118,10 @@ class Target:
             namespace: its namespace.
             remap: a name that it is to use in place of another, `old:=new`; empty: none.
             parameters: a file with its configuration.
+            first: code that runs before it.
         """
         module = f"robot_health_monitor.cli.{self.package}_executables"
-        code = f"import sys; from {module} import {executable} as main; sys.exit(main())"
+        code = f"{first}import sys; from {module} import {executable} as main; sys.exit(main())"
         arguments = [f"__ns:=/{namespace}", remap]
         if self.package == "ros2":
             arguments = [word for argument in arguments if argument for word in ("-r", argument)]

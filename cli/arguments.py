@@ -17,6 +17,7 @@ import textwrap
 from pathlib import Path
 from typing import Any, Callable, Mapping, NoReturn, Optional, Sequence, Tuple
 
+from ..core.values.names import is_namespace
 from ..runtime.tokens import TOKEN_VARIABLE
 from .exit_codes import ExitCode, exit_codes_text
 
@@ -183,54 +184,96 @@ class _CommandParser(Parser):
         return super().parse_known_args(args, namespace)
 
 
-def add_monitoring_options(parser: argparse.ArgumentParser) -> None:
+def add(parser: Any, usage: str, meaning: str, **details: Any) -> None:
+    """Adds an argument by its usage: `--json`, `--ops FILE`, `--origin URL...` (repeatable), `[FILE]`, `BAG...`.
+
+    `details` are further ones of argparse; the `dest` of an argument without an option is its usage in lower case.
+    """
+    name, _, value = usage.partition(" ")
+    shown = (value or name).strip("[].")
+    if not name.startswith("--"):
+        name = details.pop("dest", shown.lower())
+        details.update(metavar=shown, nargs=_COUNTS[usage.replace(shown, "")])
+    elif value:
+        details["metavar"] = shown
+        if value != shown:
+            details.update(action="append", default=[])
+    elif not details:
+        details["action"] = "store_true"
+    parser.add_argument(name, help=meaning, **details)
+
+
+_COUNTS = {"": None, "[]": "?", "...": "+", "[]...": "*"}
+
+
+def add_monitoring_options(parser: Parser) -> None:
     """Adds the options of commands that monitor live: the configuration, the duration, the output."""
-    parser.add_argument("--thresholds", metavar="FILE", help="configuration (default: the installed one)")
-    parser.add_argument(
-        "--ops", metavar="FILE", default="", help="an ops.yaml: history, notifications, server (default: none)"
-    )
-    parser.add_argument(
-        "--duration", metavar="SECONDS", type=seconds, help="end after this time, with code 1 if there were alerts"
-    )
-    parser.add_argument("--json", action="store_true", help="one JSON object per alert on stdout, the log on stderr")
-    parser.add_argument(
-        "--log-level",
-        choices=("DEBUG", "INFO", "WARN", "ERROR", "FATAL"),
-        type=str.upper,
-        default="INFO",
-        help="hide less severe log lines; alerts are always shown (default: INFO)",
-    )
+    add(parser, "--thresholds FILE", "configuration (default: the installed one)")
+    add(parser, "--ops FILE", "an ops.yaml: history, notifications, server (default: none)", default="")
+    add(parser, "--duration SECONDS", "end after this time, with code 1 if there were alerts", type=seconds)
+    add(parser, "--json", "one JSON object per alert on stdout, the log on stderr")
+    levels = ("DEBUG", "INFO", "WARN", "ERROR", "FATAL")
+    meaning = "hide less severe log lines; alerts are always shown (default: INFO)"
+    add(parser, "--log-level", meaning, choices=levels, type=str.upper, default="INFO")
 
 
-def add_token_file(parser: argparse.ArgumentParser, option: str, meaning: str) -> None:
+def add_token_file(parser: Parser, option: str, meaning: str) -> None:
     """Adds the option for a file with a token; a token as an argument is an error."""
-    parser.add_argument(
-        option,
-        metavar="FILE",
-        default="",
-        help=f"file with the token {meaning} (default: the variable {TOKEN_VARIABLE})",
-    )
-    parser.add_argument("--token", action=_RejectToken, const=option, nargs="?", help=argparse.SUPPRESS)
+    add(parser, f"{option} FILE", f"file with the token {meaning} (default: the variable {TOKEN_VARIABLE})", default="")
+    add(parser, "--token", argparse.SUPPRESS, action=_RejectToken, const=option, nargs="?")
 
 
-def add_namespace(parser: argparse.ArgumentParser, meaning: str) -> None:
+def add_robot_server(parser: Parser, of_robots: str) -> None:
+    """Adds the options of commands that connect to the servers `of_robots`: namespace, token, certificates."""
+    add_namespace(parser, f"namespace of the {of_robots} topics")
+    server = "servers" if of_robots.endswith("s'") else "server"
+    add_token_file(parser, "--robot-token-file", f"to present to the {of_robots} {server}")
+    add(parser, "--ca FILE", "certificate authorities to trust, for wss:// and foxglove+tls://", default="")
+
+
+def add_namespace(parser: Parser, meaning: str) -> None:
     """Adds the option for a namespace of topics."""
-    parser.add_argument("--namespace", metavar="NAME", type=namespace, default="", help=meaning)
+    add(parser, "--namespace NAME", meaning, type=namespace, default="")
 
 
-def add_recordings(parser: argparse.ArgumentParser) -> None:
+def add_recordings(parser: Parser) -> None:
     """Adds the arguments of commands that read recordings."""
-    parser.add_argument("recordings", metavar="BAG", nargs="+", help="a recording")
+    add(parser, "BAG...", "a recording", dest="recordings")
     add_namespace(parser, "namespace of the recorded topics")
 
 
-def namespace(text: str) -> str:
-    """Accepts a namespace."""
-    from ..core.values.names import is_namespace
+def checked(expected: str, read: Callable[[str], Any], is_valid: Callable[[Any], object]) -> Callable[[str], Any]:
+    """Returns the type of an argument: `read` makes its value of a text. A text that has none is an error."""
 
-    if not is_namespace(text):
-        raise argparse.ArgumentTypeError(f"expected a namespace such as carter or fleet/carter, got {text!r}")
-    return text
+    def read_argument(text: str) -> Any:
+        try:
+            value = read(text)
+            if is_valid(value):
+                return value
+        except (LookupError, ValueError, OverflowError, OSError):
+            pass
+        raise argparse.ArgumentTypeError(f"expected {expected}, got {text!r}")
+
+    return read_argument
+
+
+def whole_number(text: str) -> int:
+    """Returns a whole number of at most 18 digits; raises ValueError for another text."""
+    if not (text.isascii() and text.isdigit()) or len(text) > 18:
+        raise ValueError(text)
+    return int(text)
+
+
+def identifier(meaning: str) -> Callable[[str], Any]:
+    """Returns the type of an argument that is the number of a row in a history file, also `#41`."""
+    return checked(meaning, lambda text: whole_number(text[text.startswith("#") :]), lambda number: True)
+
+
+namespace = checked("a namespace such as carter or fleet/carter", str, is_namespace)
+robot_name = checked("printable text", str, str.isprintable)
+port = checked("a whole number from 0 to 65535", whole_number, lambda number: number <= 65_535)
+alert_id = identifier("the number of an alert")
+seconds = checked("a number of seconds above 0", float, lambda number: 0.0 < number < 1e9)
 
 
 def duration(text: str) -> float:
@@ -242,48 +285,6 @@ def duration(text: str) -> float:
         return parse_duration_s(text)
     except ConfigError as error:
         raise argparse.ArgumentTypeError(str(error)) from None
-
-
-def robot_name(text: str) -> str:
-    """Accepts the name of a robot."""
-    if not text.isprintable():
-        raise argparse.ArgumentTypeError(f"expected printable text, got {text!r}")
-    return text
-
-
-def port(text: str) -> int:
-    """Returns the number of a port; 0 is one too."""
-    if not (text.isascii() and text.isdigit()) or len(text) > 5 or int(text) > 65535:
-        raise argparse.ArgumentTypeError(f"expected a whole number from 0 to 65535, got {text!r}")
-    return int(text)
-
-
-def identifier(text: str, meaning: str) -> int:
-    """Returns the number of a row in a history file."""
-    if not (text.isascii() and text.isdigit()) or len(text) > 18:
-        raise argparse.ArgumentTypeError(f"expected {meaning}, got {text!r}")
-    return int(text)
-
-
-def alert_id(text: str) -> int:
-    """Returns the number of an alert in a history: `41` or `#41`."""
-    return identifier(text[text.startswith("#") :], "the number of an alert")
-
-
-def seconds(text: str) -> float:
-    """Returns a number of seconds above 0."""
-    number = number_or_nan(text)
-    if not 0.0 < number < 1e9:
-        raise argparse.ArgumentTypeError(f"expected a number of seconds above 0, got {text!r}")
-    return number
-
-
-def number_or_nan(text: str) -> float:
-    """Returns a number, or NaN for a text that is none."""
-    try:
-        return float(text)
-    except ValueError:
-        return float("nan")
 
 
 def find_installed(name: str) -> Optional[Path]:

@@ -13,6 +13,7 @@ import numpy as np
 from ..core.config.signal_config import SignalConfig
 from ..core.config.yaml_file import YamlFile, read_yaml
 from ..core.judge.attachments import SavedMonitor
+from ..core.judge.sources import is_source
 from ..core.port.local import LogLine
 from ..core.port.middleware import Severity
 from ..core.values.errors import ConfigError, Path
@@ -27,7 +28,8 @@ from ..recordings.reading import Recordings
 from ..runtime.times import local_time
 from .arguments import find_installed
 from .embedded import sections_of_nodes
-from .replay_output import ReplayOutput, header, row, sentence, worst_first
+from .output.lines import folded_name
+from .replay_output import ReplayOutput, folded, header, row, sentence, worst_first
 from .report_file import ReportFile
 from .testing.black_box_file import attached_file, attached_section, attached_states
 
@@ -126,7 +128,9 @@ class _Replay:
             problems.append(f"not judged: {reasons}")
         for problem in problems:
             output.warn(f"WARN: {problem}")
-        head, rows = header(self._several), [row(summary, self._several) for summary in summaries]
+        cells = ((effects, row(summary, self._several)) for summary, effects in folded(summaries))
+        rows = [[folded_name(name, effects), *others] for effects, (name, *others) in cells]
+        head = header(self._several)
         number, noun = sum(self._shown_levels.values()), "difference"
         if not self._several:  # else OK counts: an alert may end at another time
             number, noun = self._alerts, "alert"
@@ -190,7 +194,7 @@ class _Replay:
         self._alerts += is_open and transition.signal not in self._open  # one that changes its level counts once
         (self._open.add if is_open else self._open.discard)(transition.signal)
         if self._report_file and len(self._shown) < MOST_ALERTS:
-            self._shown.append(ReportedAlert(judged.wall_s, file, transition))
+            self._shown.append(ReportedAlert(judged.wall_s, file, transition, effects=judged.effects))
         self._output.transition(judged.wall_s, transition, file)
 
     def _on_log(self, line: LogLine) -> None:
@@ -226,7 +230,8 @@ class _Replay:
 
     def _page(self, summaries: List[SignalSummary], verdict: str, problems: List[str]) -> str:
         end_s = self._player.wall_s
-        summaries = worst_first(summaries)
+        with_effects = folded(worst_first(summaries))
+        summaries = [summary for summary, _ in with_effects]
         plots = [self._plots.get((summary.file, summary.config.name)) for summary in summaries]
         names = list_text([os.path.basename(os.path.abspath(name)) for name in self._arguments.recordings])
         period = f"{local_time(self._start_s)} to {local_time(end_s)} ({duration_text(end_s - self._start_s)})"
@@ -250,6 +255,7 @@ class _Replay:
                 signals=[plot for plot in plots if plot is not None],
                 alerts=self._shown,
                 all_alerts=sum(self._shown_levels.values()),
+                effects=[effects for _, effects in with_effects],
             )
         )
 
@@ -278,7 +284,7 @@ class _Replay:
                 raise ConfigError(f"no signal was judged: {reasons}")
 
     def _by_configuration(self) -> List[List[SignalSummary]]:
-        found = self._judge.summaries
+        found = [each for each in self._judge.summaries if not is_source(each.config.name)]
         return [[each for each in found if each.file == configuration.name] for configuration in self._configurations]
 
 

@@ -7,6 +7,7 @@ import time
 from typing import TYPE_CHECKING, Any, Dict, Iterator, List, Optional, Sequence, Tuple
 
 from ..core.config.signal_config import SignalConfig
+from ..core.judge.sources import is_source
 from ..core.judge.wording import judged_unit
 from ..core.nodes.outlets import json_line
 from ..core.port.local import LogLine
@@ -15,7 +16,7 @@ from ..core.values.formatting import duration_text, list_text, number_text, prin
 from ..core.values.model import Level, Transition
 from ..runtime.libraries import missing_libraries, missing_text
 from .output.events import Entry
-from .output.lines import is_terminal, plain_line, plain_table, readable, share_text
+from .output.lines import below_causes, is_terminal, plain_line, plain_table, readable, share_text
 
 if TYPE_CHECKING:
     from ..recordings.judging import SignalSummary
@@ -153,8 +154,9 @@ def row(summary: SignalSummary, several_files: bool) -> List[str]:
     shares = [share_text(summary.shares.get(level, 0.0)) for level in _LEVELS]
     range_texts = range_cells(summary.config, statistics.min, statistics.mean, statistics.max)
     gap = "-" if statistics.longest_gap_s is None else duration_text(statistics.longest_gap_s)
+    counts = ["-", "-"] if is_source(names[0]) else [str(statistics.samples), str(statistics.bad_samples)]
     return [
-        *names, str(statistics.samples), str(statistics.bad_samples), *shares, share_text(summary.unknown),
+        *names, *counts, *shares, share_text(summary.unknown),
         str(summary.alerts), *range_texts, gap,
     ]  # fmt: skip
 
@@ -168,6 +170,11 @@ def range_cells(
         return [ends[0], "-", ends[1]]
     unit = judged_unit(config)
     return ["-" if value is None else with_unit(number_text(value), unit) for value in (smallest, mean, largest)]
+
+
+def folded(summaries: Sequence[SignalSummary]) -> List[Tuple[SignalSummary, int]]:
+    """Returns the summaries with effects below their cause, and how many follow each: -1 for an effect."""
+    return below_causes(summaries, lambda each: (each.file, each.config.name), lambda each: each.cause)
 
 
 def worst_first(summaries: Sequence[SignalSummary]) -> List[SignalSummary]:
@@ -187,7 +194,8 @@ def _badness(summary: SignalSummary) -> Tuple[float, ...]:
 
 def sentence(summaries: Sequence[SignalSummary], duration_s: float) -> str:
     """Returns what was judged, for how long, and which signal was worst: the first of the summaries."""
-    names = list(dict.fromkeys(summary.config.name for summary in summaries if not summary.missing))
+    judged_ones = (summary.config.name for summary in summaries if not summary.missing)
+    names = [name for name in dict.fromkeys(judged_ones) if not is_source(name)]
     several = f" ({len(names)} signals)" if len(names) > _MOST_NAMES else ""
     were = "was" if len(names) == 1 else "were"
     judged = f"{list_text(names, _MOST_NAMES)}{several} {were} judged over {duration_text(duration_s)}."

@@ -98,8 +98,7 @@ def _make_server(
     address is not protected or the certificate cannot be used, ModuleNotFoundError if a library is not installed.
     """
     from ..ops.web import WebInterface
-    from ..rosbridge.server import Server
-    from ..rosbridge.server.access import monitor_access
+    from ..rosbridge.server import Access, Server
 
     notifier = operations.notifier
     web = WebInterface(
@@ -113,19 +112,12 @@ def _make_server(
     )
     for robot in robots():
         web.watch(robot)
-    access = monitor_access(
-        alert_system,
-        publish=settings.allow_publish,
-        services=settings.allow_call,
-        offer=settings.allow_offer,
-        origins=settings.origins,
-        token=settings.token,
-    )
+    services = (f"{alert_system}/reset", f"{alert_system}/reload", *settings.allow_call)
     server = Server(
         node,
         host=settings.address,
         port=settings.port,
-        access=access,
+        access=Access(settings.allow_publish, services, settings.allow_offer, settings.origins, settings.token),
         threads=threads,
         parameters=parameters,
         routes=web.routes,

@@ -318,6 +318,8 @@ API: Mapping[str, Mapping[str, str]] = {
         "hint": "why there are no samples; may be empty",
         "black_box": "name of the file that records it, for `GET /api/black_box/NAME`; empty: none",
         "alert_id": "`id` of the transition that began the alert: the same for all of its levels and its end",
+        "cause": "name of the alert whose effect it was: worse levels were not announced; `null`: none",
+        "effects": "names of the signals that it kept from being announced, if it began an alert; others: empty",
         "repeat": "whether it repeats an alert (`repeat_s`)",
         "notes": "what people wrote on it, oldest first, see below",
     },

@@ -17,6 +17,12 @@ from launch_ros.substitutions import FindPackageShare
 PACKAGE = "robot_health_monitor"
 LOG_LEVELS = ["DEBUG", "INFO", "WARN", "ERROR", "FATAL"]
 BOOLEANS = ["true", "false", "True", "False"]
+PARAMETERS = {
+    # Strings even if they look like numbers: a robot may be named 7.
+    **dict.fromkeys(["robot_name", "thresholds", "rosbridge_address", "rosbridge_token_file", "sensors", "ops"], str),
+    "use_sim_time": bool,
+    "rosbridge_port": int,
+}
 SEPARATE = PythonExpression(["'", LaunchConfiguration("composed"), "'.lower() != 'true'"])
 SENSORS = PythonExpression(["'", LaunchConfiguration("sensors"), "' != 'none'"])
 
@@ -112,17 +118,7 @@ def node(executable, **options):
             LaunchConfiguration("thresholds"),
         ],
         parameters=[
-            {
-                # Strings even if they look like numbers: a robot may be named 7.
-                "robot_name": ParameterValue(LaunchConfiguration("robot_name"), value_type=str),
-                "thresholds": ParameterValue(LaunchConfiguration("thresholds"), value_type=str),
-                "use_sim_time": ParameterValue(LaunchConfiguration("use_sim_time"), value_type=bool),
-                "rosbridge_port": ParameterValue(LaunchConfiguration("rosbridge_port"), value_type=int),
-                "rosbridge_address": ParameterValue(LaunchConfiguration("rosbridge_address"), value_type=str),
-                "rosbridge_token_file": ParameterValue(LaunchConfiguration("rosbridge_token_file"), value_type=str),
-                "sensors": ParameterValue(LaunchConfiguration("sensors"), value_type=str),
-                "ops": ParameterValue(LaunchConfiguration("ops"), value_type=str),
-            }
+            {name: ParameterValue(LaunchConfiguration(name), value_type=kind) for name, kind in PARAMETERS.items()}
         ],
         respawn=LaunchConfiguration("respawn"),
         respawn_delay=2.0,

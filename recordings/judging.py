@@ -8,23 +8,26 @@ from __future__ import annotations
 
 import math
 from array import array
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Callable, Counter, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
 from ..core.config.monitor_config import DEFAULT_SIGNALS, Section, read_monitor
-from ..core.config.signal_config import LINK, SignalConfig, template_name
+from ..core.config.signal_config import LINK, SignalConfig, read_signal, template_name
 from ..core.judge.attachments import TICKS, SavedMonitor
 from ..core.judge.element_signals import element_config, own_config
+from ..core.judge.monitor import Monitor
 from ..core.judge.sample_summary import SampleCollector, WallClock
 from ..core.judge.signal_monitor import SignalMonitor
+from ..core.judge.sources import is_source
 from ..core.nodes import AlertSystem
 from ..core.nodes.outlets import Event
 from ..core.values.model import Level, Transition
 from ..core.values.names import resolve_name
 from .middleware import Player
 
+_OF_SOURCE = read_signal("source", {"field": "", "stale_after_s": 0.0})
 CHUNK = 4096  # samples that are collected before they are processed together
 
 
@@ -36,6 +39,8 @@ class JudgedEvent(NamedTuple):
     file: str
     """Name of the configuration."""
     event: Event
+    effects: Sequence[str] = ()
+    """Names of the signals that an alert keeps from being announced, where it begins; more may come later."""
 
 
 class Samples(NamedTuple):
@@ -115,6 +120,7 @@ class SignalSummary:
     unknown: float = 1.0
     """Share of the recorded time before the first sample or alert, 0 to 1."""
     alerts: int = 0  # an alert that changes its level counts once
+    cause: str = ""  # the latest alert of which it was an effect, if it had none of its own
 
 
 OnEvent = Callable[[JudgedEvent], None]
@@ -164,6 +170,7 @@ class Judge:
             system.monitor.restore(states, None, self._player.wall_s, saved.time_s)
             if not self._player.why_not_recorded(TICKS, ""):
                 system.tick_with(TICKS)
+        node.create_timer(1.0, lambda now_s: self._note_effects(file, system.monitor))
         system.monitor.collect_samples(lambda signal: self._tape(file, signal))
         self._player.on_gap.append(system.skip)
         for name, signal in recordable.items():
@@ -206,6 +213,9 @@ class Judge:
     def _find(self, file: str, name: str) -> Optional[_JudgedSignal]:
         """Returns a signal by its name; that of an element begins to be measured."""
         key, template_key = (file, name), (file, template_name(name))
+        if key not in self._signals and is_source(name):
+            summary = SignalSummary(file, replace(_OF_SOURCE, name=name), name, True, "", SignalStatistics())
+            self._signals[key] = next(iter(self._signals.values())).beside(summary)
         if key not in self._signals and template_key in self._templates:
             template = self._signals[template_key]
             config = element_config(self._templates[template_key], name)
@@ -221,10 +231,20 @@ class Judge:
             signal.skip(end_s - begin_s)
 
     def _note(self, file: str, event: Event) -> None:
+        effects: Sequence[str] = ()
         judged = self._find(file, event.signal) if isinstance(event, Transition) else None
         if judged is not None and isinstance(event, Transition):
             judged.note(event, self._player.wall_s)
-        self._on_event(JudgedEvent(self._player.wall_s, file, event))
+            effects = judged.effects if event.from_level is Level.OK else ()
+        self._on_event(JudgedEvent(self._player.wall_s, file, event, effects))
+
+    def _note_effects(self, file: str, monitor: Monitor) -> None:
+        for cause, names in monitor.effects().items():
+            alert = self._signals.get((file, cause))
+            if alert is not None and alert.is_open:
+                alert.effects += [name for name in names if name not in alert.effects]
+                for effect in filter(None, [self._find(file, name) for name in names]):
+                    effect.cause = max(effect.cause, (alert.begun_s, cause))
 
     def _tape(self, file: str, signal: SignalMonitor) -> _Tape:
         """Returns what collects the samples of a signal, which may be an element."""
@@ -307,7 +327,10 @@ class _JudgedSignal:
         self._skipped_s = 0.0
         self._begin_s = begin_s
         self._level = Level.OK
-        self._is_counted = False  # its open alert
+        self.is_open = False  # whether its alert is open
+        self.effects: List[str] = []  # of its latest alert
+        self.begun_s = -math.inf  # when that began
+        self.cause = -math.inf, ""  # begin and name of the latest alert of which it was an effect
         self._since_s: Optional[float] = None
         self._lasted_s = dict.fromkeys(Level, 0.0)
         self._alerted_s = math.inf  # time of the first alert
@@ -335,12 +358,16 @@ class _JudgedSignal:
         now_s = wall_s - self._skipped_s
         if self._since_s is None:
             self._alerted_s = now_s
+            if is_source(transition.signal):
+                self._sampled_s = now_s - (transition.now_s - transition.since_s)
         else:
             self._lasted_s[self._level] += now_s - self._since_s
         self._level, self._since_s = transition.to_level, now_s
         is_open = transition.to_level is not Level.OK
-        self.summary.alerts += is_open and not self._is_counted
-        self._is_counted = is_open
+        if is_open and not self.is_open:
+            self.summary.alerts += 1
+            self.effects, self.begun_s = [], now_s
+        self.is_open = is_open
 
     def finish(self, wall_s: float) -> None:
         """Completes the summary."""
@@ -354,7 +381,9 @@ class _JudgedSignal:
             self.summary.shares = {level: lasted_s / total_s for level, lasted_s in self._lasted_s.items()}
         unknown = 1.0 - min(known_s / total_s, 1.0) if total_s > 0.0 else 1.0
         self.summary.unknown = 0.0 if unknown < 1e-9 else unknown
-        if not self.summary.statistics.samples:
+        if not any(lasted_s for level, lasted_s in self._lasted_s.items() if level is not Level.OK):
+            self.summary.cause = self.cause[1]
+        if not self.summary.statistics.samples and not is_source(self.summary.config.name):
             self.summary.missing = self.summary.missing or f"{self.summary.topic} has no samples"
 
     def _note_first_sample(self) -> None:

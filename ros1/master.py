@@ -83,11 +83,27 @@ class Master:
 
     def answers(self, node: str) -> bool:
         """Returns whether a node answers its own API within 1 s: the master goes on listing one that crashed."""
-        uri = self._read(_text, self._call("lookupNode", node, default=None))
         try:
-            return bool(xmlrpc.client.ServerProxy(uri or "", _Transport(_NODE_TIMEOUT_S)).getPid(self._caller))
+            return self._ping(node)
         except _ERRORS:
             return False
+
+    def is_gone(self, node: str) -> bool:
+        """Returns whether a node has left the master, or has no process any more."""
+        try:
+            self._ping(node)
+        except ConnectionRefusedError:
+            return True
+        except _ERRORS:
+            return False
+        return False
+
+    def _ping(self, node: str) -> bool:
+        """Raises one of `_ERRORS` if a node does not answer."""
+        uri = self._read(_text, self._call("lookupNode", node, default=None))
+        if uri is None:
+            raise ConnectionRefusedError(f"the master does not know {node}")
+        return bool(xmlrpc.client.ServerProxy(uri, _Transport(_NODE_TIMEOUT_S)).getPid(self._caller))
 
     def parameter(self, name: str, default: Any) -> Any:
         """Returns a parameter, or `default` if it is not set."""

@@ -22,7 +22,7 @@ import rospy.topics
 
 from ..core.config.parameters import Parameter
 from ..core.messages.dialect import Message
-from ..core.port.graph import NOT_COUNTED, Found, Wanted, count
+from ..core.port.graph import NOT_COUNTED, Counts, Wanted, count, is_pattern, matching
 from ..core.port.hints import Answer, explain, similar_topics
 from ..core.port.middleware import Callback, OnChange, RawCallback, RawFormat, Severity
 from ..core.port.timers import PeriodicSchedule
@@ -30,7 +30,6 @@ from ..core.values.errors import ConfigError, ServiceError
 from ..core.values.field_path import ABSENT, Getter
 from ..core.values.formatting import with_degree_sign
 from ..core.values.names import canonical_type, resolve_name, split_type_name
-from ..core.values.patterns import matches_pattern
 from ..runtime.native_node import NativeNode
 from ..runtime.threads import MonotonicEvent
 from . import messages
@@ -49,10 +48,55 @@ _QUEUE_SIZE = 1000
 """Messages that may wait to be sent to a subscriber, then the oldest are lost. Incoming ones wait at their sender."""
 
 
+class _Timer(threading.Thread):
+    """Calls back every period of a clock; `active` says whether to, as a call may have begun when it is cancelled.
+
+    Not a rospy.Timer: that one ends with the first exception, calls at once if time goes back, several times if it
+    jumps ahead, and follows the wall clock when NTP steps it.
+    """
+
+    def __init__(self, node: Ros1Middleware, period_s: float, callback: Callable[[float], None], steady: bool) -> None:
+        super().__init__(daemon=True)
+        self._node = node
+        self._callback = callback
+        self._simulated = not steady
+        self._clock = time.monotonic if steady else node._clock
+        self._cancelled = MonotonicEvent()
+        self._last_s = self._clock()
+        self._schedule = PeriodicSchedule(period_s, self._last_s)
+        self.start()
+
+    @property
+    def active(self) -> bool:
+        return not self._cancelled.is_set()
+
+    def cancel(self) -> None:
+        self._cancelled.set()
+
+    def run(self) -> None:
+        while self.active:
+            now_s = self._clock()
+            if now_s < self._last_s or self._is_clock_unset():
+                self._schedule.restart(now_s)
+            self._last_s = now_s
+            if now_s >= self._schedule.due_s and not self._is_clock_unset():
+                self._schedule.advance(now_s)
+                self._node._call_timer(self, self._callback)
+            elif self._simulated:
+                _wait_while(self._clock, now_s)
+            else:
+                self._cancelled.wait(self._schedule.due_s - now_s)
+
+    def _is_clock_unset(self) -> bool:
+        """Until the first message on /clock rospy's simulated time is 0; periods begin with that message."""
+        return self._simulated and self._last_s == 0.0
+
+
 class Ros1Middleware(NativeNode):
     """One logical node of this process; implements `core.middleware.Middleware`. Call `rospy.init_node` first."""
 
     graph_period_s = 2.0
+    _timer_class = _Timer
 
     def __init__(self, name: str = "") -> None:
         """Creates the node.
@@ -66,7 +110,7 @@ class Ros1Middleware(NativeNode):
         super().__init__(
             resolve_name(name or rospy.get_name(), rospy.get_name()),
             messages.native,
-            PublisherLookup(self._master, self._own_topics).look_up,
+            PublisherLookup(self._master, self._own_topics, self._last_publishers).look_up,
             None if rospy.rostime.is_wallclock() else rospy.get_time,
         )
         self.parameters = NodeParameters(self._master, self.name)
@@ -139,6 +183,7 @@ class Ros1Middleware(NativeNode):
         lock, clock, simulated, log_failure = self._lock, self._clock, self._simulated, self._log_failure
 
         def deliver(native: Any, subscription: Subscription) -> None:
+            subscription.header = native._connection_header
             if simulated and clock() == 0.0:
                 self._wait_for_first_clock_message(subscription)
             with lock:
@@ -148,7 +193,10 @@ class Ros1Middleware(NativeNode):
                     except Exception as error:
                         log_failure(error)
 
-        return self._keep(Subscription(resolved, cls, deliver))
+        subscription = Subscription(resolved, cls, deliver)
+        with self._lock:
+            self._subscriptions.append(subscription)
+        return subscription
 
     def serialize(self, type_name: str, message: Message) -> Tuple[bytes, RawFormat]:
         native = self._stamped(messages.message_class(type_name), message)
@@ -161,29 +209,33 @@ class Ros1Middleware(NativeNode):
     def why_silent(self, topic: str, type_name: str) -> Optional[str]:
         return self._hints.get(rospy.resolve_name(self._resolve(topic)), type_name)
 
-    def check_graph(self, key: str) -> None:
+    def graph_name(self, key: str, name: str) -> str:
         if key == "lifecycle":
             raise ConfigError("ROS 1 has no lifecycle nodes")
+        resolved = self._resolve(name)
+        return resolved if is_pattern(name) else str(rospy.resolve_name(resolved))
 
-    def _find(self, wanted: Collection[Wanted]) -> Found:
+    def _count(self, wanted: Collection[Wanted]) -> Counts:
         publishers, subscribers, services = self._master.system_state()
         nodes = {node for kind in (publishers, subscribers, services) for _, users in kind for node in users}
-        watched = {node for node in nodes for key, name in wanted if key == "node" and matches_pattern(node, name)}
-        for kind, endpoints in (("publishers", publishers), ("subscribers", subscribers)):
-            topics = [name for key, name in wanted if key == kind]
-            for topic, users in endpoints:
-                if any(matches_pattern(topic, name) for name in topics):
-                    watched.update(users)
-        own, own_topics = rospy.get_name(), self._own_topics()
+        watched = matching(wanted, "node", nodes)
+        for kind, endpoints in (("publishers", dict(publishers)), ("subscribers", dict(subscribers))):
+            watched.update(node for topic in matching(wanted, kind, endpoints) for node in endpoints[topic])
+        own = rospy.get_name()
         gone = self._node_checks.gone(watched - {own}) | {NOT_COUNTED}
 
-        def others(endpoints: Sequence[Tuple[str, List[str]]]) -> Iterator[str]:
+        def others(endpoints: Sequence[Tuple[str, List[str]]], own_topics: Set[str]) -> Iterator[str]:
             for topic, users in endpoints:
                 for user in users:
                     if user not in gone and not (user == own and topic in own_topics):
                         yield topic
 
-        return count(wanted, nodes - gone, others(publishers), others(subscribers))
+        return count(
+            wanted,
+            nodes - gone,
+            others(publishers, self._published_topics()),
+            others(subscribers, self._subscribed_topics()),
+        )
 
     def advertise_service(self, service: str, type_name: str, handler: Callable[[Message], Message]) -> None:
         def locked(request: Message) -> Message:
@@ -192,12 +244,6 @@ class Ros1Middleware(NativeNode):
                 return handler(request)
 
         self._serve(service, type_name, locked)
-
-    def create_timer(self, period_s: float, callback: Callable[[float], None], *, steady: bool = False) -> _Timer:
-        with self._lock:
-            timer = _Timer(self, period_s, callback, steady=steady or not self._simulated)
-            self._timers = [*(known for known in self._timers if known.is_alive()), timer]
-        return timer
 
     def log(self, severity: Severity, text: str) -> None:
         stream = "stdout" if severity < Severity.WARN else "stderr"
@@ -246,21 +292,27 @@ class Ros1Middleware(NativeNode):
         while subscription.active and self._clock() == 0.0 and not rospy.is_shutdown():
             _wait_while(self._clock, 0.0)
 
-    def _keep(self, subscription: Subscription) -> Subscription:
-        with self._lock:
-            self._subscriptions.append(subscription)
-        return subscription
-
     def _end(self, subscription: Subscription) -> None:
         subscription.end()
 
     def _stamp(self) -> Any:
         return rospy.Time.now()
 
+    def _published_topics(self) -> Set[str]:
+        """Returns the topics that this node publishes, as the master knows them. May be called in any thread."""
+        return {publisher.resolved_name for publisher, _ in tuple(self._publishers.values())}
+
+    def _subscribed_topics(self) -> Set[str]:
+        """Returns the topics that it subscribes to, as the master knows them. May be called in any thread."""
+        return {subscription.topic for subscription in tuple(self._subscriptions)}
+
     def _own_topics(self) -> Set[str]:
-        """Returns the topics of this node, as the master knows them. May be called in any thread."""
-        advertised = {publisher.resolved_name for publisher, _ in tuple(self._publishers.values())}
-        return advertised | {subscription.topic for subscription in tuple(self._subscriptions)}
+        return self._published_topics() | self._subscribed_topics()
+
+    def _last_publishers(self, topic: str) -> Set[str]:
+        """Returns the nodes whose messages on a topic came last. May be called in any thread."""
+        headers = [each.header for each in tuple(self._subscriptions) if each.topic == topic]
+        return {str(header["callerid"]) for header in headers if "callerid" in header}
 
     def _resolve(self, name: str) -> str:
         """Returns the absolute name. It is not remapped: rospy remaps every name that it gets."""
@@ -294,6 +346,8 @@ class Subscription:
     def __init__(self, topic: str, cls: Any, deliver: Callable[[Any, Subscription], None]) -> None:
         """Subscribes; `deliver` receives each native message with this object, in a thread of its publisher."""
         self.active = True
+        self.header: Mapping[str, str] = {}
+        """That of the connection which brought the latest message."""
         self._subscriber = rospy.Subscriber(topic, cls, deliver, self, tcp_nodelay=True)
         self.topic: str = self._subscriber.resolved_name
 
@@ -324,10 +378,20 @@ def _unregister(topic: Any) -> None:
 class PublisherLookup:
     """Asks the master in a thread, which ends when it has answered: neither a callback nor a tick waits for it."""
 
-    def __init__(self, master: Master, own_topics: Callable[[], Container[str]]) -> None:
-        """Asks nothing yet; `own_topics` returns the resolved topics that the node itself uses, in the thread."""
+    def __init__(
+        self,
+        master: Master,
+        own_topics: Callable[[], Container[str]],
+        last_publishers: Callable[[str], Collection[str]] = lambda topic: (),
+    ) -> None:
+        """Asks nothing yet.
+
+        `own_topics` returns the resolved topics that the node itself uses, `last_publishers` the nodes whose messages
+        on a topic came last; both are called in the thread.
+        """
         self._master = master
         self._own_topics = own_topics
+        self._last_publishers = last_publishers
         self._lock = threading.Lock()
         self._questions: Dict[Tuple[str, str], Answer] = {}
         self._is_asking = False
@@ -350,7 +414,15 @@ class PublisherLookup:
             published = self._published()
             own = self._own_topics()
             for (topic, type_name), answer in questions.items():
-                answer(None if published is None else _explain(topic, type_name, published, own))
+                answer(None if published is None else self._explain(topic, type_name, published, own))
+
+    def _explain(self, topic: str, type_name: str, published: Mapping[str, str], own: Container[str]) -> Optional[str]:
+        try:
+            gone = [node for node in self._last_publishers(topic) if self._master.is_gone(node)]
+        except ServiceError:
+            gone = []
+        types = [published[topic]] if topic in published and not gone else []
+        return explain(topic, type_name, types, similar_topics(topic, type_name, published, own), gone)
 
     def _published(self) -> Optional[Mapping[str, str]]:
         """Returns the type of each topic that has a publisher; None: the master does not answer."""
@@ -360,55 +432,6 @@ class PublisherLookup:
         except ServiceError:
             return None
         return {topic: types.get(topic, "") for topic, nodes in publishers if nodes}
-
-
-def _explain(topic: str, type_name: str, published: Mapping[str, str], own: Container[str]) -> Optional[str]:
-    found = [published[topic]] if topic in published else []
-    return explain(topic, type_name, found, similar_topics(topic, type_name, published, own))
-
-
-class _Timer(threading.Thread):
-    """Calls back every period of a clock; `active` says whether to, as a call may have begun when it is cancelled.
-
-    Not a rospy.Timer: that one ends with the first exception, calls at once if time goes back, several times if it
-    jumps ahead, and follows the wall clock when NTP steps it.
-    """
-
-    def __init__(self, node: Ros1Middleware, period_s: float, callback: Callable[[float], None], steady: bool) -> None:
-        super().__init__(daemon=True)
-        self._node = node
-        self._callback = callback
-        self._simulated = not steady
-        self._clock = time.monotonic if steady else node._clock
-        self._cancelled = MonotonicEvent()
-        self._last_s = self._clock()
-        self._schedule = PeriodicSchedule(period_s, self._last_s)
-        self.start()
-
-    @property
-    def active(self) -> bool:
-        return not self._cancelled.is_set()
-
-    def cancel(self) -> None:
-        self._cancelled.set()
-
-    def run(self) -> None:
-        while self.active:
-            now_s = self._clock()
-            if now_s < self._last_s or self._is_clock_unset():
-                self._schedule.restart(now_s)
-            self._last_s = now_s
-            if now_s >= self._schedule.due_s and not self._is_clock_unset():
-                self._schedule.advance(now_s)
-                self._node._call_timer(self, self._callback)
-            elif self._simulated:
-                _wait_while(self._clock, now_s)
-            else:
-                self._cancelled.wait(self._schedule.due_s - now_s)
-
-    def _is_clock_unset(self) -> bool:
-        """Until the first message on /clock rospy's simulated time is 0; periods begin with that message."""
-        return self._simulated and self._last_s == 0.0
 
 
 def _wait_while(clock: Callable[[], float], now_s: float) -> None:

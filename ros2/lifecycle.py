@@ -20,7 +20,7 @@ class LifecycleStates:
         """Returns the ids of the states that were answered since the last reading, and calls again."""
         for name in self._calls.keys() - set(names):
             self._node.destroy_client(self._calls.pop(name)[0])
-        found: Dict[str, float] = {}
+        states: Dict[str, float] = {}
         for name in names:
             client, future = self._calls.get(name, (None, None))
             if client is None:
@@ -28,9 +28,9 @@ class LifecycleStates:
                     messages.service_class("lifecycle_msgs/GetState"), f"{name}/get_state"
                 )
             elif future is not None and future.done() and future.exception() is None:
-                found[name] = float(future.result().current_state.id)
+                states[name] = float(future.result().current_state.id)
             elif future is not None:
                 client.remove_pending_request(future)
             is_ready = client.service_is_ready()
             self._calls[name] = client, client.call_async(client.srv_type.Request()) if is_ready else None
-        return found
+        return states

@@ -20,19 +20,18 @@ from rclpy.serialization import deserialize_message, serialize_message
 
 from ..core.config.parameters import Parameter
 from ..core.messages.dialect import Message
-from ..core.port.graph import Found, Wanted, count, is_pattern
+from ..core.port.graph import Counts, Wanted, count, is_pattern, matching
 from ..core.port.middleware import Callback, OnChange, RawCallback, RawFormat, Severity
 from ..core.values.errors import ConfigError
 from ..core.values.field_path import ABSENT, Getter
 from ..core.values.formatting import with_degree_sign
-from ..core.values.names import canonical_type
-from ..core.values.patterns import matches_pattern
+from ..core.values.names import canonical_type, resolve_name
 from ..runtime.native_node import NativeNode
 from . import messages
 from .definitions import raw_format
 from .lifecycle import LifecycleStates
 from .parameters import NodeParameters, ParameterNode
-from .publishers import PublisherLookup, are_latched, has_best_effort
+from .publishers import PublisherLookup, are_latched, full_name, has_best_effort, node_names
 
 _QUEUE_SIZE = 1000
 """Outgoing messages that a reliable subscriber may still request, then the oldest are lost: room for many alerts."""
@@ -54,8 +53,35 @@ _QOS_CHECK_PERIOD_S = 1.0
 """Period of the check for publishers with an incompatible QoS, in s."""
 
 
+class _Timer:
+    """A timer of rclpy. It may still call back when it was cancelled: `active` says whether to."""
+
+    def __init__(self, node: Ros2Middleware, period_s: float, callback: Callable[[float], None], steady: bool) -> None:
+        self.active = True
+        self._node = node
+        self._callback = callback
+        self._steady = steady
+        clock = node._steady_clock if steady else node._ros_clock
+        self._native = node.node.create_timer(period_s, self._call, clock=clock)
+
+    def restart(self) -> None:
+        if self.active and not self._steady:
+            self._native.reset()
+
+    def cancel(self) -> None:
+        with self._node._lock:
+            if self.active:
+                self.active = False
+                self._node.node.destroy_timer(self._native)
+
+    def _call(self) -> None:
+        self._node._call_timer(self, self._callback)
+
+
 class Ros2Middleware(NativeNode):
     """One rclpy node; implements `core.middleware.Middleware`. It works while an executor spins `node`."""
+
+    _timer_class = _Timer
 
     def __init__(self, name: str, context: Optional[Context] = None, **options: Any) -> None:
         """Creates the node.
@@ -68,10 +94,11 @@ class Ros2Middleware(NativeNode):
         self.node = ParameterNode(name, context=context, **options)
         self._logger = self.node.get_logger()
         self._ros_clock = self.node.get_clock()
+        self._lookup = PublisherLookup(self.node, self._own_topics, self._qos_of)
         super().__init__(
             self.node.get_fully_qualified_name(),
             messages.native,
-            PublisherLookup(self.node, self._own_topics, self._qos_of).look_up,
+            self._lookup.look_up,
             self._ros_time_s if self._ros_clock.ros_time_is_active else None,
         )
         self.parameters = NodeParameters(self.node)
@@ -137,32 +164,32 @@ class Ros2Middleware(NativeNode):
         with self._lock:
             return self._hints.get(self._resolve(topic), type_name)
 
-    def check_graph(self, key: str) -> None:
+    def graph_name(self, key: str, name: str) -> str:
         if key == "lifecycle":
             messages.service_class(_GET_STATE)
+        is_topic = key in ("publishers", "subscribers") and not is_pattern(name)
+        return self._resolve(name) if is_topic else resolve_name(name, self.name)
 
-    def _find(self, wanted: Collection[Wanted]) -> Found:
+    def _count(self, wanted: Collection[Wanted]) -> Counts:
         node = self.node
-        names = [f"{namespace.rstrip('/')}/{name}" for name, namespace in node.get_node_names_and_namespaces()]
+        names = node_names(node)
         publishers = self._endpoints("publishers", wanted, node.get_publishers_info_by_topic)
         subscribers = self._endpoints("subscribers", wanted, node.get_subscriptions_info_by_topic)
-        found = count(wanted, names, publishers, subscribers)
+        counts = count(wanted, names, publishers, subscribers)
         watched = {name for key, name in wanted if key == "lifecycle"}
-        found.update((("lifecycle", name), 0.0) for name in watched.difference(names))
+        counts.update((("lifecycle", name), 0.0) for name in watched.difference(names))
         for name, state in self._states.read(watched.intersection(names)).items():
-            found["lifecycle", name] = state
-        return found
+            counts["lifecycle", name] = state
+        return counts
 
     def _endpoints(self, key: str, wanted: Collection[Wanted], infos: Callable[[str], Any]) -> Iterator[str]:
         """Yields the topic of each endpoint of another node."""
-        names = {name for its_key, name in wanted if its_key == key}
-        topics = {name for name in names if not is_pattern(name)}
-        if topics != names:
-            present = self.topic_types()
-            topics |= {each for each in present if any(matches_pattern(each, name) for name in names)}
+        topics = {name for its_key, name in wanted if its_key == key}
+        if any(map(is_pattern, topics)):
+            topics = matching(wanted, key, self.topic_types())
         for topic in topics:
             for info in infos(topic):
-                if f"{info.node_namespace.rstrip('/')}/{info.node_name}" != self.name:
+                if full_name(info.node_name, info.node_namespace) != self.name:
                     yield topic
 
     def advertise_service(self, service: str, type_name: str, handler: Callable[[Message], Message]) -> None:
@@ -180,12 +207,6 @@ class Ros2Middleware(NativeNode):
                     return response
 
         self.node.create_service(cls, _native_name(service), answer)
-
-    def create_timer(self, period_s: float, callback: Callable[[float], None], *, steady: bool = False) -> _Timer:
-        with self._lock:
-            timer = _Timer(self, period_s, callback, steady=steady or not self._simulated)
-            self._timers.append(timer)
-        return timer
 
     def log(self, severity: Severity, text: str) -> None:
         if self.node.context.ok():  # otherwise rcl would print that it cannot publish the line
@@ -372,10 +393,11 @@ class Ros2Middleware(NativeNode):
                         self._start(subscription, type_name)
                     except ConfigError as error:
                         self._failures.write(subscription.topic, Severity.ERROR, str(error))
+            numbers = {topic: self.node.count_publishers(topic) for topic, _, _ in self._channels}
+            self._lookup.remember(numbers)
             for channel in tuple(self._channels.values()):
                 topic, cls, _ = channel.key
-                unheard = self.node.count_publishers(topic) > channel.native.get_publisher_count()
-                if not unheard:
+                if numbers[topic] <= channel.native.get_publisher_count():
                     continue
                 own = (topic, cls, False)
                 becomes_volatile = channel.may_be_volatile and own not in self._channels
@@ -432,32 +454,6 @@ class _Channel:
     def may_be_volatile(self) -> bool:
         """Whether it receives latched messages only because all publishers were latched when it began."""
         return self.key[2] and all(reader.is_raw or not reader.is_latched for reader in self.readers)
-
-
-class _Timer:
-    """A timer of rclpy. It may still call back when it was cancelled: `active` says whether to."""
-
-    def __init__(self, node: Ros2Middleware, period_s: float, callback: Callable[[float], None], steady: bool) -> None:
-        self.active = True
-        self._node = node
-        self._callback = callback
-        self._steady = steady
-        clock = node._steady_clock if steady else node._ros_clock
-        self._native = node.node.create_timer(period_s, self._call, clock=clock)
-
-    def restart(self) -> None:
-        if self.active and not self._steady:
-            self._native.reset()
-
-    def cancel(self) -> None:
-        with self._node._lock:
-            if self.active:
-                self.active = False
-                self._node._timers.remove(self)
-                self._node.node.destroy_timer(self._native)
-
-    def _call(self) -> None:
-        self._node._call_timer(self, self._callback)
 
 
 def _native_name(name: str) -> str:

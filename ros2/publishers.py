@@ -3,15 +3,26 @@
 from __future__ import annotations
 
 import time
-from typing import Callable, Container, Iterator, Mapping, Sequence
+from typing import Callable, Collection, Container, Dict, Iterator, List, Mapping, Sequence, Tuple
 
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSCompatibility, QoSProfile, ReliabilityPolicy, qos_check_compatible
+from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from ..core.port.hints import INCOMPATIBLE_QOS, Answer, explain, similar_topics
 
 _TOPICS_PERIOD_S = 1.0
 """Reading the list of all topics takes milliseconds on a large graph; several signals may need it at once."""
+
+
+def full_name(name: str, namespace: str) -> str:
+    """Returns the fully qualified name of a node."""
+    return f"{namespace.rstrip('/')}/{name}"
+
+
+def node_names(node: Node) -> List[str]:
+    """Returns the fully qualified names of all nodes; one that several nodes have is there several times."""
+    return [full_name(*each) for each in node.get_node_names_and_namespaces()]
 
 
 def has_best_effort(node: Node, topic: str) -> bool:
@@ -42,12 +53,28 @@ class PublisherLookup:
         self._qos_of = qos_of
         self._topics: Mapping[str, str] = {}
         self._read_s = float("-inf")
+        self._publishers: Dict[str, Tuple[int, Collection[str]]] = {}
+        """How many publishers each topic has now, and the nodes of the latest ones."""
+
+    def remember(self, numbers: Mapping[str, int]) -> None:
+        """Remembers the nodes that publish, by the number of publishers of each topic of interest."""
+        before, self._publishers = self._publishers, {}
+        for topic, number in numbers.items():
+            last, nodes = before.get(topic, (0, ()))
+            if number not in (0, last):
+                nodes = _nodes_of(self._node.get_publishers_info_by_topic(topic))
+            self._publishers[topic] = number, nodes
 
     def look_up(self, topic: str, type_name: str, answer: Answer) -> None:
         """Answers at once: why a topic brings no samples; None if nothing is known. See `hints.Hints`."""
         publishers = self._node.get_publishers_info_by_topic(topic)
         types = [publisher.topic_type for publisher in publishers]
-        text = explain(topic, type_name, types, self._similar(topic, type_name))
+        gone: Collection[str] = ()
+        if publishers:
+            self._publishers[topic] = len(publishers), _nodes_of(publishers)
+        elif topic in self._publishers:
+            gone = set(self._publishers[topic][1]).difference(node_names(self._node))
+        text = explain(topic, type_name, types, self._similar(topic, type_name), gone)
         if publishers and text is None:
             wanted = self._qos_of(topic)
             offered = [publisher.qos_profile for publisher in publishers]
@@ -62,6 +89,10 @@ class PublisherLookup:
             self._read_s = now_s
         similar = similar_topics(topic, type_name, self._topics, self._own_topics())
         return (name for name in similar if self._node.count_publishers(name))
+
+
+def _nodes_of(publishers: Sequence[TopicEndpointInfo]) -> Collection[str]:
+    return {full_name(each.node_name, each.node_namespace) for each in publishers}
 
 
 def _is_compatible(offered: QoSProfile, wanted: QoSProfile) -> bool:

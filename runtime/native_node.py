@@ -12,7 +12,7 @@ from typing import Any, Callable, Collection, Dict, List, Optional, Tuple, Union
 
 from ..core.messages.dialect import Message
 from ..core.messages.native_messages import NativeMessages
-from ..core.port.graph import Found, GraphCallback, Wanted
+from ..core.port.graph import Counts, GraphCallback, Unread, Wanted
 from ..core.port.hints import Answer, Hints
 from ..core.port.log_limit import LimitedLog
 from ..core.port.middleware import NOTHING_CHANGED, Result, Severity
@@ -28,6 +28,8 @@ class NativeNode(abc.ABC):
 
     graph_period_s = 1.0
     """Time between two readings of the graph, in s."""
+    _timer_class: Any
+    """Class of timers: by node, period in s, callback, and whether they are on steady time."""
 
     def __init__(
         self,
@@ -69,7 +71,7 @@ class NativeNode(abc.ABC):
         """Returns the present ROS time as messages have it."""
 
     @abc.abstractmethod
-    def _find(self, wanted: Collection[Wanted]) -> Found:
+    def _count(self, wanted: Collection[Wanted]) -> Counts:
         """Returns what is wanted of the graph; called in a thread. Raises ServiceError if it cannot be read."""
 
     def follow_graph(self, wanted: Callable[[], Collection[Wanted]], callback: GraphCallback) -> GraphTimer:
@@ -92,6 +94,12 @@ class NativeNode(abc.ABC):
     def publish(self, topic: str, message: Message) -> None:
         publisher, cls = self._advertised(topic)
         publisher.publish(self._stamped(cls, message))
+
+    def create_timer(self, period_s: float, callback: Callable[[float], None], *, steady: bool = False) -> Any:
+        with self._lock:
+            timer = self._timer_class(self, period_s, callback, steady or not self._simulated)
+            self._timers = [*(known for known in self._timers if known.active), timer]
+        return timer
 
     def unsubscribe(self, subscription: Any) -> None:
         with self._lock:
@@ -150,12 +158,12 @@ class GraphTimer:
     def _read(self) -> float:
         node = self._node
         if self.active and not node.waiting_for_clock():
-            found: Union[Found, str]
+            counts: Union[Counts, Unread]
             try:
-                found = node._find(self._wanted())
+                counts = node._count(self._wanted())
             except ServiceError as error:
-                found = str(error)
-            node._call_timer(self, lambda now_s: self._callback(found, now_s))
+                counts = Unread(str(error))
+            node._call_timer(self, lambda now_s: self._callback(counts, now_s))
         return node.graph_period_s
 
 

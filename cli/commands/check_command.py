@@ -30,7 +30,7 @@ from ...core.values.formatting import count_text, printable
 from ...core.values.names import split_type_name
 from ...ops.configuration import SECTIONS, OpsConfig, read_ops
 from ...runtime.interrupts import Interrupts
-from ..arguments import Parser
+from ..arguments import Parser, add
 from ..exit_codes import ExitCode
 from ..fleet_configuration import is_fleet_file, read_entries
 
@@ -52,8 +52,8 @@ _TOPIC = re.compile(r"(~/?|/)?[A-Za-z_]\w*(/\w+)*\Z", re.ASCII)
 def add_arguments(parser: Parser) -> None:
     """Adds the arguments of the command."""
     parser.description = "Checks configuration files as the nodes do, and reports mistakes with file, line and key."
-    parser.add_argument("--verbose", action="store_true", help="list all allowed keys beside each unknown one")
-    parser.add_argument("files", metavar="FILE", nargs="+", help="a thresholds.yaml, ops.yaml or fleet.yaml")
+    add(parser, "--verbose", "list all allowed keys beside each unknown one")
+    add(parser, "FILE...", "a thresholds.yaml, ops.yaml or fleet.yaml", dest="files")
 
 
 def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:

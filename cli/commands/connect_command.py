@@ -11,7 +11,7 @@ from ...core.port.middleware import Severity
 from ...ops.configuration import ServerOptions
 from ...runtime.interrupts import Interrupts
 from ...runtime.libraries import ROSBRIDGE, libraries
-from ..arguments import Parser, add_monitoring_options, add_namespace, add_token_file, find_installed, port
+from ..arguments import Parser, add, add_monitoring_options, add_robot_server, find_installed, port
 from ..fleet_configuration import FleetReader, Options, read_addresses
 from ..monitor_process import MonitorProcess, choose_output
 from ..serving import ServerSettings, merged_settings
@@ -31,32 +31,29 @@ def add_arguments(parser: Parser) -> None:
         "re-established automatically. Meanwhile the robot's signals raise no alerts. Nothing is published on the "
         "robots. SIGHUP reads the configuration, ops.yaml and the tokens again and changes only what differs."
     )
-    parser.add_argument(
-        "urls",
-        metavar="URL",
-        nargs="*",
-        help="host:port or ws://host:port (rosbridge), wss://host:port, foxglove://host:port, "
-        "foxglove+tls://host:port; NAME=ADDRESS names the robot",
+    add(
+        parser,
+        "[URL]...",
+        "host:port or ws://host:port (rosbridge), wss://host:port, foxglove://host:port, foxglove+tls://host:port; "
+        "NAME=ADDRESS names the robot",
+        dest="urls",
     )
-    parser.add_argument(
-        "--fleet",
-        metavar="FILE",
+    add(
+        parser,
+        "--fleet FILE",
+        "a fleet.yaml with further robots; --thresholds, --namespace, --robot-token-file and --ca apply where it names "
+        "none",
         default="",
-        help="a fleet.yaml with further robots; --thresholds, --namespace, --robot-token-file and --ca apply where "
-        "it names none",
     )
-    add_namespace(parser, "namespace of the robots' topics")
-    add_token_file(parser, "--robot-token-file", "to present to the robots' servers")
-    parser.add_argument(
-        "--ca", metavar="FILE", default="", help="certificate authorities to trust, for wss:// and foxglove+tls://"
-    )
-    parser.add_argument(
+    add_robot_server(parser, "robots'")
+    add(
+        parser,
         "--port",
-        type=port,
-        help="serve alerts and /diagnostics of all robots to rosbridge clients on this port; 0 picks a free one "
+        "serve alerts and /diagnostics of all robots to rosbridge clients on this port; 0 picks a free one "
         "(default: no server)",
+        type=port,
     )
-    parser.add_argument("--host", metavar="ADDRESS", default="", help="address of that server (default: 127.0.0.1)")
+    add(parser, "--host ADDRESS", "address of that server (default: 127.0.0.1)", default="")
     add_monitoring_options(parser)
     parser.check = _check
 

@@ -15,7 +15,7 @@ from ...ops.export.fleet import FleetSettings, export_fleet, require_address, re
 from ...ops.export.grafana import export_dashboard
 from ...ops.export.prometheus import export_rules
 from ...runtime.interrupts import Interrupts
-from ..arguments import Parser, add_namespace, duration, robot_name, seconds
+from ..arguments import Parser, add, add_namespace, checked, duration, robot_name, seconds
 from ..exit_codes import ExitCode
 from ..fleet_configuration import read_entries
 
@@ -32,107 +32,54 @@ def add_arguments(parser: Parser) -> None:
         description="Writes a rule file for Prometheus 2.42 or vmalert 1.79, or newer: an alert for each level that a "
         "monitor announces, and one for a monitor that does not run. It is the same for all thresholds.",
     )
-    prometheus.add_argument(
-        "--robot",
-        metavar="NAME",
+    add(
+        prometheus,
+        "--robot NAME...",
+        "robot that the rules apply to (repeatable; default: all)",
         type=robot_name,
-        action="append",
-        default=[],
-        help="robot that the rules apply to (repeatable; default: all)",
     )
-    prometheus.add_argument(
-        "--interval",
-        metavar="SECONDS",
-        type=seconds,
-        default=15.0,
-        help="interval of scrapes and evaluations, at most 120 (default: 15)",
-    )
+    meaning = "interval of scrapes and evaluations, at most 120 (default: 15)"
+    add(prometheus, "--interval SECONDS", meaning, type=seconds, default=15.0)
+    add(prometheus, "[FILE]", "a thresholds.yaml to check as well")
     grafana = targets.add_parser(
         "grafana", help="a dashboard", description="Writes a dashboard in JSON, to import into Grafana 9 or newer."
     )
+    add(grafana, "FILE", "a thresholds.yaml")
     fleet = targets.add_parser(
         "fleet",
         help="the files of a fleet whose robots push",
         description="Writes the configuration of an agent for the robots, and of the centre that they push to: "
         "Prometheus or VictoriaMetrics, with Alertmanager. README.md in the folder says what to do with them.",
     )
+    add(fleet, "FILE", "a thresholds.yaml, for the dashboard")
+    add(fleet, "[FLEET]", "a fleet.yaml: its robots must report (default: those that reported in the last 24 h)")
+    add(fleet, "--receiver URL", "full URL of the centre's remote write", required=True)
+    add(fleet, "--to FOLDER", "folder to write the files to", required=True)
+    meaning = "longest outage in which no data are lost (default: 24h)"
+    add(fleet, "--outage TIME", meaning, type=duration, default=86_400.0)
+    add(fleet, "--interval SECONDS", "scrape interval, at most 120 (default: 15)", type=seconds, default=15.0)
+    meaning = "time without a report after which a robot is an alert (default: 15m)"
+    add(fleet, "--silent-after TIME", meaning, type=duration, default=900.0)
+    add(fleet, "--monitor HOST:PORT...", "monitor that an agent scrapes (repeatable; default: 127.0.0.1:9090)")
     sros2 = targets.add_parser(
         "sros2",
         help="a policy for SROS2",
         description="Writes the access control policy of the nodes with this configuration, for "
         "`ros2 security generate_artifacts`. The nodes share one enclave.",
     )
-    prometheus.add_argument("file", metavar="FILE", nargs="?", default="", help="a thresholds.yaml to check as well")
-    grafana.add_argument("file", metavar="FILE", help="a thresholds.yaml")
-    fleet.add_argument("file", metavar="FILE", help="a thresholds.yaml, for the dashboard")
-    sros2.add_argument("file", metavar="FILE", help="a thresholds.yaml")
-    _add_fleet_arguments(fleet)
-    _add_policy_arguments(sros2)
-
-
-def _add_fleet_arguments(fleet: Parser) -> None:
-    fleet.add_argument(
-        "fleet",
-        metavar="FLEET",
-        nargs="?",
-        default="",
-        help="a fleet.yaml: its robots must report (default: those that reported in the last 24 h)",
-    )
-    fleet.add_argument("--receiver", metavar="URL", required=True, help="full URL of the centre's remote write")
-    fleet.add_argument("--to", metavar="FOLDER", required=True, help="folder to write the files to")
-    fleet.add_argument(
-        "--outage",
-        metavar="TIME",
-        type=duration,
-        default=86_400.0,
-        help="longest outage in which no data are lost (default: 24h)",
-    )
-    fleet.add_argument(
-        "--interval", metavar="SECONDS", type=seconds, default=15.0, help="scrape interval, at most 120 (default: 15)"
-    )
-    fleet.add_argument(
-        "--silent-after",
-        metavar="TIME",
-        type=duration,
-        default=900.0,
-        help="time without a report after which a robot is an alert (default: 15m)",
-    )
-    fleet.add_argument(
-        "--monitor",
-        metavar="HOST:PORT",
-        action="append",
-        default=[],
-        help="monitor that an agent scrapes (repeatable; default: 127.0.0.1:9090)",
-    )
-
-
-def _add_policy_arguments(sros2: Parser) -> None:
+    add(sros2, "FILE", "a thresholds.yaml")
     add_namespace(sros2, "namespace of the nodes, the launch argument robot_name (default: none)")
-    sros2.add_argument(
-        "--sensors",
-        choices=("simulated", "host", "none"),
-        default="simulated",
-        help="the launch argument sensors (default: simulated)",
-    )
-    sros2.add_argument(
-        "--remap",
-        metavar="FROM:=TO",
-        type=_remapping,
-        action="append",
-        default=[],
-        help="name that the launch file remaps (repeatable)",
-    )
-    sros2.add_argument("--ops", metavar="FILE", default="", help="an ops.yaml: its black box and its server")
-    sros2.add_argument(
-        "--enclave", metavar="PATH", default="", help="the enclave (default: health_monitor in the namespace)"
-    )
+    sensors = ("simulated", "host", "none")
+    add(sros2, "--sensors", "the launch argument sensors (default: simulated)", choices=sensors, default="simulated")
+    remapping = checked("FROM:=TO, such as battery_level:=/bms/level", _remapping, all)
+    add(sros2, "--remap FROM:=TO...", "name that the launch file remaps (repeatable)", type=remapping)
+    add(sros2, "--ops FILE", "an ops.yaml: its black box and its server")
+    add(sros2, "--enclave PATH", "the enclave (default: health_monitor in the namespace)", default="")
 
 
 def _remapping(text: str) -> Tuple[str, str]:
-    """Returns the two names of a remapping."""
-    name, separator, to = text.partition(":=")
-    if not (name and separator and to):
-        raise argparse.ArgumentTypeError(f"expected FROM:=TO, such as battery_level:=/bms/level, got {text!r}")
+    """Returns the two names of a remapping, of which one may be empty."""
+    name, _, to = text.partition(":=")
     return name, to
 
 

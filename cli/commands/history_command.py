@@ -27,7 +27,7 @@ from ...ops.store.summary import SignalSummary, summarize
 from ...runtime.interrupts import Interrupts
 from ...runtime.libraries import libraries
 from ...runtime.times import DATE_TIME, local_time
-from ..arguments import Parser, alert_id
+from ..arguments import Parser, add, alert_id, checked
 from ..exit_codes import ExitCode
 from ..history.alert_details import show_alert
 from ..history.history_entries import (  # fmt: skip
@@ -42,7 +42,7 @@ from ..history.history_entries import (  # fmt: skip
     time_text,
 )
 from ..history.history_file import DEFAULT_FILE, history_file, reading_history
-from ..output.lines import plain_table, readable, share_text
+from ..output.lines import below_causes, folded_name, plain_table, readable, share_text
 
 _LEVELS = (Level.OK, Level.WARN, Level.ERROR, Level.STALE)
 Event = Union[MonitorEvent, SilenceEvent]
@@ -61,41 +61,29 @@ def add_arguments(parser: Parser) -> None:
         "Shows the alerts in a history file, with starts and stops of the monitor, resets and changes of "
         "the configuration. The monitor may be running."
     )
-    parser.add_argument(
-        "file", metavar="FILE", nargs="?", help=f"the history file (default: named by --ops, else {DEFAULT_FILE})"
-    )
-    parser.add_argument("--ops", metavar="FILE", help="an ops.yaml that names the history")
-    parser.add_argument(
-        "--since",
-        dest="since_s",
-        metavar="TIME",
-        type=_moment,
-        help="only what is newer: 90s, 1h30m, 24h, 7d, or a local time such as 2026-11-22T08:00",
-    )
-    parser.add_argument("--robot", metavar="R", help="only this robot; * and ? as in file names")
-    parser.add_argument("--signal", metavar="S", help="only this signal; * and ? as in file names")
-    parser.add_argument(
-        "--level", metavar="L", type=_level, help="only transitions to this level: OK, WARN, ERROR or STALE"
-    )
+    add(parser, "[FILE]", f"the history file (default: named by --ops, else {DEFAULT_FILE})")
+    add(parser, "--ops FILE", "an ops.yaml that names the history")
+    moment = checked("a duration such as 24h or a time such as 2026-11-22T08:00", _moment, lambda time_s: True)
+    meaning = "only what is newer: 90s, 1h30m, 24h, 7d, or a local time such as 2026-11-22T08:00"
+    add(parser, "--since TIME", meaning, type=moment, dest="since_s")
+    add(parser, "--robot R", "only this robot; * and ? as in file names")
+    add(parser, "--signal S", "only this signal; * and ? as in file names")
+    level = checked("OK, WARN, ERROR or STALE", lambda text: Level[text.upper()].name, bool)
+    add(parser, "--level L", "only transitions to this level: OK, WARN, ERROR or STALE", type=level)
     content = parser.add_mutually_exclusive_group()
-    content.add_argument(
+    add(
+        content,
         "--summary",
-        action="store_true",
-        help="per signal: share of time per level, of OK in known time, alerts, longest outage, mean time to recover",
+        "per signal: share of time per level, of OK in known time, alerts, longest outage, mean time to recover",
     )
-    content.add_argument(
-        "--samples",
-        action="store_true",
-        help="per 10 s (after two days: 5 min): smallest, largest, mean and last value, samples, worst level",
-    )
-    content.add_argument("--report", metavar="FILE", help="write a page with plots, one HTML file")
-    content.add_argument("--alert", metavar="ID", type=alert_id, help="one transition, with a plot of its samples")
-    parser.add_argument(
-        "--force", action="store_true", help="let --report replace any file, except those that are read"
-    )
+    meaning = "per 10 s (after two days: 5 min): smallest, largest, mean and last value, samples, worst level"
+    add(content, "--samples", meaning)
+    add(content, "--report FILE", "write a page with plots, one HTML file")
+    add(content, "--alert ID", "one transition, with a plot of its samples", type=alert_id)
+    add(parser, "--force", "let --report replace any file, except those that are read")
     form = parser.add_mutually_exclusive_group()
-    form.add_argument("--json", action="store_true", help="one JSON object per line")
-    form.add_argument("--csv", action="store_true", help="comma-separated values")
+    add(form, "--json", "one JSON object per line")
+    add(form, "--csv", "comma-separated values")
     parser.check = _check_form
 
 
@@ -109,18 +97,7 @@ def _moment(text: str) -> float:
     parts = re.findall(r"(\d{1,9}(?:\.\d{1,9})?)(min|[smhdw])", text, re.ASCII)
     if parts and "".join(number + unit for number, unit in parts) == text:
         return time.time() - sum(float(number) * _UNITS_S[unit] for number, unit in parts)
-    try:
-        return datetime.fromisoformat(text).timestamp()
-    except (ValueError, OverflowError, OSError):
-        raise argparse.ArgumentTypeError(
-            f"expected a duration such as 24h or a time such as 2026-11-22T08:00, got {text!r}"
-        ) from None
-
-
-def _level(text: str) -> str:
-    if text.upper() not in Level.__members__:
-        raise argparse.ArgumentTypeError(f"expected OK, WARN, ERROR or STALE, got {text!r}")
-    return text.upper()
+    return datetime.fromisoformat(text).timestamp()
 
 
 def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
@@ -237,7 +214,8 @@ def _show_summary(connection: sqlite3.Connection, arguments: argparse.Namespace,
         return
     if not summaries:
         return
-    rows = [_summary_cells(summary) for summary in summaries]
+    folded = below_causes(summaries, lambda each: (each.robot, each.signal), lambda each: each.cause)
+    rows = [_summary_cells(summary, folded_name(summary.signal, effects)) for summary, effects in folded]
     begin_s = end_s - max(summary.duration_s for summary in summaries)
     stream.write(f"{time_text(begin_s)} to {time_text(end_s)}\n")
     for line in plain_table([_SUMMARY_HEAD, *rows], 2):
@@ -258,11 +236,11 @@ def _summary_fields(summary: SignalSummary) -> Dict[str, Any]:
     }
 
 
-def _summary_cells(summary: SignalSummary) -> List[str]:
+def _summary_cells(summary: SignalSummary, name: str) -> List[str]:
     shares = [share_text(summary.shares.get(level, 0.0)) for level in _LEVELS]
     available, outage, recovery = outage_cells(summary)
     unknown = share_text(summary.unknown)
-    return [summary.robot, summary.signal, *shares, unknown, available, str(summary.alerts), outage, recovery]
+    return [summary.robot, name, *shares, unknown, available, str(summary.alerts), outage, recovery]
 
 
 def _show_samples(connection: sqlite3.Connection, arguments: argparse.Namespace, stream: TextIO) -> None:

@@ -10,7 +10,7 @@ from typing import Any, Dict, Set, Tuple
 from ...core.values.errors import ServiceError
 from ...runtime.interrupts import Interrupts
 from ...runtime.libraries import ROSBRIDGE, libraries
-from ..arguments import Parser, add_namespace, add_token_file, seconds
+from ..arguments import Parser, add, add_robot_server, seconds
 from ..exit_codes import ExitCode
 
 _SHORTEST_S = 1.0
@@ -24,34 +24,18 @@ def add_arguments(parser: Parser) -> None:
         "topic, the age of stamps, batteries, temperatures and /diagnostics. Started with the result, the same robot "
         "raises no alert. Nothing is published on the robot. An interrupt ends the listening early."
     )
-    parser.add_argument(
-        "url",
-        metavar="URL",
-        nargs="?",
-        default="",
-        help="bridge of the robot: ws://host:port or host:port (rosbridge), wss://host:port, foxglove://host:port "
+    add(
+        parser,
+        "[URL]",
+        "bridge of the robot: ws://host:port or host:port (rosbridge), wss://host:port, foxglove://host:port "
         "(default: the ROS that is sourced here)",
     )
-    parser.add_argument(
-        "--seconds",
-        metavar="SECONDS",
-        type=seconds,
-        default=_USUAL_S,
-        help=f"how long to listen (default: {_USUAL_S:g})",
-    )
-    parser.add_argument("--ros1", action="store_true", help="listen over ROS 1, if both are there")
-    parser.add_argument("--ros2", action="store_true", help="listen over ROS 2, if both are there")
-    parser.add_argument(
-        "--against",
-        metavar="FILE",
-        default="",
-        help="write only what the robot has and this thresholds.yaml does not watch",
-    )
-    add_namespace(parser, "namespace of the robot's topics")
-    add_token_file(parser, "--robot-token-file", "to present to the robot's server")
-    parser.add_argument(
-        "--ca", metavar="FILE", default="", help="certificate authorities to trust, for wss:// and foxglove+tls://"
-    )
+    meaning = f"how long to listen (default: {_USUAL_S:g})"
+    add(parser, "--seconds SECONDS", meaning, type=seconds, default=_USUAL_S)
+    add(parser, "--ros1", "listen over ROS 1, if both are there")
+    add(parser, "--ros2", "listen over ROS 2, if both are there")
+    add(parser, "--against FILE", "write only what the robot has and this thresholds.yaml does not watch")
+    add_robot_server(parser, "robot's")
     parser.check = _check
 
 

@@ -12,7 +12,7 @@ from ...core.values.formatting import printable, with_hint
 from ...ops.store import queries
 from ...ops.store.notes import MOST_NOTES, MOST_TEXT, add_note
 from ...runtime.interrupts import Interrupts
-from ..arguments import Parser, alert_id
+from ..arguments import Parser, add, alert_id
 from ..exit_codes import ExitCode
 from ..history.history_file import add_author, add_history_options, author_of, change_history, history_file
 from ..output.lines import readable
@@ -24,8 +24,8 @@ def add_arguments(parser: Parser) -> None:
         "Writes a note on a past alert into the history file, where the page and `history` show it. The monitor may "
         f"be running. At most {MOST_NOTES} notes per alert."
     )
-    parser.add_argument("id", metavar="ID", type=alert_id, help="the alert, as `history` shows it: 41 or #41")
-    parser.add_argument("text", metavar="TEXT", help=f"one line of at most {MOST_TEXT} characters")
+    add(parser, "ID", "the alert, as `history` shows it: 41 or #41", type=alert_id)
+    add(parser, "TEXT", f"one line of at most {MOST_TEXT} characters")
     add_author(parser)
     add_history_options(parser)
 

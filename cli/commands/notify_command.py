@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import math
 import sys
 import threading
 import time
@@ -20,7 +19,7 @@ from ...ops.notify.notifier import make_sender
 from ...ops.notify.sender import DeliveryError, Notification, Sender
 from ...ops.notify.webhook import HttpTarget
 from ...runtime.interrupts import Interrupts
-from ..arguments import Parser, duration, number_or_nan
+from ..arguments import Parser, add, checked, duration
 from ..exit_codes import ExitCode
 
 _ALERTMANAGER_HOLD_S = 60.0
@@ -36,22 +35,22 @@ def add_arguments(parser: Parser) -> None:
     parser.description = (
         "Sends a test alert to every target of an ops.yaml, then resolves it, and reports each response."
     )
-    parser.add_argument("file", metavar="FILE", help="an ops.yaml")
-    parser.add_argument(
-        "--hold",
-        metavar="TIME",
-        type=_hold,
-        help="how long the test alert stays, such as 90s or 0 (default: 60s at alertmanager, which notifies after its "
-        "group_wait, and 0 at all other targets)",
+    add(parser, "FILE", "an ops.yaml")
+    meaning = (
+        "how long the test alert stays, such as 90s or 0 (default: 60s at alertmanager, which notifies after its "
+        "group_wait, and 0 at all other targets)"
     )
+    add(parser, "--hold TIME", meaning, type=_hold)
 
 
-def _hold(text: str) -> float:
-    number = number_or_nan(text)  # 0, and seconds without their unit
-    hold_s = duration(text) if math.isnan(number) else number
-    if not 0.0 <= hold_s <= 86_400.0:
-        raise argparse.ArgumentTypeError(f"expected a duration of at most a day, such as 90s, got {text!r}")
-    return hold_s
+def _hold_s(text: str) -> float:
+    try:
+        return float(text)  # 0, and seconds without their unit
+    except ValueError:
+        return duration(text)
+
+
+_hold = checked("a duration of at most a day, such as 90s", _hold_s, lambda hold_s: 0.0 <= hold_s <= 86_400.0)
 
 
 def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import functools
 import math
 
 from ...core.values.errors import ServiceError
 from ...runtime.interrupts import Interrupts
 from ...runtime.libraries import RECORDINGS, libraries
-from ..arguments import INTERRUPTED, Parser, add_recordings, number_or_nan
+from ..arguments import INTERRUPTED, Parser, add, add_recordings, checked
 from ..exit_codes import ExitCode
 
 
@@ -20,31 +19,24 @@ def add_arguments(parser: Parser) -> None:
         "rosbag2. Several recordings are read together, in the order of their log times."
     )
     add_recordings(parser)
-    add = parser.add_argument
-    add("--thresholds", metavar="FILE", help="configuration (default: the installed one)")
-    add("--against", metavar="FILE", help="show only the alerts in which this second configuration differs")
-    add("--report", metavar="FILE", help="write a page with plots, one HTML file")
-    add("--force", action="store_true", help="let --report replace any file, except those that are read")
-    add("--json", action="store_true", help="one JSON object per alert on stdout, the table on stderr")
+    add(parser, "--thresholds FILE", "configuration (default: the installed one)")
+    add(parser, "--against FILE", "show only the alerts in which this second configuration differs")
+    add(parser, "--report FILE", "write a page with plots, one HTML file")
+    add(parser, "--force", "let --report replace any file, except those that are read")
+    add(parser, "--json", "one JSON object per alert on stdout, the table on stderr")
     add(
+        parser,
         "--fail-on",
+        "end with code 1 if there was an alert of this level or worse (OK < WARN < STALE < ERROR); with --against: if "
+        "the alerts differ, unless never (default: warn)",
         choices=("warn", "error", "never"),
         default="warn",
-        help="end with code 1 if there was an alert of this level or worse (OK < WARN < STALE < ERROR); with "
-        "--against: if the alerts differ, unless never (default: warn)",
     )
-    add("--allow-missing", action="store_true", help="do not end with code 1 because a signal is not recorded")
-    add_time = functools.partial(add, metavar="SECONDS", type=_offset)
-    add_time("--from", dest="from_s", default=0.0, help="begin this long after the start")
-    add_time("--to", dest="to_s", default=math.inf, help="end this long after the start")
-    add("--use-sim-time", action="store_true", help="take the time from the recorded topic /clock")
-
-
-def _offset(text: str) -> float:
-    number = number_or_nan(text)
-    if not 0.0 <= number < 1e9:
-        raise argparse.ArgumentTypeError(f"expected a number of seconds, 0 or more, got {text!r}")
-    return number
+    add(parser, "--allow-missing", "do not end with code 1 because a signal is not recorded")
+    offset = checked("a number of seconds, 0 or more", float, lambda number: 0.0 <= number < 1e9)
+    add(parser, "--from SECONDS", "begin this long after the start", type=offset, dest="from_s", default=0.0)
+    add(parser, "--to SECONDS", "end this long after the start", type=offset, dest="to_s", default=math.inf)
+    add(parser, "--use-sim-time", "take the time from the recorded topic /clock")
 
 
 def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:

@@ -9,7 +9,7 @@ from ...core.config.yaml_file import read_yaml
 from ...core.port.middleware import Severity
 from ...ops.configuration import ServerOptions
 from ...runtime.interrupts import Interrupts
-from ..arguments import Parser, add_monitoring_options, add_token_file, find_installed, port, robot_name
+from ..arguments import Parser, add, add_monitoring_options, add_token_file, find_installed, port, robot_name
 from ..embedded import EmbeddedMonitor, sections_of_nodes
 from ..monitor_process import MonitorProcess, choose_output
 from ..operations import configured_ops
@@ -22,37 +22,23 @@ def add_arguments(parser: Parser) -> None:
         "Runs battery_sensor, aggregator and alert_system in one process, without ROS, and serves them to "
         "rosbridge clients. Shows a live table on a terminal and plain lines in a pipe."
     )
-    parser.add_argument(
-        "--robot", metavar="NAME", type=robot_name, default="", help="name of the robot (default: the host name)"
-    )
-    parser.add_argument(
+    add(parser, "--robot NAME", "name of the robot (default: the host name)", type=robot_name, default="")
+    add(
+        parser,
         "--source",
+        "source of the metrics: simulated, this machine, or none, if clients publish them (default: as configured)",
         choices=("simulated", "host", "none"),
         default="",
-        help="source of the metrics: simulated, this machine, or none, if clients publish them "
-        "(default: as configured)",
     )
-    parser.add_argument(
-        "--port", type=port, help="port of the rosbridge server; 0 picks a free one (default: as configured, or 9090)"
-    )
-    parser.add_argument(
-        "--host",
-        metavar="ADDRESS",
-        default="",
-        help="address of the rosbridge server (default: as configured, or 127.0.0.1); any other one requires a token",
-    )
+    meaning = "port of the rosbridge server; 0 picks a free one (default: as configured, or 9090)"
+    add(parser, "--port", meaning, type=port)
+    meaning = "address of the rosbridge server (default: as configured, or 127.0.0.1); any other one requires a token"
+    add(parser, "--host ADDRESS", meaning, default="")
     add_token_file(parser, "--token-file", "that clients must present")
-    parser.add_argument(
-        "--origin", action="append", default=[], metavar="URL", help="web page that may connect (repeatable)"
-    )
+    add(parser, "--origin URL...", "web page that may connect (repeatable)")
     for verb, noun in (("publish", "publish on topics"), ("call", "call services"), ("offer", "offer services")):
-        parser.add_argument(
-            f"--allow-{verb}",
-            action="append",
-            default=[],
-            metavar="PATTERN",
-            help=f"clients may {noun} that match; * and ? as in file names (repeatable; default: none)",
-        )
+        meaning = f"clients may {noun} that match; * and ? as in file names (repeatable; default: none)"
+        add(parser, f"--allow-{verb} PATTERN...", meaning)
     add_monitoring_options(parser)
 
 

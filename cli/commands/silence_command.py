@@ -25,7 +25,7 @@ from ...ops.store.silences import (
     time_text,
 )
 from ...runtime.interrupts import Interrupts
-from ..arguments import Parser, duration, identifier
+from ..arguments import Parser, add, duration, identifier
 from ..exit_codes import ExitCode
 from ..history.history_file import (  # fmt: skip
     add_author,
@@ -51,45 +51,40 @@ def add_arguments(parser: Parser) -> None:
         "stored in the history file, where a running monitor finds them within about a second."
     )
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True, parser_class=Parser)
-    add = actions.add_parser(
+    adding = actions.add_parser(
         "add",
         help="add a silence",
         description="Adds a silence. With --for and --until-resolved it ends with whichever comes first.",
     )
-    add.add_argument(
-        "matchers",
-        metavar="MATCHERS",
-        help="which alerts, such as robot=r3,signal=battery* (labels robot and signal, = and !=, * and ? as in file "
-        "names)",
+    add(
+        adding,
+        "MATCHERS",
+        "which alerts, such as robot=r3,signal=battery* (labels robot and signal, = and !=, * and ? as in file names)",
     )
-    add.add_argument("--for", dest="for_s", metavar="TIME", type=duration, help="how long: 30m, 1h30m, 7d")
-    add.add_argument(
-        "--until-resolved",
-        action="store_true",
-        help="acknowledge: only the alerts that are open now, each until it resolves",
+    add(adding, "--for TIME", "how long: 30m, 1h30m, 7d", type=duration, dest="for_s")
+    add(adding, "--until-resolved", "acknowledge: only the alerts that are open now, each until it resolves")
+    add(
+        adding,
+        "--every RULE",
+        'a time that comes again, such as "mon-fri 22:00-06:00" or "20:00-06:00"; an end before the begin is the next '
+        "day",
     )
-    add.add_argument(
-        "--every",
-        metavar="RULE",
-        help='a time that comes again, such as "mon-fri 22:00-06:00" or "20:00-06:00"; an end before the begin is the '
-        "next day",
-    )
-    add.add_argument("--timezone", metavar="ZONE", help="of --every, such as Europe/Berlin (default: this machine's)")
-    add.check = _check_end
+    add(adding, "--timezone ZONE", "of --every, such as Europe/Berlin (default: this machine's)")
+    adding.check = _check_end
     lists = actions.add_parser(
         "list",
         help="list silences, and how many alerts each silences",
         description="Lists active silences, and silences that ended within a day. `open`: alerts that it silences now. "
         "`alerts`: those that it has silenced so far.",
     )
-    lists.add_argument("--all", action="store_true", help="also those that ended earlier")
-    lists.add_argument("--json", action="store_true", help="one JSON object per silence")
+    add(lists, "--all", "also those that ended earlier")
+    add(lists, "--json", "one JSON object per silence")
     expire = actions.add_parser("expire", help="end silences now", description="Ends silences now.")
-    expire.add_argument("ids", metavar="ID", type=_silence_id, nargs="+", help="as shown by `list`")
-    for change, why in ((add, "why, shown with the alerts"), (expire, "why, shown in the history")):
-        change.add_argument("--reason", metavar="TEXT", default="", help=why)
+    add(expire, "ID...", "as shown by `list`", type=identifier("the id of a silence"), dest="ids")
+    for change, why in ((adding, "why, shown with the alerts"), (expire, "why, shown in the history")):
+        add(change, "--reason TEXT", why, default="")
         add_author(change)
-    for action in (add, lists, expire):
+    for action in (adding, lists, expire):
         add_history_options(action)
 
 
@@ -98,10 +93,6 @@ def _check_end(arguments: argparse.Namespace) -> str:
         return "--timezone: expected --every as well"
     is_ended = arguments.for_s is not None or arguments.until_resolved or arguments.every is not None
     return "" if is_ended else "expected --for TIME, --until-resolved or --every RULE, got neither"
-
-
-def _silence_id(text: str) -> int:
-    return identifier(text, "the id of a silence")
 
 
 def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:

@@ -16,7 +16,7 @@ from ...core.sensors.source import NotMeasuredYet, SensorError
 from ...core.values.formatting import number_text, printable, with_unit
 from ...runtime.interrupts import Interrupts
 from ...runtime.threads import DetachedCalls
-from ..arguments import Parser
+from ..arguments import Parser, add
 from ..exit_codes import ExitCode
 from ..output.lines import readable
 
@@ -56,7 +56,7 @@ def add_arguments(parser: Parser) -> None:
         "Lists every source for the section `host` of battery_sensor: its configuration, its present "
         "value, or why it is not available. Shows a table on a terminal and plain lines in a pipe."
     )
-    parser.add_argument("--json", action="store_true", help="one JSON object per source")
+    add(parser, "--json", "one JSON object per source")
 
 
 def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:

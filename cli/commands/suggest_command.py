@@ -7,7 +7,7 @@ import argparse
 from ...core.values.errors import ServiceError
 from ...runtime.interrupts import Interrupts
 from ...runtime.libraries import RECORDINGS, libraries
-from ..arguments import INTERRUPTED, Parser, add_recordings
+from ..arguments import INTERRUPTED, Parser, add, add_recordings
 from ..exit_codes import ExitCode
 
 
@@ -19,7 +19,7 @@ def add_arguments(parser: Parser) -> None:
         "--thresholds."
     )
     add_recordings(parser)
-    parser.add_argument("--thresholds", metavar="FILE", help="suggest for the signals of this configuration")
+    add(parser, "--thresholds FILE", "suggest for the signals of this configuration")
 
 
 def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:

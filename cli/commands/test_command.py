@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from typing import Iterator, List, Optional, Sequence, Union
+from typing import Any, Iterator, List, Optional, Sequence
 
 from ...core.config.yaml_file import read_yaml
 from ...core.nodes.alert_system import TICK_PERIOD_S
@@ -14,7 +14,7 @@ from ...core.values.formatting import count_text, printable
 from ...ops.configuration import read_ops
 from ...runtime.interrupts import Interrupts
 from ...runtime.libraries import RECORDINGS, libraries
-from ..arguments import Parser, alert_id, identifier
+from ..arguments import Parser, add, alert_id, identifier
 from ..exit_codes import ExitCode
 from ..history.history_file import add_history_options, history_file, reading_history
 from ..testing.history_alert import history_alert
@@ -29,30 +29,18 @@ def add_arguments(parser: Parser) -> None:
         "Shows the differences if a test fails. With --from-alert, writes the test of a past "
         "alert to stdout, after it has run it."
     )
-    parser.add_argument("files", metavar="FILE", nargs="*", help="tests; docs/recordings.md describes the format")
-    parser.add_argument(
-        "--from-alert",
-        metavar="ID|FILE",
-        type=_alert,
-        help="the alert, as `history` shows it (41 or #41), or the .mcap file of a black box",
+    add(parser, "[FILE]...", "tests; docs/recordings.md describes the format", dest="files")
+    meaning = "the alert, as `history` shows it (41 or #41), or the .mcap file of a black box"
+    add(parser, "--from-alert ID|FILE", meaning, type=_alert)
+    number = identifier("the number of an alert in the file")
+    add(parser, "--number N", "with --from-alert FILE: number of the alert, of several", type=number)
+    add(
+        parser,
+        "--thresholds FILE",
+        "with --from-alert: a thresholds.yaml that the test names in place of the thresholds in force then; save the "
+        "test in the current folder, because paths are relative to it",
     )
-    parser.add_argument(
-        "--number",
-        metavar="N",
-        type=_number,
-        help="with --from-alert FILE: number of the alert, of several",
-    )
-    parser.add_argument(
-        "--thresholds",
-        metavar="FILE",
-        help="with --from-alert: a thresholds.yaml that the test names in place of the thresholds in force then; save "
-        "the test in the current folder, because paths are relative to it",
-    )
-    parser.add_argument(
-        "--exact",
-        action="store_true",
-        help="with --from-alert: exact times and values, in place of a readable period and digits",
-    )
+    add(parser, "--exact", "with --from-alert: exact times and values, in place of a readable period and digits")
     add_history_options(parser)
     parser.check = _check_task
 
@@ -71,7 +59,7 @@ def _check_task(arguments: argparse.Namespace) -> str:
     return ""
 
 
-def _alert(text: str) -> Union[int, str]:
+def _alert(text: str) -> Any:
     """Returns the number of an alert in a history, or the path of a black box."""
     try:
         return alert_id(text)
@@ -80,10 +68,6 @@ def _alert(text: str) -> Union[int, str]:
             return text
         problem = f"expected the number of an alert or the .mcap file of a black box, got {text!r}"
         raise argparse.ArgumentTypeError(problem) from None
-
-
-def _number(text: str) -> int:
-    return identifier(text, "the number of an alert in the file")
 
 
 def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:

@@ -7,7 +7,7 @@ import os
 from typing import Dict, Iterator, List, NamedTuple, Sequence, TextIO, Tuple, Union
 
 from ...core.nodes.outlets import json_line
-from ...core.values.formatting import duration_text, printable, with_hint
+from ...core.values.formatting import duration_text, list_text, printable, with_hint
 from ...core.values.model import Level
 from ...ops.store.matchers import matchers_text
 from ...ops.store.notes import Note
@@ -21,9 +21,10 @@ from .history_file import iso_time
 
 CSV_HEAD = (
     "id", "time", "robot", "signal", "from_level", "to_level", "value", "statistic", "bound", "repeat", "fingerprint",
-    "text", "hint", "event", "matchers", "author", "reason", "until",
+    "text", "hint", "event", "matchers", "author", "reason", "until", "cause", "effects",
 )  # fmt: skip
 _COLOURS = {Level.OK: "32", Level.WARN: "33", Level.ERROR: "1;31", Level.STALE: "35"}
+_MOST_NAMES = 3
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")
 
 
@@ -60,6 +61,8 @@ def entry_lines(entry: Entry, with_colour: bool) -> Iterator[str]:
     alert = entry.transition
     text = printable(f"{time_text(alert.wall_s)} #{alert.id} {alert.robot}: {with_hint(alert.text, alert.hint)}")
     yield f"\x1b[{_COLOURS[alert.to_level]}m{text}\x1b[0m" if with_colour else text
+    if alert.effects:
+        yield printable(f"{time_text(alert.wall_s)} #{alert.id} {effects_text(alert.effects)}")
     for note in entry.notes:
         yield f"{time_text(note.wall_s)} #{alert.id} {_note_text(note)}"
 
@@ -71,6 +74,11 @@ def note_text(note: Note) -> str:
 
 def _note_text(note: Note) -> str:
     return f"note{f' by {note.author}' if note.author else ''}: {note.text}"
+
+
+def effects_text(effects: Sequence[str]) -> str:
+    """Returns what an alert kept from being announced: `6 affected: left, right, lift and 3 more`."""
+    return f"{len(effects)} affected: {list_text(effects, _MOST_NAMES)}"
 
 
 def outage_cells(summary: SignalSummary) -> Tuple[str, str, str]:
@@ -88,7 +96,8 @@ def entry_json(entry: Union[NotedAlert, SilenceEvent], **more: object) -> str:
     if isinstance(entry, NotedAlert):
         alert = entry.transition
         notes = [{"time": iso_time(note.wall_s), "author": note.author, "text": note.text} for note in entry.notes]
-        return json_line(alert, id=alert.id, alert_id=alert.alert_id, time=iso_time(alert.wall_s), notes=notes, **more)
+        own = {"id": alert.id, "alert_id": alert.alert_id, "time": iso_time(alert.wall_s), "effects": alert.effects}
+        return json_line(alert, **own, notes=notes, **more)
     fields = {"id": entry.silence.id, "time": iso_time(entry.wall_s), **_silence_fields(entry)}
     every = entry.silence.every
     rule = {} if every is None else {"every": every.text, "timezone": every.zone}
@@ -102,16 +111,16 @@ def entry_rows(entry: Union[NotedAlert, SilenceEvent]) -> Iterator[List[object]]
         yield _row(
             alert.id, iso_time(alert.wall_s), alert.robot, alert.signal, alert.from_level.name, alert.to_level.name,
             alert.value, alert.statistic, alert.bound, alert.repeat, alert.fingerprint, alert.text, alert.hint,
-            "alert", *[""] * 4,
+            "alert", *[""] * 4, alert.cause, ", ".join(alert.effects),
         )  # fmt: skip
         for note in entry.notes:
             names = (alert.robot, alert.signal)
             yield _row(
-                alert.id, iso_time(note.wall_s), *names, *[""] * 7, note.text, "", "note", "", note.author, "", ""
+                alert.id, iso_time(note.wall_s), *names, *[""] * 7, note.text, "", "note", "", note.author, *[""] * 4
             )
     else:
         text, *further = _silence_fields(entry).values()
-        yield _row(entry.silence.id, iso_time(entry.wall_s), *[""] * 9, text, "", *further)
+        yield _row(entry.silence.id, iso_time(entry.wall_s), *[""] * 9, text, "", *further, "", "")
 
 
 def _row(*values: object) -> List[object]:

@@ -19,6 +19,7 @@ from ...ops.store.database_file import connected, reading
 from ...ops.store.rows import CheckedConnection
 from ...ops.store.silences import MOST_TEXT
 from ...runtime import times
+from ..arguments import Parser, add
 
 DEFAULT_FILE = "/var/lib/robot-health/history.db"
 """Where a monitor that runs as a service has its history."""
@@ -29,17 +30,15 @@ _BUSY_S = 5.0
 Changed = TypeVar("Changed")
 
 
-def add_history_options(parser: argparse.ArgumentParser) -> None:
+def add_history_options(parser: Parser) -> None:
     """Adds the options that name a history file, for `history_file`."""
-    parser.add_argument(
-        "--history", metavar="FILE", help=f"the history file (default: named by --ops, else {DEFAULT_FILE})"
-    )
-    parser.add_argument("--ops", metavar="FILE", help="an ops.yaml that names the history")
+    add(parser, "--history FILE", f"the history file (default: named by --ops, else {DEFAULT_FILE})")
+    add(parser, "--ops FILE", "an ops.yaml that names the history")
 
 
-def add_author(parser: argparse.ArgumentParser) -> None:
+def add_author(parser: Parser) -> None:
     """Adds the option for `author_of`."""
-    parser.add_argument("--author", metavar="NAME", help="author (default: the login name)")
+    add(parser, "--author NAME", "author (default: the login name)")
 
 
 def author_of(arguments: argparse.Namespace) -> str:

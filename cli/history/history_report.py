@@ -24,7 +24,7 @@ from ...ops.store.notes import notes_of
 from ...ops.store.silences import silence_events
 from ...ops.store.summary import SignalSummary
 from ...runtime.times import local_time
-from ..output.lines import share_text
+from ..output.lines import below_causes, share_text
 from ..replay_output import range_cells
 from .history_entries import event_text, note_text, outage_cells
 
@@ -47,7 +47,9 @@ def history_page(
     connection: sqlite3.Connection, arguments: argparse.Namespace, summaries: Sequence[SignalSummary], end_s: float
 ) -> str:
     """Returns the page for the signals that are summarized, until a time in s since 1970."""
-    summaries = sorted(summaries, key=_badness, reverse=True)
+    by_badness = sorted(summaries, key=_badness, reverse=True)
+    folded = below_causes(by_badness, lambda each: (each.robot, each.signal), lambda each: each.cause)
+    summaries = [summary for summary, _ in folded]
     start_s = end_s - max(summary.duration_s for summary in summaries)
     robots = list(dict.fromkeys(sorted(summary.robot for summary in summaries)))
     several = len(robots) > 1
@@ -86,6 +88,7 @@ def history_page(
             utc_offset_s=float(time.localtime(start_s).tm_gmtoff),
             header=["signal", *(["robot"] if several else []), *_NUMBERS],
             rows=rows,
+            effects=[effects for _, effects in folded],
             signals=plots,
             alerts=alerts,
             all_alerts=changes,
@@ -165,7 +168,9 @@ class _Configurations:
                 self._signals[robot] = {}
                 self._problems.append(f"the bounds of {robot} cannot be read: {error}")
         signals = self._signals[robot]
-        config = signals.get(signal) or signals.get(template_name(signal)) or read_signal("unknown", {})
+        config = (
+            signals.get(signal) or signals.get(template_name(signal)) or read_signal("unknown", {"stale_after_s": 0.0})
+        )
         return replace(config, name=signal)
 
 
@@ -187,7 +192,7 @@ def _alerts(
         if len(shown) < MOST_ALERTS:
             notes = [note_text(note) for note in notes_of(connection, transition.id)]
             group = transition.robot if several else ""
-            shown.append(ReportedAlert(transition.wall_s, group, transition, notes))
+            shown.append(ReportedAlert(transition.wall_s, group, transition, notes, transition.effects))
     return shown, changes, len(alerts)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from typing import List, Optional, Protocol, Sequence, TextIO
+from typing import Callable, Dict, List, Optional, Protocol, Sequence, TextIO, Tuple, TypeVar
 
 from ...core.nodes import AlertSystem
 from ...core.nodes.outlets import json_line
@@ -141,6 +141,32 @@ def plain_table(rows: Sequence[Sequence[str]], texts: int) -> List[str]:
         for line in lines
     )
     return ["  ".join(cells).rstrip() for cells in aligned]
+
+
+Summary = TypeVar("Summary")
+
+
+def below_causes(
+    summaries: Sequence[Summary], key: Callable[[Summary], Tuple[str, str]], cause: Callable[[Summary], str]
+) -> List[Tuple[Summary, int]]:
+    """Returns summaries with each effect below its cause, and how many effects follow each: -1 for an effect.
+
+    `key` returns group and name of a summary, `cause` the name of its cause in the group; empty: none.
+    """
+    effects: Dict[Tuple[str, str], List[Summary]] = {key(each): [] for each in summaries if not cause(each)}
+    others = [each for each in summaries if (key(each)[0], cause(each)) not in effects]
+    for each in summaries:
+        effects.get((key(each)[0], cause(each)), []).append(each)
+    ordered: List[Tuple[Summary, int]] = []
+    for each in others:
+        own = effects.get(key(each), [])
+        ordered += [(each, len(own)), *((effect, -1) for effect in own)]
+    return ordered
+
+
+def folded_name(name: str, effects: int) -> str:
+    """Returns a name in a table whose effects are below their cause, as `below_causes` counts them."""
+    return f"  {name}" if effects < 0 else f"{name} (+ {effects} affected)" if effects else name
 
 
 def share_text(share: float) -> str:

@@ -6,9 +6,11 @@ A reason is never cut off: other columns give way, and it continues on further l
 from __future__ import annotations
 
 import time
-from typing import Callable, Iterable, List, NamedTuple, Optional, Sequence, Tuple
+from itertools import accumulate
+from typing import Callable, Iterable, List, NamedTuple, Optional, Sequence, Union
 
-from rich.cells import cell_len, chop_cells
+from rich.cells import cell_len
+from rich.console import Console
 from rich.text import Text
 
 from ...core.config.signal_config import LINK, OF_ARRIVALS, SignalConfig
@@ -34,15 +36,14 @@ TREND_SAMPLES = 16
 _STATISTICS = ("mean", "min", "max")
 _NOTHING = "no signal is watched: run `robot-health init`"
 _GAP = 2
-"""Blanks between columns."""
-_INDENT = "  "
-"""Before a text that has a line to itself."""
+"""Blanks between columns, and before a reason that has lines to itself."""
 _MOST_LINES = 6
-_WIDEST_ROBOT, _WIDEST_SIGNAL = 20, 24
-_NARROW_NAME, _NARROWEST_NAME = 14, 10
-_MIN_REASON, _MIN_FLEET_REASON = 16, 28
-"""Narrowest column for the reason, in cells; in less room it has separate lines."""
+_NARROWEST_NAME = 10
+_NARROWEST_REASON = 16
+"""In cells; in less room the reason has separate lines."""
 _DAY_S = 86_400.0
+
+_CONSOLE = Console()
 
 Escape = Callable[[str], str]
 """Makes a text from outside fit for the terminal."""
@@ -71,54 +72,103 @@ def level_text(status: Status) -> Text:
     return text.append(" silenced") if status.silence is not None and rank(status) > 1 else text
 
 
-def cells_line(cells: Sequence[Tuple[Text, int]], width: int, rest: str = "", style: str = "") -> Text:
-    """Returns one line: each text padded or shortened to its width, then `rest`; at most `width` cells."""
-    line = Text(style=style)
-    for cell, cell_width in cells:
-        cell.truncate(cell_width, overflow="ellipsis", pad=True)
-        line.append_text(cell)
-        line.append(" " * _GAP)
-    line.append(rest)
-    line.rstrip()
-    line.truncate(width)
-    return line
-
-
-def wrapped(text: str, width: int) -> List[str]:
-    """Divides a text at blanks into parts of at most `width` cells; at least one part, and at most six."""
-    parts: List[str] = [""]
-    for word in text.split(" "):
-        for piece in chop_cells(word, max(1, width)) or [""]:
-            joined = f"{parts[-1]} {piece}" if parts[-1] else piece
-            if cell_len(joined) <= width:
-                parts[-1] = joined
-            else:
-                parts.append(piece)
-    return parts if len(parts) <= _MOST_LINES else [*parts[: _MOST_LINES - 1], "..."]
-
-
-def _reason(status: Status, shown: Escape) -> str:
+def _reason(status: Status) -> str:
     outlook = f", {status.outlook}" if status.outlook else ""
     affects = f" (+ {status.affects} affected)" if status.affects else ""
-    return shown(with_hint(f"{status.message}{outlook}", status.hint)) + affects
+    return with_hint(f"{status.message}{outlook}", status.hint) + affects
 
 
-def _fitting(blocks: Iterable[Sequence[Text]], room: int) -> int:
-    """Returns how many blocks of lines fit into `room` lines, at least one."""
-    fitting = used = 0
-    for block in blocks:
-        used += len(block)
-        if used > room and fitting:
-            break
-        fitting += 1
-    return fitting
+def _widest(texts: Iterable[Union[str, Text]]) -> int:
+    return max(cell_len(str(text)) for text in texts)
 
 
-def _remainder(text: str, width: int) -> Text:
-    """Returns the last line, which counts what does not fit."""
-    line = Text(f"and {text}", style="dim")
-    line.truncate(width, overflow="ellipsis")
-    return line
+class _Row(NamedTuple):
+    """A row of a table."""
+
+    rank: int
+    """What is shown first where there is no room for all."""
+    cells: Sequence[Union[str, Text]]
+    """Of the first columns. A narrow terminal shows two of them, and the fourth before the reason."""
+    reason: str
+    values: Sequence[str] = ()
+    """In place of a reason, in one line: as many as fit."""
+    more: Sequence[str] = ()
+    """Of further columns, which are shown where there is room."""
+
+
+class _Table:
+    """A table that is fitted to `width` cells and `room` lines; `shown` is for texts from outside."""
+
+    def __init__(self, head: _Row, rows: Sequence[_Row], width: int, room: int, shown: Escape) -> None:
+        self._width = width
+        self._shown = shown
+        columns = list(zip(*([self._text(cell) for cell in row.cells] for row in (head, *rows))))
+        widest_name = max(_NARROWEST_NAME, 2 * width // (3 * len(columns)))
+        self._widths = [min(_widest(column), width if at == 1 else widest_name) for at, column in enumerate(columns)]
+        self._indent = sum(self._widths) + _GAP * len(columns)
+        self._reason = width - self._indent
+        self._more: List[int] = []
+        self._is_narrow = self._reason < _NARROWEST_REASON
+        if self._is_narrow:
+            self._indent, self._reason = _GAP, width - _GAP
+        else:
+            self._add_further_columns([head, *rows])
+        self._header = self._block(head)[:1]
+        self._header[0].stylize("bold")
+        self._blocks = list(map(self._block, rows))
+        self.chosen = list(range(len(rows)))
+        """Places of the rows that are shown: all in their order, or as many as fit of the highest ranks."""
+        needed = 1
+        if sum(map(len, self._blocks)) + needed > room:
+            order = sorted(self.chosen, key=lambda at: -rows[at].rank)
+            needed += 1  # for what does not fit
+            ends = accumulate(len(self._blocks[at]) for at in order)
+            self.chosen = [at for at, end in zip(order, ends) if at == order[0] or needed + end <= room]
+
+    def lines(self, chosen: Iterable[int], rest: str) -> List[Text]:
+        """Returns the lines of rows, and one that says what does not fit."""
+        lines = [*self._header, *(line for at in chosen for line in self._blocks[at])]
+        if rest:
+            lines.append(Text(f"and {rest}", style="dim"))
+            lines[-1].truncate(self._width, overflow="ellipsis")
+        return lines
+
+    def _add_further_columns(self, rows: Sequence[_Row]) -> None:
+        """Adds the columns for which there is room beside the widest reason."""
+        reason = _widest(self._shown(row.reason) for row in rows)
+        spare, widths = self._reason - reason, []
+        for at, column in enumerate(zip(*(row.more for row in rows))):
+            spare -= _widest(column) + _GAP if any(column[1:]) else 0
+            if any(column[1:]) and spare >= 0:
+                self._more.append(at)
+                widths.append(_widest(column))
+        self._widths += [reason if widths else self._reason, *widths]
+
+    def _block(self, row: _Row) -> List[Text]:
+        """Returns the lines of a row."""
+        cells = list(map(self._text, row.cells))
+        if self._is_narrow:
+            parts = self._wrapped(": ".join([*map(str, row.cells[3:]), row.reason])) if row.reason else []
+        else:
+            lists = (", ".join(row.values[:count]) for count in range(len(row.values), 0, -1))
+            fitting = (text for text in lists if cell_len(self._shown(text)) <= self._reason)
+            part, *parts = self._wrapped(row.reason or next(fitting, ""))
+            cells += [Text(part), *(self._text(row.more[at]) for at in self._more)]
+        line = Text()
+        for cell, width in zip(cells, self._widths):
+            cell.truncate(width, overflow="ellipsis", pad=True)
+            line.append_text(cell).append(" " * _GAP)
+        line.rstrip()
+        line.truncate(self._width)
+        return [line, *(Text(" " * self._indent + part) for part in parts)]
+
+    def _text(self, cell: Union[str, Text]) -> Text:
+        return Text(self._shown(cell)) if isinstance(cell, str) else cell.copy()
+
+    def _wrapped(self, reason: str) -> List[str]:
+        """Divides a reason at blanks into at least one part, and at most six."""
+        parts = [part.plain.rstrip() for part in self._text(reason).wrap(_CONSOLE, self._reason, overflow="fold")]
+        return parts if len(parts) <= _MOST_LINES else [*parts[: _MOST_LINES - 1], "..."]
 
 
 class SignalRow(NamedTuple):
@@ -151,93 +201,28 @@ def signal_lines(rows: Sequence[SignalRow], width: int, room: int, shown: Escape
     `bars` draws trends, which need UTF-8.
     """
     if watches_nothing(rows):
-        return [Text(part) for part in wrapped(_NOTHING, width)]
+        return list(Text(_NOTHING).wrap(_CONSOLE, width))
     names = {row.status.name for row in rows}
-    # Effects are counted at their cause.
-    rows = [row for row in rows if row.status.cause not in names and (row.status.name != LINK or rank(row.status) > 0)]
-    columns = _SignalColumns(rows, width, shown, bars)
-    blocks = [(rank(row.status), columns.row(row)) for row in rows]
-    room = max(2, room) - 1  # the header
-    hidden: List[int] = []
-    if sum(len(block) for _, block in blocks) > room:
-        blocks.sort(key=lambda block: -block[0])
-        fitting = _fitting((block for _, block in blocks), room - 1)
-        hidden = [number for number, _ in blocks[fitting:]]
-        blocks = blocks[:fitting]
-    lines = [columns.header(), *(line for _, block in blocks for line in block)]
-    return [*lines, _remainder(f"{len(hidden)} more: {rank_counts(hidden)}", width)] if hidden else lines
-
-
-class _SignalColumns:
-    """Which columns fit: reasons first, then bounds, trend, statistics."""
-
-    def __init__(self, rows: Sequence[SignalRow], width: int, shown: Escape, bars: bool) -> None:
-        self._width = width
-        self._shown = shown
-        self._name = min(
-            _widest("signal", (shown(row.status.name) for row in rows)), _WIDEST_SIGNAL, max(8, width // 3)
+    table = [
+        _Row(
+            rank(status),
+            (status.name, level_text(status)),
+            _reason(status),
+            more=(bounds, _bars(trend) if bars else "", *(_statistic(status, name) for name in _STATISTICS)),
         )
-        self._level = _widest("level", (level_text(row.status).plain for row in rows))
-        self._reason = width - self._name - self._level - 2 * _GAP
-        self._beside = self._reason >= _MIN_REASON
-        self._bounds = self._trend = 0
-        self._statistics: List[int] = []
-        if not self._beside:
-            self._reason = width - len(_INDENT)
-            return
-        reasons = _widest("value", (_reason(row.status, shown) for row in rows))
-        spare = self._reason - reasons - _GAP
-        # A reason that is not OK names the bound: it may take the column of the bounds.
-        values = _widest("value", (_reason(row.status, shown) for row in rows if rank(row.status) == 0))
-        bounds = _widest("", (row.bounds for row in rows))
-        both = max(reasons, values + _GAP + bounds)
-        if bounds and both <= self._reason:
-            self._value, self._bounds, spare = values, both - values - _GAP, self._reason - both - _GAP
-        else:
-            self._value = min(reasons, self._reason)
-        if bars and any(row.trend for row in rows) and spare >= TREND_SAMPLES:
-            self._trend, spare = TREND_SAMPLES, spare - TREND_SAMPLES - _GAP
-            widths = [_widest(name, (_statistic(row.status, name) for row in rows)) for name in _STATISTICS]
-            if spare >= sum(widths) + _GAP * (len(widths) - 1):
-                self._statistics = widths
-
-    def header(self) -> Text:
-        cells = [(Text("signal"), self._name), (Text("level"), self._level)]
-        if self._beside:
-            cells.append((Text("value"), self._value))
-            cells += [(Text("bounds"), self._bounds)] if self._bounds else []
-            cells += [(Text(name), width) for name, width in zip(_STATISTICS, self._statistics)]
-            cells += [(Text("trend"), self._trend)] if self._trend else []
-        return cells_line(cells, self._width, style="bold")
-
-    def row(self, row: SignalRow) -> List[Text]:
-        """Returns the lines of a signal."""
-        reason = _reason(row.status, self._shown)
-        cells = [(Text(self._shown(row.status.name)), self._name), (level_text(row.status), self._level)]
-        if not self._beside:
-            return [cells_line(cells, self._width), *(Text(_INDENT + part) for part in wrapped(reason, self._reason))]
-        parts = [""]
-        if rank(row.status) == 0 and self._bounds:
-            cells += [(Text(reason), self._value), (Text(row.bounds, style="dim"), self._bounds)]
-        else:
-            width = self._value + (_GAP + self._bounds if self._bounds else 0)
-            parts = wrapped(reason, width)
-            cells.append((Text(parts[0]), width))
-        for name, width in zip(_STATISTICS, self._statistics):
-            cells.append((Text(self._shown(_statistic(row.status, name) or "-")), width))
-        if self._trend:
-            cells.append((Text(_bars(row.trend)), self._trend))
-        indent = " " * (self._name + self._level + 2 * _GAP)
-        return [cells_line(cells, self._width), *(Text(indent + part) for part in parts[1:])]
+        for status, bounds, trend in rows
+        # Effects are counted at their cause.
+        if status.cause not in names and (status.name != LINK or rank(status) > 0)
+    ]
+    head = _Row(0, ("signal", "level"), "value", more=("bounds", "trend".ljust(TREND_SAMPLES), *_STATISTICS))
+    fitted = _Table(head, table, width, room, shown)
+    hidden = [row.rank for at, row in enumerate(table) if at not in fitted.chosen]
+    return fitted.lines(fitted.chosen, f"{len(hidden)} more: {rank_counts(hidden)}" if hidden else "")
 
 
 def _statistic(status: Status, name: str) -> str:
     """Returns a statistic of the values; empty if there is none, or the values mean nothing."""
     return "" if status.values.get("statistic") in OF_ARRIVALS else status.values.get(name, "")
-
-
-def _widest(header: str, texts: Iterable[str]) -> int:
-    return max([cell_len(header), *(cell_len(text) for text in texts)])
 
 
 def _bars(values: Sequence[float]) -> str:
@@ -333,104 +318,28 @@ def fleet_summary(state: FleetState, shown: Escape) -> Text:
 
 def fleet_lines(state: FleetState, width: int, room: int, shown: Escape) -> List[Text]:
     """Returns the lines of the table of several robots: at most `room`, of at most `width` cells."""
-    columns = _FleetColumns(state, width, shown)
-    blocks = [columns.robot(robot) for robot in state.robots]
-    further = [[columns.signal(Text(), status) for status in robot.others] for robot in state.robots]
-    others = [max(0, robot.alarms - 1) for robot in state.robots]
-    room = max(1, room - 1)  # the header
-    needed = sum(map(len, blocks)) + sum(len(signal) for signals in further for signal in signals)
-    if needed > room or len(blocks) < state.total or sum(map(len, further)) < sum(others):
-        room -= 1  # for what does not fit
-    fitting = _fitting(blocks, room)
-    used, hidden = sum(map(len, blocks[:fitting])), sum(others[:fitting])
-    lines = [columns.header()]
-    for block, signals in zip(blocks[:fitting], further):
-        lines.extend(block)
-        for signal in signals:
-            if used + len(signal) > room:
-                break
-            used, hidden = used + len(signal), hidden - 1
-            lines.extend(signal)
-    more = []
-    if fitting < state.total:
-        more.append(f"{count_text(state.total - fitting, 'more robot')}: {rank_counts(state.ranks[fitting:])}")
+    rows: List[_Row] = []
+    for robot in state.robots:
+        if robot.worst is None:
+            level = Text("waiting", _STYLE_OF_UNKNOWN) if robot.rank else Text("OK", STYLE_OF_LEVEL[Level.OK])
+            values = [f"{status.name} {status.message}" for status in robot.main]
+            rows.append(_Row(1, (robot.name, level, "", ""), "no connection yet" if robot.rank else "", values))
+            continue
+        for number, status in enumerate((robot.worst, *robot.others)):
+            cells = ("" if number else robot.name, level_text(status), _since_text(status), status.name)
+            rows.append(_Row(int(number == 0), cells, _reason(status)))
+    fitted = _Table(_Row(0, ("robot", "level", "since", "signal"), "reason"), rows, width, room, shown)
+    count = sum(rows[at].rank for at in fitted.chosen)
+    hidden = sum(max(0, robot.alarms - 1) for robot in state.robots[:count]) - (len(fitted.chosen) - count)
+    rest = []
+    if count < state.total:
+        rest.append(f"{count_text(state.total - count, 'more robot')}: {rank_counts(state.ranks[count:])}")
     if hidden:
-        more.append(f"{count_text(hidden, 'more signal')} not OK")
-    return [*lines, _remainder("; ".join(more), width)] if more else lines
+        rest.append(f"{count_text(hidden, 'more signal')} not OK")
+    return fitted.lines(sorted(fitted.chosen), "; ".join(rest))
 
 
-class _FleetColumns:
-    """Which columns fit, and how a row is divided into lines."""
-
-    def __init__(self, state: FleetState, width: int, shown: Escape) -> None:
-        self._width = width
-        self._shown = shown
-        statuses = [status for robot in state.robots for status in (robot.worst, *robot.others) if status is not None]
-        robots = _widest("robot", (shown(robot.name) for robot in state.robots))
-        self._robot = min(robots, max(_WIDEST_ROBOT, width // 4))
-        self._signal = min(_widest("signal", (shown(status.name) for status in statuses)), _WIDEST_SIGNAL)
-        self._level = _widest("waiting", (level_text(status).plain for status in statuses))
-        self._since = 8
-        if self._room() < _MIN_FLEET_REASON:
-            self._robot = min(self._robot, _NARROW_NAME)
-            self._signal = min(self._signal, _NARROW_NAME)
-            self._since = 5
-        if self._room() < 0:
-            self._robot = min(self._robot, _NARROWEST_NAME)
-            self._signal = 0  # before the reason
-        self._beside = self._room() >= _MIN_FLEET_REASON
-
-    def header(self) -> Text:
-        return self._line(Text("robot"), Text("level"), "since", "signal", "reason" if self._beside else "", "bold")
-
-    def robot(self, robot: RobotState) -> List[Text]:
-        """Returns the lines of a robot: its worst signal."""
-        name = Text(self._shown(robot.name), style="bold" if robot.rank > 1 else "")
-        if robot.worst is not None:
-            return self.signal(name, robot.worst)
-        if robot.rank == 0:
-            return [self._line(name, Text("OK", style="green"), "", "", self._values(robot.main))]
-        return self._lines(name, Text("waiting", style="cyan"), "", "", "no connection yet")
-
-    def _values(self, main: Sequence[Status]) -> str:
-        """Returns the main values of a robot that is OK, as many as fit into its line."""
-        text = ""
-        for status in main if self._beside else ():
-            longer = f"{text}{', ' if text else ''}{self._shown(status.name)} {self._shown(status.message)}"
-            if cell_len(longer) > self._room():
-                break
-            text = longer
-        return text
-
-    def signal(self, robot: Text, status: Status) -> List[Text]:
-        """Returns the lines of a signal; `robot` is empty in those below the first one of a robot."""
-        reason = _reason(status, self._shown)
-        return self._lines(robot, level_text(status), self._since_text(status), self._shown(status.name), reason)
-
-    def _lines(self, robot: Text, level: Text, since: str, signal: str, reason: str) -> List[Text]:
-        if self._beside:
-            parts = wrapped(reason, self._room())
-            indent = " " * (self._width - self._room())
-            return [self._line(robot, level, since, signal, parts[0]), *(Text(indent + part) for part in parts[1:])]
-        if signal and not self._signal:
-            reason = f"{signal}: {reason}"
-        parts = [part for part in wrapped(reason, self._width - len(_INDENT)) if part]
-        return [self._line(robot, level, since, signal, ""), *(Text(_INDENT + part) for part in parts)]
-
-    def _line(self, robot: Text, level: Text, since: str, signal: str, reason: str, style: str = "") -> Text:
-        cells = [(robot, self._robot), (level, self._level), (Text(since), self._since)]
-        cells += [(Text(signal), self._signal)] if self._signal else []
-        return cells_line(cells, self._width, reason, style)
-
-    def _room(self) -> int:
-        """Returns the cells that are left for the reason."""
-        return self._width - (self._robot + self._level + self._since + self._signal + 4 * _GAP)
-
-    def _since_text(self, status: Status) -> str:
-        """Returns since when a level lasts, as local time; the date if that was more than a day ago."""
-        if rank(status) == 0:
-            return ""
-        form = "%H:%M:%S" if self._since >= 8 else "%H:%M"
-        if status.lasts_s >= _DAY_S:
-            form = "%b %d"
-        return local_time(max(0.0, time.time() - status.lasts_s), form)
+def _since_text(status: Status) -> str:
+    """Returns since when a level lasts, as local time; the date if that was more than a day ago."""
+    form = "%H:%M:%S" if status.lasts_s < _DAY_S else "%b %d"
+    return "" if rank(status) == 0 else local_time(max(0.0, time.time() - status.lasts_s), form)

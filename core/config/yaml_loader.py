@@ -26,6 +26,8 @@ LONGEST_NUMBER = 400
 _PREFIX = "tag:yaml.org,2002:"
 _MERGE, _TEXT = f"{_PREFIX}merge", f"{_PREFIX}str"
 _NUMBERS = (f"{_PREFIX}int", f"{_PREFIX}float")
+_TOO_DEEP_TO_SCAN = "exceeded maximum nesting depth"
+"""The problem that libyaml 0.2.6 reports at 1,000 levels, which it may reach before the first node is composed."""
 
 
 class Document(NamedTuple):
@@ -55,7 +57,9 @@ def load(text: str, problems: Problems) -> Document:
     except MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         line = mark.line + 1 if mark else None
-        raise ConfigError(f"is not valid YAML: {_short(error.problem)}{_hint(text, mark)}", line=line) from None
+        is_deep = error.problem == _TOO_DEEP_TO_SCAN
+        problem = _excess(0, DEEPEST_LEVEL + 1) if is_deep else f"{_short(error.problem)}{_hint(text, mark)}"
+        raise ConfigError(f"is not valid YAML: {problem}", line=line) from None
     except yaml.reader.ReaderError as error:
         character = error.character if isinstance(error.character, int) else ord(error.character)
         line = text.count("\n", 0, error.position) + 1

@@ -249,6 +249,7 @@ class Announcer:
             statistics=judgement.statistics,
             repeat=judgement.level is self.level,
             hint=judgement.hint,
+            cause=judgement.cause,
         )
         if not transition.repeat:
             self.level = judgement.level

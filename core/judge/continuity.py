@@ -60,6 +60,9 @@ class SignalHistory(Protocol):
     def record_samples(self, samples: Mapping[str, Sequence[SampleSummary]]) -> None:
         """Stores what was collected of the samples of signals, by their names."""
 
+    def record_effects(self, effects: Mapping[str, Sequence[str]]) -> None:
+        """Stores with open alerts, by the names of their signals, which signals they keep from being announced."""
+
     def record_reset(self) -> None:
         """Stores that latches were cleared."""
 
@@ -79,6 +82,7 @@ class Continuity:
         self._offset_s = 0.0
         self._period: Optional[float] = None
         """The period in which samples were stored last."""
+        self._effects: Mapping[str, Sequence[str]] = {}
 
     def restore(self, now_s: float, *, at_first_call: bool) -> Changes:
         """Continues the previous run. `at_first_call`: no time is known before the first sample or tick."""
@@ -108,6 +112,10 @@ class Continuity:
         monitor, wall_s = self._monitor, self._history.wall_s()
         if not monitor.signals():  # before the first call
             return
+        effects = monitor.effects()
+        if effects != self._effects:
+            self._effects = effects
+            self._history.record_effects(effects)
         if not abs(wall_s - now_s - self._offset_s) < _SAME_TIME_S:
             self._offset_s = wall_s - now_s
             self._at_rest_since_s = {}

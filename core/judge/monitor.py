@@ -9,7 +9,7 @@ import math
 import sys
 from functools import partial
 from types import MappingProxyType
-from typing import AbstractSet, Callable, Counter, Dict, KeysView, List, Mapping, Optional, Sequence, Tuple
+from typing import AbstractSet, Callable, Dict, KeysView, List, Mapping, Optional, Sequence, Tuple
 
 from ..config.monitor_config import MonitorConfig
 from ..config.signal_config import CONDITIONS, LINK, LINK_CONFIG, SignalConfig, is_element_name, template_name
@@ -183,9 +183,11 @@ class Monitor:
     def report(self, now_s: float) -> Report:
         """Returns the whole state as of the last `observe` or `tick`, with ages at `now_s`. Reads only."""
         now_s, signals = self._to_show(now_s)
-        affected = self._affected()
+        effects = self.effects()
         judgements = ((name, signal.judgement(now_s)) for name, signal in signals.items())
-        statuses = {name: wording.status(each._replace(affects=affected[name])) for name, each in judgements}
+        statuses = {
+            name: wording.status(each._replace(affects=len(effects.get(name, ())))) for name, each in judgements
+        }
         overall = Level.worst(status.level for status in statuses.values())
         return Report(overall, statuses, now_s, self.robot)
 
@@ -196,13 +198,26 @@ class Monitor:
     def judgements(self, now_s: float) -> Mapping[str, Judgement]:
         """Returns the state of every signal, without the texts and statistics of `report`. Reads only."""
         now_s, signals = self._to_show(now_s)
-        affected = self._affected()
+        effects = self.effects()
         judgements = ((name, signal.judgement(now_s, with_statistics=False)) for name, signal in signals.items())
-        return {name: each._replace(affects=affected[name]) for name, each in judgements}
+        return {name: each._replace(affects=len(effects.get(name, ()))) for name, each in judgements}
 
     def causes(self) -> Mapping[str, str]:
         """Returns the nearest cause of each signal that has one, by its name."""
         return {name: signal.cause for name, signal in self._shown().items() if signal.cause}
+
+    def effects(self) -> Mapping[str, Sequence[str]]:
+        """Returns the signals that each alert keeps from being announced, directly or not, by its name."""
+        effects: Dict[str, List[str]] = {}
+        if not self._active and not any(source.is_silent for source in self._sources):
+            return effects  # nearly always
+        for name, signal in self._signals.items():
+            if signal.is_withheld:
+                causes = {cause for cause in self._causes.of(name) if cause in self._active}
+                sources = filter(None, map(self._sources.get, causes))
+                for cause in sorted({signal.cause, *causes, *(source.alert for source in sources)}):
+                    effects.setdefault(cause, []).append(name)
+        return effects
 
     @property
     def link_up(self) -> Optional[bool]:
@@ -215,7 +230,7 @@ class Monitor:
         if known is None:
             return None
         judgement = known.judgement(self._to_show(now_s)[0])
-        return wording.status(judgement._replace(affects=self._affected()[signal]))
+        return wording.status(judgement._replace(affects=len(self.effects().get(signal, ()))))
 
     def levels(self) -> Mapping[str, Tuple[Level, str]]:
         """Returns level and state of each signal, as in `report`, without the cost of texts."""
@@ -486,18 +501,6 @@ class Monitor:
         cause = self._causes.nearest(signal.config.name, self._active)
         if cause != ("" if signal.held is None else signal.held.cause):
             changes.add(signal.note_cause(cause, now_s))
-
-    def _affected(self) -> Counter[str]:
-        """Counts the signals that each alert keeps from being announced, directly or not."""
-        affected: Counter[str] = Counter()
-        if not self._active and not any(source.is_silent for source in self._sources):
-            return affected  # nearly always
-        for name, signal in self._signals.items():
-            if signal.is_withheld:
-                causes = {cause for cause in self._causes.of(name) if cause in self._active}
-                sources = filter(None, map(self._sources.get, causes))
-                affected.update({signal.cause, *causes, *(source.alert for source in sources)})
-        return affected
 
     def _shown(self) -> Mapping[str, SignalMonitor]:
         """Returns the signals, and before them the sources that are signals now."""

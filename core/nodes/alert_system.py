@@ -16,7 +16,7 @@ from ..judge.monitor import Monitor
 from ..judge.sources import is_source
 from ..judge.wording import source_text
 from ..messages.dialect import Message
-from ..port.graph import Found, Wanted
+from ..port.graph import Counts, Unread, Wanted
 from ..port.middleware import Middleware, Result, Severity, Subscription, Timer
 from ..values.elements import ARRAY_TYPE, STATUS_TYPE, with_ages
 from ..values.errors import ConfigError, ServiceError
@@ -45,6 +45,7 @@ TICK_PERIOD_S = 1.0
 """Period of `Monitor.tick`, in seconds of the node's clock."""
 
 _MAX_LIST = 10_000  # characters
+_NO_SENSOR = "battery_sensor reports that its host has no such sensor"
 _NO_OUTLETS: Mapping[str, Outlet] = MappingProxyType({})
 
 _Source = Tuple[str, str, str, str]
@@ -90,9 +91,10 @@ class AlertSystem:
         self._node = node.base_name(middleware)
         given = middleware.given_parameters()
         self._watches_defaults = "signals" not in given and not is_whole_file(given)
-        self._config = config = self._read_config(given)
-        self._unavailable: Set[str] = set()
-        self._not_in_graph: FrozenSet[str] = frozenset()
+        config, unknown = self._read_config(given)
+        self._config = config
+        self._left_out: Mapping[str, str] = {}
+        """Why signals are not watched: nothing brings samples for them."""
         self._excess: Set[str] = set()
         self._simulated_topics = ""
         self._simulated: FrozenSet[str] = frozenset()
@@ -118,7 +120,7 @@ class AlertSystem:
             published_topics=lambda: alerts,
             signals=self._count_signals,
             simulated=lambda: filter(self.is_simulated, self._config.signals),
-            without_sensor=lambda: sorted(self._unavailable),
+            without_sensor=lambda: sorted(self._without_sensor()),
             silenced=self.count_silenced,
         )
         self.self_monitor = SelfMonitor(middleware, self.robot, TICK_PERIOD_S, self.outlets.emit, self_report)
@@ -134,7 +136,7 @@ class AlertSystem:
         middleware.declare_parameters(described, self._reconfigure)
         middleware.advertise(node.DIAGNOSTICS, ARRAY_TYPE)
         middleware.subscribe(node.SIMULATED_SENSORS, node.STRING_TYPE, self._note_simulated, field="data", latched=True)
-        middleware.exclusively(lambda: self._begin(config))  # no message comes before the states are restored
+        middleware.exclusively(lambda: self._begin(config, unknown))  # no message comes before the states are restored
         middleware.subscribe(node.UNAVAILABLE_SENSORS, node.STRING_TYPE, self._note_unavailable, field="data")
         middleware.advertise_service("~reset", TRIGGER_TYPE, lambda _: {"success": True, "message": self._reset()})
         self._tick_timer = middleware.create_timer(TICK_PERIOD_S, self._tick)
@@ -146,18 +148,17 @@ class AlertSystem:
         if self._watches_defaults:
             middleware.log(Severity.INFO, f"no signals configured: watching {', '.join(DEFAULT_SIGNALS)}")
         for name, signal in config.signals.items():
-            if name not in self._not_in_graph:
+            if name not in self._left_out:
                 middleware.log(Severity.INFO, f"watching {source_text(signal, self._topics.get(name, ''))}")
         latching = [name for name, signal in config.signals.items() if signal.latch]
         if latching and (history is None or not history.is_kept):
             text = f"no history: latched alerts of an earlier run are not restored ({', '.join(latching)})"
             middleware.log(Severity.INFO, text)
 
-    def _begin(self, config: MonitorConfig) -> None:
+    def _begin(self, config: MonitorConfig, unknown: Mapping[str, str]) -> None:
         """Subscribes, and continues from the saved states."""
-        self._follow_topics(config)
-        if self._not_in_graph:
-            self.monitor.configure(self._watched())
+        self._follow_topics(config, unknown)
+        self._leave_out(unknown, self._middleware.now_s())
         if self._continuity is not None:
             now_s = self._middleware.now_s()
             self._continuity.record_configuration(config)
@@ -268,7 +269,7 @@ class AlertSystem:
         self.save_state()
         self._middleware.close()
 
-    def _follow_topics(self, config: MonitorConfig) -> None:
+    def _follow_topics(self, config: MonitorConfig, unknown: Mapping[str, str]) -> None:
         """Subscribes to new topics, then ends old subscriptions; one that is refused is a ConfigError and no change."""
         wanted = {
             (name, topic, signal.type, "" if signal.action else signal.field)
@@ -276,7 +277,6 @@ class AlertSystem:
             if name != LINK
             for topic in signal.topics
         }
-        of_graph, unknown = self._check_graph(config)
         added: Dict[_Source, Subscription] = {}
         try:
             # Signals with a type and a field first: those that only count messages can share their subscription. Of one
@@ -306,27 +306,8 @@ class AlertSystem:
         }
         self.monitor.expect_sources({config.signals[name].topic: topic for name, topic in self._topics.items()})
         self._simulated = frozenset(self._signals_on(self._simulated_topics))
-        self._follow_graph(of_graph)
-        for name in sorted(unknown.keys() - self._not_in_graph):
-            self.outlets.emit(
-                Notice(self._middleware.now_s(), Severity.INFO, f"{name} is not watched: {unknown[name]}")
-            )
-        self._not_in_graph = frozenset(unknown)
-
-    def _check_graph(self, config: MonitorConfig) -> Tuple[Mapping[str, Wanted], Mapping[str, str]]:
-        """Returns what signals of the graph count, and why others cannot be watched here; may raise ConfigError."""
-        known: Dict[str, Wanted] = {}
-        unknown: Dict[str, str] = {}
-        for name, signal in config.signals.items():
-            if signal.graph is not None:
-                try:
-                    self._middleware.check_graph(signal.graph[0])
-                    known[name] = signal.graph
-                except ServiceError as error:
-                    unknown[name] = str(error)
-                except ConfigError as error:
-                    raise ConfigError(error.problem, ("signals", name, signal.graph[0])) from None
-        return known, unknown
+        counted = {name: signal.graph for name, signal in config.signals.items() if name not in unknown}
+        self._follow_graph({name: graph for name, graph in counted.items() if graph is not None})
 
     def _follow_graph(self, of_graph: Mapping[str, Wanted]) -> None:
         self._of_graph = of_graph
@@ -336,19 +317,23 @@ class AlertSystem:
             self._graph_timer.cancel()
             self._graph_timer = None
 
-    def _take_graph(self, found: Union[Found, str], now_s: float) -> None:
-        """Judges what was found in the robot's graph, or notes why it cannot be read."""
+    def _take_graph(self, counts: Union[Counts, Unread], now_s: float) -> None:
+        """Judges what was counted in the robot's graph, or notes why it cannot be read."""
+        others = {name: reason for name, reason in self._left_out.items() if name not in self._of_graph}
+        if isinstance(counts, Unread) and not counts.is_watched:
+            others.update(dict.fromkeys(self._of_graph, counts.reason))
+        self._leave_out(others, now_s)
         for name, wanted in self._of_graph.items():
-            if isinstance(found, str):
-                self.monitor.note_hint(name, found)
-            elif wanted in found:
-                self._announce(self.monitor.observe_value(name, found[wanted], now_s), now_s)
+            if isinstance(counts, Unread):
+                self.monitor.note_hint(name, counts.reason)
+            elif wanted in counts:
+                self._announce(self.monitor.observe_value(name, counts[wanted], now_s), now_s)
 
     def _take(self, name: str, value: Any, now_s: float) -> None:
         """Judges a message on the topic of a signal; it may hold no sample of it."""
         self.samples += 1
-        if self._unavailable:
-            self._watch_only_without(self._unavailable - {name}, now_s)
+        if name in self._left_out:
+            self._leave_out({other: reason for other, reason in self._left_out.items() if other != name}, now_s)
         if self._excused_since_s is not None or now_s > self.self_monitor.look_due_s:
             self._look_for_pause(now_s)
             self._excused_since_s = None
@@ -370,10 +355,15 @@ class AlertSystem:
         """Applies the list from battery_sensor: signals that no sensor will ever publish are not watched."""
         signals = self._signals_on(metrics)
         # A signal that has had a sample has a sensor: its silence is an alert.
-        new = signals - self._unavailable
+        known = self._without_sensor()
+        new = signals - known
         judgements = self.monitor.judgements(now_s) if new else {}
         unseen = {name for name in new if name not in judgements or not judgements[name].seen}
-        self._watch_only_without((self._unavailable & signals) | unseen, now_s)
+        others = {name: reason for name, reason in self._left_out.items() if name not in known}
+        self._leave_out({**others, **dict.fromkeys((known & signals) | unseen, _NO_SENSOR)}, now_s)
+
+    def _without_sensor(self) -> Set[str]:
+        return {name for name, reason in self._left_out.items() if reason == _NO_SENSOR}
 
     def _note_simulated(self, topics: Any, now_s: float) -> None:
         """Applies the list from battery_sensor, which comes every second."""
@@ -387,26 +377,24 @@ class AlertSystem:
         topics = {resolve_name(name, self._middleware.name) for name in given if name}
         return {name for name, topic in tuple(self._topics.items()) if topic in topics}
 
-    def _watch_only_without(self, unavailable: Set[str], now_s: float) -> None:
-        if unavailable == self._unavailable:
-            return
-        for name in sorted(unavailable - self._unavailable):
-            text = f"{name} is not watched: battery_sensor reports that its host has no such sensor"
-            self.outlets.emit(Notice(now_s, Severity.INFO, text))
-        for name in sorted(self._unavailable - unavailable):
+    def _leave_out(self, left_out: Mapping[str, str], now_s: float) -> None:
+        """Watches all signals but these, which have a reason each; names each signal of which that changes."""
+        before, self._left_out = self._left_out, left_out
+        for name in sorted(left_out.keys() - before.keys()):
+            self.outlets.emit(Notice(now_s, Severity.INFO, f"{name} is not watched: {left_out[name]}"))
+        for name in sorted(before.keys() - left_out.keys()):
             self.outlets.emit(Notice(now_s, Severity.INFO, f"{name} is watched again"))
-        self._unavailable = unavailable
-        self._configure_monitor(now_s)
+        if left_out.keys() != before.keys():
+            self._configure_monitor(now_s)
 
     def _configure_monitor(self, now_s: float) -> None:
-        """Watches all signals but those that have no sensor."""
+        """Watches all signals but those that are left out."""
         self._record_samples(now_s)
         self._announce(self.monitor.configure(self._watched()), now_s)
 
     def _watched(self) -> MonitorConfig:
-        """Returns the configuration without the signals that nothing brings samples for."""
-        left_out = self._unavailable | self._not_in_graph
-        signals = {name: signal for name, signal in self._config.signals.items() if name not in left_out}
+        """Returns the configuration without the signals that are left out."""
+        signals = {name: signal for name, signal in self._config.signals.items() if name not in self._left_out}
         return replace(self._config, signals=signals)
 
     def _record_samples(self, now_s: float) -> None:
@@ -480,10 +468,10 @@ class AlertSystem:
     def _announce(self, changes: Changes, now_s: float) -> None:
         for text in changes.notices:
             self.outlets.emit(Notice(now_s, Severity.INFO, text))
+        effects = self.monitor.effects() if changes else {}
         for transition in changes:
-            black_box = self._black_box_of(transition)
-            if black_box:
-                transition = replace(transition, black_box=black_box)
+            affects = len(effects.get(transition.signal, ()))
+            transition = replace(transition, affects=affects, black_box=self._black_box_of(transition))
             if self._continuity is not None:  # no failure of a history may keep an alert from the outlets
                 self._middleware.faults.guard("storing an alert", self._continuity.record, transition)
             self.outlets.emit(transition)
@@ -520,8 +508,11 @@ class AlertSystem:
         cleared = ", ".join(transition.signal for transition in transitions) or "nothing was latched"
         return f"reset: {cleared}"
 
-    def _read_config(self, tree: Mapping[str, Any]) -> MonitorConfig:
-        """Reads the configuration in a tree, which has changes of the default signals if the node began with none."""
+    def _read_config(self, tree: Mapping[str, Any]) -> Tuple[MonitorConfig, Mapping[str, str]]:
+        """Reads the configuration in a tree, which has changes of the default signals if the node began with none.
+
+        Also returns why signals of the robot's graph cannot be watched here.
+        """
         signals = tree.get("signals", {})
         if self._watches_defaults and isinstance(signals, Mapping):
             merged = dict(DEFAULT_SIGNALS)
@@ -531,19 +522,25 @@ class AlertSystem:
             tree = {**tree, "signals": merged}
         config = load_config(tree)
         resolved: Dict[str, SignalConfig] = {}
+        unknown: Dict[str, str] = {}
         for name, signal in config.signals.items():
             if signal.graph is not None:
                 key, graph_name = signal.graph
-                changed: Mapping[str, Any] = {key: resolve_name(graph_name, self._middleware.name)}
-                resolved[name] = replace(signal, **changed)
-        return replace(config, signals={**config.signals, **resolved}) if resolved else config
+                try:
+                    changed: Mapping[str, Any] = {key: self._middleware.graph_name(key, graph_name)}
+                    resolved[name] = replace(signal, **changed)
+                except ServiceError as error:
+                    unknown[name] = str(error)
+                except ConfigError as error:
+                    raise ConfigError(error.problem, ("signals", name, key)) from None
+        return replace(config, signals={**config.signals, **resolved}), unknown
 
     def _reconfigure(self, tree: Mapping[str, Any]) -> str:
         old = self._config
-        config = self._read_config(tree)
+        config, unknown = self._read_config(tree)
         given = self._middleware.given_parameters()
         node.refuse_changes(given, tree)
-        self._follow_topics(config)
+        self._follow_topics(config, unknown)
         if config.publish_rate != old.publish_rate:
             self._report_timer.cancel()
             self._report_timer = self._middleware.create_timer(1.0 / config.publish_rate, self._report)
@@ -552,8 +549,10 @@ class AlertSystem:
             record = self._continuity.record_configuration
             self._middleware.faults.guard("storing the configuration", record, config)
         same = {name for name, signal in config.signals.items() if old.signals.get(name) == signal}
-        self._unavailable &= same
-        self._configure_monitor(self._middleware.now_s())
+        now_s = self._middleware.now_s()
+        self._left_out = {name: reason for name, reason in self._left_out.items() if name in same}
+        self._leave_out({**self._left_out, **unknown}, now_s)
+        self._configure_monitor(now_s)
         before = node.sections_of(old, log_level=given.get(node.LOG_LEVEL, "INFO"))
         return node.describe_changes(before, node.sections_of(config, log_level=tree.get(node.LOG_LEVEL, "INFO")))
 

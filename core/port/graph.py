@@ -2,18 +2,27 @@
 
 from __future__ import annotations
 
-from typing import Any, Callable, Collection, Counter, Dict, Iterable, Mapping, Tuple, Union
+from typing import Any, Callable, Collection, Counter, Dict, Iterable, Mapping, NamedTuple, Set, Tuple, Union
 
 from ..values.patterns import matches_pattern
 
 Wanted = Tuple[str, str]
 """One of `GRAPH_KEYS`, and a resolved name or pattern."""
 
-Found = Dict[Wanted, float]
+Counts = Dict[Wanted, float]
 """How many there are of each, or the id of the lifecycle state (0: the node is not there); missing: not known now."""
 
-GraphCallback = Callable[[Union[Found, str], float], None]
-"""Receives what was found, or why the graph cannot be read, with the time in s."""
+
+class Unread(NamedTuple):
+    """Why the graph cannot be read."""
+
+    reason: str
+    is_watched: bool = True
+    """False while it has never been read here: its signals are not watched until it is."""
+
+
+GraphCallback = Callable[[Union[Counts, Unread], float], None]
+"""Receives what was counted, or why nothing was, with the time in s."""
 
 NOT_COUNTED = "/rosout"
 """The node of ROS 1 that collects the log."""
@@ -24,9 +33,16 @@ def is_pattern(name: str) -> bool:
     return "*" in name or "?" in name
 
 
+def matching(wanted: Collection[Wanted], key: str, names: Iterable[str]) -> Set[str]:
+    """Returns the names that are counted for a key."""
+    exact = {name for its_key, name in wanted if its_key == key}
+    patterns = [name for name in exact if is_pattern(name)]
+    return {each for each in names if each in exact or any(matches_pattern(each, pattern) for pattern in patterns)}
+
+
 def count(
     wanted: Collection[Wanted], nodes: Iterable[str], publishers: Iterable[str], subscribers: Iterable[str]
-) -> Found:
+) -> Counts:
     """Counts what is wanted, but for lifecycle states.
 
     `publishers` and `subscribers` are topics, each once per endpoint that is not of this monitor.
@@ -36,13 +52,13 @@ def count(
     """
     names = {"node": nodes, "publishers": publishers, "subscribers": subscribers}
     numbers = {key: Counter(names[key]) for key in names}
-    found: Found = {}
+    counts: Counts = {}
     for key, name in wanted:
         if key in numbers:
             of_key = numbers[key]
             matching = [each for each in of_key if matches_pattern(each, name)] if is_pattern(name) else [name]
-            found[key, name] = float(sum(of_key[each] for each in matching))
-    return found
+            counts[key, name] = float(sum(of_key[each] for each in matching))
+    return counts
 
 
 def state_of(response: Mapping[str, Any]) -> float:

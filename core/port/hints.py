@@ -10,7 +10,7 @@ from functools import partial
 from itertools import islice
 from typing import Callable, Container, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
 
-from ..values.formatting import printable
+from ..values.formatting import list_text, printable
 from ..values.names import canonical_type
 
 INCOMPATIBLE_QOS = "its publishers are not compatible in QoS"
@@ -29,6 +29,7 @@ _LONGEST_NAME = 100
 _SHORTEST_PART = 4
 """A name shorter than this is not looked for within others: `imu` is part of many words."""
 _FAR = 3
+_MOST_GONE = 3
 
 
 @dataclass
@@ -75,7 +76,9 @@ class Hints:
         return self._burst <= _MOST_PER_BURST
 
 
-def explain(topic: str, type_name: str, types: Sequence[str], similar: Iterable[str]) -> Optional[str]:
+def explain(
+    topic: str, type_name: str, types: Sequence[str], similar: Iterable[str], gone: Iterable[str] = ()
+) -> Optional[str]:
     """Returns why a topic brings no samples; None if its publishers give no reason.
 
     >>> explain("/battery", "std_msgs/Float32", [], ["/battery_state"])
@@ -83,10 +86,14 @@ def explain(topic: str, type_name: str, types: Sequence[str], similar: Iterable[
     >>> explain("/battery", "std_msgs/Float32", ["sensor_msgs/msg/Temperature"], [])
     '/battery is published as sensor_msgs/Temperature, configured as std_msgs/Float32'
 
-    The topic is published with `types`; empty: it has no publisher, and `similar` are published topics of similar
-    names, the best first. An empty `type_name` stands for any type.
+    The topic is published with `types`; empty: it has no publisher, `gone` are the nodes that published it and are not
+    there any more, and `similar` are published topics of similar names, the best first. An empty `type_name` stands for
+    any type.
     """
     if not types:
+        names = sorted(map(_shown, gone))[:_MOST_GONE]
+        if names:
+            return f"node {names[0]} is gone" if len(names) == 1 else f"nodes {list_text(names)} are gone"
         return with_similar(f"no publisher on {_shown(topic)}", similar)
     wanted = canonical_type(type_name)
     found = [canonical_type(name) for name in types]

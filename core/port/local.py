@@ -16,7 +16,7 @@ from ..messages.dialect import Message
 from ..messages.standard_messages import check_type, definition
 from ..values.errors import ConfigError, ServiceError
 from ..values.names import split_type_name
-from .graph import Found, GraphCallback, Wanted, count, state_of
+from .graph import Counts, GraphCallback, Wanted, count, state_of
 from .hints import Answer, explain, similar_topics
 from .mapping_node import CLOCK, MappingNode, MappingSubscription, RawSubscription
 from .middleware import Callback, Graph, NodeInfo, RawCallback, RawFormat, Severity
@@ -58,6 +58,8 @@ class LocalBus:
         """Type name per topic, of topics that are advertised or subscribed to."""
         self.nodes: List[LocalMiddleware] = []
         """The nodes that are not closed."""
+        self._last_publishers: Dict[str, str] = {}
+        """The node that published on each topic last."""
         self._listeners: Dict[str, List[Callable[[Message], None]]] = {}
         self._services: Dict[str, Tuple[str, Callable[[Message], Message]]] = {}
         """Type and handler of each service."""
@@ -151,6 +153,7 @@ class LocalBus:
             if not self._listeners.get(topic) and not any(topic in node._advertised for node in self.nodes):
                 self._listeners.pop(topic, None)
                 self.types.pop(topic, None)
+                self._last_publishers.pop(topic, None)
 
 
 class LocalMiddleware(MappingNode):
@@ -183,6 +186,7 @@ class LocalMiddleware(MappingNode):
         transported = self.transported(self._advertised[resolved], message)
         if resolved in self._latched:
             self._latched[resolved] = transported
+        self._bus._last_publishers[resolved] = self.name
         for deliver in tuple(self._bus._listeners.get(resolved, ())):
             deliver(transported)
 
@@ -208,31 +212,32 @@ class LocalMiddleware(MappingNode):
         published = {name: kind for node in self._bus.nodes for name, kind in node._advertised.items()}
         own = {*self._advertised, *(subscription.topic for subscription in self._subscriptions)}
         types = [published[topic]] if topic in published else []
-        answer(explain(topic, type_name, types, similar_topics(topic, type_name, published, own)))
+        gone = {self._bus._last_publishers.get(topic, self.name)}.difference(node.name for node in self._bus.nodes)
+        answer(explain(topic, type_name, types, similar_topics(topic, type_name, published, own), gone))
 
-    def check_graph(self, key: str) -> None:
-        """All of it is known."""
+    def graph_name(self, key: str, name: str) -> str:
+        return self.resolve(name)
 
     def follow_graph(self, wanted: Callable[[], Collection[Wanted]], callback: GraphCallback) -> ClockTimer:
         def read(now_s: float) -> None:
             if not self.waiting_for_clock():
-                callback(self._find(wanted()), now_s)
+                callback(self._count(wanted()), now_s)
 
         return self.create_timer(1.0, read, steady=True)
 
-    def _find(self, wanted: Collection[Wanted]) -> Found:
+    def _count(self, wanted: Collection[Wanted]) -> Counts:
         names = [node.name for node in self._bus.nodes]
         others = [node for node in self._bus.nodes if node is not self]
         publishers = (topic for node in others for topic in node._advertised)
         subscribers = (topic for node in others for topic in {each.topic for each in node._subscriptions})
-        found = count(wanted, names, publishers, subscribers)
+        counts = count(wanted, names, publishers, subscribers)
         for key, name in wanted:
             if key == "lifecycle" and name not in names:
-                found[key, name] = 0.0
+                counts[key, name] = 0.0
             elif key == "lifecycle":
                 with contextlib.suppress(Exception):  # whatever its handler raises
-                    found[key, name] = state_of(self._bus.call_service(f"{name}/get_state"))
-        return found
+                    counts[key, name] = state_of(self._bus.call_service(f"{name}/get_state"))
+        return counts
 
     def unsubscribe(self, subscription: Any) -> None:
         if subscription in self._subscriptions:

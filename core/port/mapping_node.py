@@ -23,7 +23,7 @@ from ..values.names import resolve_name
 from .graph import GraphCallback, Wanted
 from .hints import Answer, Hints
 from .log_limit import LimitedLog
-from .middleware import Callback, OnChange, RawCallback, RawFormat, Result, Severity
+from .middleware import Callback, OnChange, RawCallback, RawFormat, Result, Severity, Timer
 from .raw_messages import json_bytes, json_format
 from .timers import ClockTimer, ClockTimers
 
@@ -161,10 +161,10 @@ class MappingNode(abc.ABC):
     def why_silent(self, topic: str, type_name: str) -> Optional[str]:
         return self._hints.get(self.resolve(topic), type_name)
 
-    def check_graph(self, key: str) -> None:
+    def graph_name(self, key: str, name: str) -> str:
         raise ServiceError("the robot's graph is not known here")
 
-    def follow_graph(self, wanted: Callable[[], Collection[Wanted]], callback: GraphCallback) -> ClockTimer:
+    def follow_graph(self, wanted: Callable[[], Collection[Wanted]], callback: GraphCallback) -> Timer:
         raise ServiceError("the robot's graph is not known here")
 
     def now_s(self) -> float:

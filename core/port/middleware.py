@@ -200,8 +200,11 @@ class Middleware(Protocol):
         `hints.py`; a topic is named as resolved. An empty `type_name` stands for any type.
         """
 
-    def check_graph(self, key: str) -> None:
-        """Raises ServiceError if what a signal with this key counts is not known here, ConfigError if there is none."""
+    def graph_name(self, key: str, name: str) -> str:
+        """Returns the resolved name of what a signal counts, remapped where the middleware remaps it; not of a pattern.
+
+        Raises ServiceError if what signals with this key count is not known here, ConfigError if there is none.
+        """
 
     def follow_graph(self, wanted: Callable[[], Collection[Wanted]], callback: GraphCallback) -> Timer:
         """Calls back every 1 to 2 s of steady time with what is wanted of the graph, or why it cannot be read.

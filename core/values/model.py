@@ -155,6 +155,10 @@ class Transition:
     """True for a repeated announcement (`repeat_s`)."""
     hint: str = field(default="", compare=False)
     """Why there are no samples, as far as the middleware knows; empty: nothing is known. Not part of `text`."""
+    cause: str = ""
+    """Name of the alert whose effect the signal is now: worse levels are not announced; empty: none."""
+    affects: int = field(default=0, compare=False)
+    """How many signals are worse than announced because of this one now, directly or not."""
     black_box: str = field(default="", compare=False)
     """Name of the file that records it; empty: none."""
 

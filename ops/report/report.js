@@ -10,6 +10,21 @@
     if (element) plots.set(signal.id, new HealthPlot.Plot(element.querySelector(".plot"), signal, view));
   }
 
+  // Effects are folded below their cause.
+  for (const row of document.querySelectorAll("tr[data-effects]")) {
+    const number = Number(row.dataset.effects), effects = [];
+    for (let next = row; effects.length < number; effects.push(next)) next = next.nextElementSibling;
+    const button = document.createElement("button");
+    button.textContent = `+ ${number} affected`;
+    const fold = (isOpen) => {
+      button.setAttribute("aria-expanded", isOpen);
+      for (const effect of effects) effect.hidden = !isOpen;
+    };
+    button.addEventListener("click", () => fold(effects[0].hidden));
+    fold(false);
+    row.cells[0].append(" ", button);
+  }
+
   function pick(alertId) {
     for (const plot of plots.values()) plot.pick(alertId);
   }

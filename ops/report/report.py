@@ -11,7 +11,7 @@ import hashlib
 import json
 from datetime import timedelta, timezone
 from html import escape
-from itertools import islice
+from itertools import islice, repeat
 from typing import Any, Dict, Iterable, List, Mapping, NamedTuple, Sequence, Tuple, Union
 
 from ...core.config.signal_config import SignalConfig
@@ -40,6 +40,7 @@ class ReportedAlert(NamedTuple):
     file: str  # name of the configuration or the robot; empty if there is only one
     transition: Union[Transition, StoredTransition]
     notes: Sequence[str] = ()  # lines that people wrote on it
+    effects: Sequence[str] = ()  # names of the signals that it kept from being announced
 
 
 class Report(NamedTuple):
@@ -61,6 +62,8 @@ class Report(NamedTuple):
     all_alerts: int  # how many there were
     group: str = "file"  # head of the column with `file`: `file` for configurations, or `robot`
     events: Sequence[Tuple[float, str]] = ()  # what else happened: time and text
+    effects: Sequence[int] = ()
+    """How many of the next rows are effects of each row, which are folded below it; -1: it is one."""
 
 
 def buckets_of(signals: int) -> int:
@@ -123,11 +126,12 @@ def _signal_table(report: Report, plotted: _Places, several: bool) -> Iterable[s
     heads = (f'<th scope="col"{kind}>{_text(head)}</th>' for kind, head in zip(kinds, report.header))
     many = " many" if len(report.header) > _MANY_COLUMNS else ""
     yield f'<div class="signals table{many}"><table><thead><tr>{"".join(heads)}</tr></thead><tbody>'
-    for row in report.rows:
+    for row, effects in zip(report.rows, report.effects or repeat(0)):
         place = plotted.get((row[0], row[1] if several else ""))
         name = _text(row[0]) if place is None else f'<a href="#signal-{place}">{_text(row[0])}</a>'
         cells = (_cell(report.header[at], cell, at >= numbers) for at, cell in enumerate(row) if at)
-        yield f'<tr><td class="name{_length(row[0])}">{name}</td>{"".join(cells)}</tr>'
+        kind = ' class="effect"' if effects < 0 else f' data-effects="{effects}"' if effects else ""
+        yield f'<tr{kind}><td class="name{_length(row[0])}">{name}</td>{"".join(cells)}</tr>'
     yield "</tbody></table></div>"
 
 
@@ -165,6 +169,9 @@ def _alert_table(report: Report, plotted: _Places, several: bool) -> Iterable[st
             time = f'<a href="#signal-{place}" data-alert="alert-{number}" data-at="{alert.wall_s!r}">{time}</a>'
         file = f'<td class="file{_length(alert.file)}">{_text(alert.file)}</td>' if several else ""
         notes = "".join(f'<p class="note">{_text(note)}</p>' for note in alert.notes)
+        if alert.effects:
+            names = _text(", ".join(alert.effects))
+            notes = f"<details><summary>{len(alert.effects)} affected</summary>{names}</details>{notes}"
         yield (
             f'<tr id="alert-{number}"><td class="time">{time}</td><td class="level {level.lower()}">{level}</td>'
             f'{file}<td class="text">{_text(_line(alert.transition))}{notes}</td></tr>'

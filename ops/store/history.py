@@ -41,6 +41,7 @@ LOST_PART = "history queue"
 """The part whose fault counts transitions that were not stored."""
 
 _MOST_EVIDENT = 1_000  # signals per robot whose latest samples are known: a driver may rename itself
+_MOST_EFFECTS = 1_000  # names that are stored with an alert, likewise
 _RESTORE_TIMEOUT_S = 5.0
 _HOOK_PART = "notifications"
 
@@ -196,6 +197,21 @@ class RobotHistory:
             self._history.put_samples(row for summaries in rows for row in summaries)
         except Exception as error:
             self._report(f"samples were not stored: {type(error).__name__}: {error}")
+
+    def record_effects(self, effects: Mapping[str, Sequence[str]]) -> None:
+        """Stores with open alerts, by the names of their signals, which signals they keep from being announced."""
+
+        def add(connection: Connection) -> None:
+            where = "WHERE id = (SELECT alert_id FROM open_alerts WHERE robot = ? AND signal = ?)"
+            for cause, names in effects.items():
+                alert = (printable(self._robot), printable(cause))
+                row = connection.execute(f"SELECT affected FROM transitions {where}", alert).fetchone()
+                if row is not None:
+                    known = dict.fromkeys([*filter(None, str(row[0]).split("\n")), *map(printable, names)])
+                    affected = "\n".join([*known][:_MOST_EFFECTS])
+                    connection.execute(f"UPDATE transitions SET affected = ? {where}", (affected, *alert))
+
+        self._history.put(add)
 
     def record_reset(self) -> None:
         """Stores that latched alerts were reset; returns at once."""

@@ -121,7 +121,7 @@ class StoredTransition(NamedTuple):
     wall_s: float
     """When, in s since 1970."""
     robot: str
-    """As the fields of `Transition` of the same names, down to `black_box`."""
+    """As the fields of `Transition` of the same names, down to `cause`."""
     signal: str
     from_level: Level
     to_level: Level
@@ -138,15 +138,27 @@ class StoredTransition(NamedTuple):
     repeat: bool
     hint: str
     black_box: str
+    cause: str
     alert_id: int
     """Number of the transition that began the alert: the same for all of its levels and its end."""
+    affected: str
+
+    @property
+    def effects(self) -> Sequence[str]:
+        """Names of the signals that the alert kept from being announced, if it began here."""
+        return self.affected.split("\n") if self.affected else ()
+
+    @property
+    def affects(self) -> int:
+        """How many they are."""
+        return len(self.effects)
 
 
-_GIVEN = StoredTransition._fields[1:-1]
-TRANSITION_COLUMNS = f"id, {', '.join(_GIVEN)}, coalesce(alert_id, id)"
+_GIVEN = StoredTransition._fields[1:-2]
+TRANSITION_COLUMNS = f"id, {', '.join(_GIVEN)}, coalesce(alert_id, id), affected"
 """The columns of a transition, in the order of the fields of `StoredTransition`."""
 
-INSERT_TRANSITION = f"INSERT INTO transitions ({', '.join(_GIVEN)}, alert_id) VALUES ({', '.join('?' * 17)})"
+INSERT_TRANSITION = f"INSERT INTO transitions ({', '.join(_GIVEN)}, alert_id) VALUES ({', '.join('?' * 18)})"
 """Stores what `transition_row` returns; the last value is the transition that began the alert (None: this one)."""
 
 

@@ -63,7 +63,9 @@ CREATE TABLE transitions (
     repeat INTEGER NOT NULL,             -- 1: a repetition (repeat_s), no change of level
     hint TEXT NOT NULL,                  -- why there were no samples
     black_box TEXT NOT NULL,             -- name of the file that records it
-    alert_id INTEGER                     -- the transition that began the alert; NULL: this one
+    alert_id INTEGER,                    -- the transition that began the alert; NULL: this one
+    cause TEXT NOT NULL,                 -- name of the alert whose effect the signal was
+    affected TEXT NOT NULL DEFAULT ''    -- names of its effects, a line each, if it began an alert
 );
 CREATE INDEX transitions_by_time ON transitions(wall_s) WHERE {INDEXED};
 -- The samples of the window at the time of a transition; see rows.py.

@@ -17,6 +17,7 @@ from typing import Any, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
 
 from ...core.config.signal_config import LINK, template_name
 from ...core.judge.saved_state import Saved
+from ...core.judge.sources import is_source
 from ...core.values.model import Level
 from ...core.values.patterns import matches_pattern
 from .queries import pattern_condition
@@ -27,7 +28,7 @@ MOST_LEVELS = 5_000
 
 _PAGE = 5_000
 _ROUNDING_S = 1e-6
-_TYPES = (int, float, str, str, Level, Level, float)
+_TYPES = (int, float, str, str, Level, Level, float, str)
 
 _Spans = List[Tuple[float, float]]
 """Times from begin to end that are sorted and do not overlap."""
@@ -54,6 +55,8 @@ class SignalSummary:
     None: there was none."""
     levels: Sequence[Tuple[float, Optional[Level]]]
     """The course of the level: begin of each, in s since 1970; None: unknown."""
+    cause: str = ""
+    """Name of the latest alert of which it was an effect, if it had none of its own; empty: none."""
 
     @property
     def availability(self) -> Optional[float]:
@@ -70,7 +73,7 @@ def summarize(
     robot: Optional[str] = None,
     signal: Optional[str] = None,
 ) -> List[SignalSummary]:
-    """Returns a summary per robot and signal, sorted by their names.
+    """Returns a summary per robot and signal, and per topic that was silent, sorted by their names.
 
     It reaches from `since_s` (None: when the robot was first watched) to `now_s`, in s since 1970. In `robot` and
     `signal`, `*` and `?` work as in file names.
@@ -89,16 +92,21 @@ def summarize(
         if name in watched and isinstance(signal_name, str):
             signal_of(name, signal_name)
             lasting_s[name, signal_name] = _known_s(state, now_s)
-    for wall_s, name, signal_name, from_level, to_level, lasted_s in _transitions(connection, robot, "NOT repeat"):
+    causes: Dict[Tuple[str, str], str] = {}  # the alert of which each signal was an effect at last
+    for wall_s, name, signal_name, *levels, lasted_s, affected in _transitions(connection, robot, "NOT repeat"):
         if name in watched:
-            signal_of(name, signal_name).apply(wall_s, from_level, to_level, lasted_s)
+            causes.update(((name, effect), signal_name) for effect in affected.split("\n"))
+            signal_of(name, signal_name).apply(wall_s, levels[0], levels[1], lasted_s)
     summaries = []
     for (name, signal_name), found in sorted(signals.items()):
         if now_s > found.begin_s and (signal is None or matches_pattern(signal_name, signal)):
             # An element without a state has ended (forget_after_s): what came after is not known.
             has_ended = signal_name != template_name(signal_name) and (name, signal_name) not in lasting_s
             found.advance(now_s, 0.0 if has_ended else lasting_s.get((name, signal_name), math.inf))
-            summaries.append(found.summary(name, signal_name))
+            was_ok = found.times.keys() <= {Level.OK}
+            if not (was_ok and is_source(signal_name)):  # topics are shown while they are silent
+                cause = causes.get((name, signal_name), "") if was_ok else ""
+                summaries.append(found.summary(name, signal_name, cause))
     return summaries
 
 
@@ -173,7 +181,7 @@ class _Signal:
         if not levels or levels[-1][1] is not level:
             levels.append((wall_s, level if len(levels) < MOST_LEVELS else None))
 
-    def summary(self, robot: str, name: str) -> SignalSummary:
+    def summary(self, robot: str, name: str, cause: str) -> SignalSummary:
         """Returns what was added."""
         duration_s, (recoveries, recovery_s) = self.end_s - self.begin_s, self.recoveries_s
         shares = {level: seconds / duration_s for level, seconds in sorted(self.times.items())}
@@ -181,7 +189,7 @@ class _Signal:
         levels = [each for each in self.levels if each[0] < self.end_s]
         return SignalSummary(
             robot, name, duration_s, shares, unknown if unknown > 1e-9 else 0.0, self.alerts, self.longest_outage_s,
-            recovery_s / recoveries if recoveries else None, levels,
+            recovery_s / recoveries if recoveries else None, levels, cause,
         )  # fmt: skip
 
 
@@ -198,7 +206,7 @@ def _within(spans: _Spans, from_s: float, to_s: float) -> Iterator[Tuple[float, 
 def _reachable(connection: Connection, robot: Optional[str], watched: Mapping[str, _Spans]) -> Dict[str, _Spans]:
     """Returns the times in which each robot was watched and its link was up."""
     ups: Dict[str, _Spans] = {name: [(-math.inf, math.inf)] for name in watched}
-    for wall_s, name, _, _, to_level, _ in _transitions(connection, robot, f"signal = '{LINK}'"):
+    for wall_s, name, _, _, to_level, *_ in _transitions(connection, robot, f"signal = '{LINK}'"):
         if name in ups:
             begin_s, end_s = ups[name][-1]
             wall_s = max(wall_s, begin_s)
@@ -240,9 +248,9 @@ def _watched(connection: Connection, robot: Optional[str]) -> Dict[str, _Spans]:
 
 
 def _transitions(connection: Connection, robot: Optional[str], where: str) -> Iterator[Sequence[Any]]:
-    """Yields wall time, robot, signal, levels, and duration of the earlier level."""
+    """Yields wall time, robot, signal, levels, duration of the earlier level, and effects."""
     query = f"""
-        SELECT id, wall_s, robot, signal, from_level, to_level, now_s - since_s FROM transitions
+        SELECT id, wall_s, robot, signal, from_level, to_level, now_s - since_s, affected FROM transitions
         WHERE id > :id AND {where} AND {pattern_condition(connection, "robot")} ORDER BY id LIMIT {_PAGE}
     """
     found: Sequence[Sequence[Any]] = ((0,),)

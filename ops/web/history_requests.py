@@ -154,8 +154,9 @@ def past_alert(history: History, number: int) -> Optional[PastAlert]:
         samples = queries.evidence(connection, number)
         shown = [(round(t, 3), value if value - value == 0.0 else None) for t, value in samples]
         others = queries.not_ok_at(connection, transition, _MOST_OTHERS)
+        begun = queries.transition(connection, transition.alert_id) or transition
         return PastAlert(
-            _alert(connection, transition),
+            {**_alert(connection, transition), "effects": begun.effects},
             shown,
             transition.statistics.get("trend_per_min"),
             [_alert(connection, other) for other in others],
@@ -245,6 +246,8 @@ def _alert(connection: Connection, transition: StoredTransition) -> Json:
         "hint": transition.hint,
         "black_box": transition.black_box,
         "alert_id": transition.alert_id,
+        "cause": transition.cause or None,
+        "effects": transition.effects,
         "repeat": transition.repeat,
         "notes": [_note_json(note) for note in notes_of(connection, transition.id)],
     }

@@ -44,6 +44,10 @@ _ALERT_LEVEL = Family(
     "causes as alerts do.",
     _BY_SIGNAL,
 )
+_CAUSED = Family("robot_health_caused", "1 while the signal is the effect of another alert, else absent.", _BY_SIGNAL)
+_AFFECTS = Family(
+    "robot_health_affects", "Signals that are worse than announced because of this one; absent without any.", _BY_SIGNAL
+)
 _VALUE = Family(
     "robot_health_value",
     "Last value of the signal's statistic, to which its bounds apply, in its unit; absent while undefined.",
@@ -188,6 +192,8 @@ def _time_to_bound_s(signal: Judgement) -> Optional[float]:
 _OF_SIGNALS: Sequence[Tuple[Family, str, Callable[[Judgement], Optional[float]]]] = (
     (_LEVEL, "", lambda signal: signal.level),
     (_ALERT_LEVEL, "", lambda signal: signal.announced),
+    (_CAUSED, "", lambda signal: 1.0 if signal.cause else None),
+    (_AFFECTS, "", lambda signal: signal.affects or None),
     (_VALUE, "", lambda signal: signal.judged),
     (_LATEST, "", _latest),
     (_TIME_TO_BOUND, "", _time_to_bound_s),
@@ -198,7 +204,7 @@ _OF_SIGNALS: Sequence[Tuple[Family, str, Callable[[Judgement], Optional[float]]]
 """The metrics of a signal, with further labels; a value of None is no series."""
 _OF_TRANSITIONS = tuple((_TRANSITIONS, f',to="{level.name}"', None) for level in Level)
 """All counters exist from the start: Prometheus sees no increase from nothing to 1."""
-_NOT_IN_FLEET = (_TIME_TO_BOUND, _TRANSITIONS)
+_NOT_IN_FLEET = (_CAUSED, _AFFECTS, _TIME_TO_BOUND, _TRANSITIONS)
 _NONE: Counter[Level] = Counter()
 
 

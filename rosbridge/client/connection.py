@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import asyncio
 import functools
-from typing import Any, Awaitable, Callable, Dict, Mapping, Optional, Tuple
+from typing import Any, Awaitable, Callable, Collection, Dict, Mapping, Optional, Tuple
 
 from ...core.port.middleware import Severity
 from ...core.values.errors import MessageError, ServiceError
@@ -61,6 +61,11 @@ class ServerConnection(BridgeConnection):
             if topic not in self._advertised:
                 self._advertised[topic] = canonical_type(type_name)
                 self.send(operations.Advertise(topic, canonical_type(type_name)))
+
+    @property
+    def advertised(self) -> Collection[str]:
+        """The topics that are announced to publish on."""
+        return self._advertised.keys()
 
     def unadvertise(self, topic: str) -> None:
         """Ends an `advertise`."""

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import concurrent.futures
-from typing import Any, Callable, Coroutine, List, Mapping, Optional, TypeVar
+from typing import Any, Callable, Collection, Coroutine, List, Mapping, Optional, TypeVar
 
 from ...core.messages.dialect import Message
+from ...core.port.graph import GraphCallback, Wanted
 from ...core.port.hints import Answer
 from ...core.port.mapping_node import CLOCK, CLOCK_TYPE
 from ...core.port.middleware import Callback, RawCallback, RawFormat
@@ -15,6 +16,7 @@ from ...runtime.bridge.node import BridgeClient, BridgeNode, KnownTopic
 from ..protocol import Limits
 from ..protocol.operations import Publish
 from .connection import ServerConnection
+from .graph import GraphReader
 from .receivers import CaptureReceiver, ClockReceiver, FieldReceiver
 from .services import Call, PublisherLookup, find_types
 from .topics import list_topics
@@ -49,6 +51,14 @@ class RosbridgeClient(BridgeClient["RosbridgeMiddleware"]):
             return await list_topics(self.connection.calls.call)
         except ServiceError as error:
             raise ServiceError(f"{self.connection.address} does not list its topics (no rosapi?): {error}") from None
+
+    async def run(self) -> None:
+        """Keeps the connection up and the timers going until it is cancelled."""
+        remembering = asyncio.ensure_future(self.publishers.remember(lambda: self.connection.subscriptions.topics))
+        try:
+            await super().run()
+        finally:
+            remembering.cancel()
 
     def run_and_wait(self, ask: Callable[[Call], Coroutine[Any, Any, T]]) -> T:
         """Returns what a coroutine function finds out by calling the server's services. Called in another thread.
@@ -127,6 +137,12 @@ class RosbridgeMiddleware(BridgeNode):
 
     def topic_types(self) -> Mapping[str, str]:
         return self._client.run_and_wait(find_types)
+
+    def graph_name(self, key: str, name: str) -> str:
+        return self.resolve(name)
+
+    def follow_graph(self, wanted: Callable[[], Collection[Wanted]], callback: GraphCallback) -> GraphReader:
+        return GraphReader(self, self._connection, wanted, callback)
 
     def look_up_silence(self, topic: str, type_name: str, answer: Answer) -> None:
         own = {*self._advertised, *(subscription.topic for subscription in tuple(self._subscriptions))}

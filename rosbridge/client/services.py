@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-from typing import Any, Awaitable, Callable, Container, Dict, Mapping, Optional, Tuple
+import contextlib
+from typing import Any, Awaitable, Callable, Container, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
 
 from ...core.port.hints import Answer, explain, similar_topics
 from ...core.values.errors import LinkError, MessageError, ServiceError
@@ -16,6 +17,7 @@ Call = Callable[[str, Mapping[str, Any], float], Awaitable[Mapping[str, Any]]]
 
 _LONGEST_ERROR = 200
 _TIMEOUT_S = 5.0
+_REMEMBER_PERIOD_S = 30.0
 _MOST_CANDIDATES = 3
 """Similar topics of which the server is asked for publishers, for one question."""
 
@@ -56,6 +58,14 @@ async def find_types(call: Call) -> Mapping[str, str]:
     return _types_by_topic(await call("/rosapi/topics", {}, _TIMEOUT_S))
 
 
+async def names_of(call: Call, service: str, **request: str) -> List[str]:
+    """Returns the names that a service of rosapi answers with. Raises as `ServiceCalls.call`."""
+    names = (await call(f"/rosapi/{service}", request, _TIMEOUT_S)).get(service)
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        raise ServiceError(f"/rosapi/{service} did not answer with a list of names")
+    return names
+
+
 class PublisherLookup:
     """Finds why a topic brings no samples, as far as the server's rosapi knows: without rosapi there is no reason.
 
@@ -68,6 +78,17 @@ class PublisherLookup:
         self._questions: Dict[Tuple[str, str], Tuple[Container[str], Answer]] = {}
         """Topics that the node itself uses, and who is answered; by topic and configured type (empty: any)."""
         self._task: Optional[asyncio.Task[None]] = None
+        self._publishers: Dict[str, Sequence[str]] = {}
+        """The nodes that published each topic when it had publishers last."""
+
+    async def remember(self, topics: Callable[[], Iterable[str]], period_s: float = _REMEMBER_PERIOD_S) -> None:
+        """Remembers again and again which nodes publish. Runs until it is cancelled."""
+        while True:
+            await asyncio.sleep(period_s)
+            with contextlib.suppress(LinkError, MessageError, ServiceError):  # no rosapi, or no connection
+                self._publishers = {topic: nodes for topic, nodes in self._publishers.items() if topic in set(topics())}
+                for topic in tuple(topics()):
+                    await self._publishers_of(topic)
 
     def look_up(self, topic: str, type_name: str, own_topics: Container[str], answer: Answer) -> None:
         """Answers later why a topic brings no samples, None if nothing is known; as in `core.hints.Hints`."""
@@ -92,14 +113,19 @@ class PublisherLookup:
     async def _explain(
         self, topic: str, type_name: str, topics: Mapping[str, str], own_topics: Container[str]
     ) -> Optional[str]:
-        if await self._has_publisher(topic):
+        if await self._publishers_of(topic):
             return explain(topic, type_name, [topics[topic]], ()) if topics.get(topic) else None
+        known = self._publishers.get(topic, ())
+        gone = set(known).difference(await names_of(self._call, "nodes")) if known else ()
         similar = similar_topics(topic, type_name, topics, own_topics)[:_MOST_CANDIDATES]
-        return explain(topic, type_name, [], [name for name in similar if await self._has_publisher(name)])
+        candidates = [name for name in similar if await names_of(self._call, "publishers", topic=name)]
+        return explain(topic, type_name, [], candidates, gone)
 
-    async def _has_publisher(self, topic: str) -> bool:
-        values = await self._call("/rosapi/publishers", {"topic": topic}, _TIMEOUT_S)
-        return bool(values.get("publishers"))
+    async def _publishers_of(self, topic: str) -> Sequence[str]:
+        nodes = await names_of(self._call, "publishers", topic=topic)
+        if nodes:
+            self._publishers[topic] = nodes
+        return nodes
 
 
 def _types_by_topic(values: Mapping[str, Any]) -> Mapping[str, str]:

@@ -9,7 +9,7 @@ import asyncio
 import contextlib
 import functools
 import threading
-from typing import Any, Callable, Dict, Mapping, Optional, Protocol, Set, Tuple
+from typing import Any, Callable, Collection, Dict, Mapping, Optional, Protocol, Set, Tuple
 
 from ...core.port.middleware import RawFormat
 from ...core.port.raw_messages import json_format, ros1_format, ros2_format
@@ -76,6 +76,11 @@ class Subscriptions:
         """Whether serialized messages may arrive on this connection."""
         self._undefined: Dict[str, None] = {}
         """Topics whose format is needed, and not known on this connection; those asked for longest ago come first."""
+
+    @property
+    def topics(self) -> Collection[str]:
+        """The topics that are subscribed to."""
+        return tuple(self._receivers)
 
     def add(self, topic: str, type_name: str, receiver: Receiver) -> None:
         """Subscribes; the type may be empty: the server is then asked for it."""

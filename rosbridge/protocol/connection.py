@@ -10,13 +10,11 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, field
-from typing import Any, Callable, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple, Union
+from typing import Any, Callable, Dict, Iterator, List, Mapping, Optional, Sequence
 
-from ...core.config.schema import REQUIRED, declared, read_record
-from ...core.values.errors import MessageError
 from .codec import CBOR_PROBLEM, Wire, decode, encode_cbor, encode_json, encode_json_with_nan, encode_png
-from .limits import DEFAULT_LIMITS, MOST_FRAGMENTS, Id, Limits, ProtocolError
-from .operations import LONGEST_NAME, Operation, operation_fields, read_operation
+from .limits import DEFAULT_LIMITS, Id, Limits, ProtocolError
+from .operations import Fragment, Operation, operation_fields, read_operation
 
 CBOR_SUBPROTOCOL = "rosbridge.v2.cbor"
 """WebSocket subprotocol by which this package's client and server agree to send CBOR."""
@@ -34,14 +32,10 @@ class Connection:
         (`NaN`, `Infinity`): lossless, and accepted by rosbridge servers.
         """
         self.limits = limits
-        self._reassembly = Reassembly(limits)
+        self.reassembly = Reassembly(limits)
+        """The fragments of incomplete messages."""
         self._fragment_ids = itertools.count()
         self._encode: Callable[[object], str] = encode_json if nan_as_null else encode_json_with_nan
-
-    @property
-    def fragment_chars(self) -> int:
-        """Characters of incomplete messages: the next fragment may complete a message of this length."""
-        return self._reassembly.chars
 
     def receive(self, data: Wire, now_s: float) -> Optional[Operation]:
         """Takes one message of the peer; returns its operation, or None after a fragment while others are missing.
@@ -52,16 +46,16 @@ class Connection:
 
     def receive_decoded(self, fields: Mapping[str, Any], now_s: float) -> Optional[Operation]:
         """Does what `receive` does, with a message that `decode` has decoded."""
-        if fields.get("op") == "fragment":
-            whole = self._reassembly.add(fields, now_s)
-            if whole is None:
-                return None
-            fields = decode(whole, self.limits)
-            if fields.get("op") == "fragment":
-                raise ProtocolError("a fragment inside a fragmented message", "fragment")
-        if fields.get("op") == "png":
-            raise ProtocolError("received messages must not be compressed", "png")
-        return read_operation(fields)
+        operation = read_operation(fields)
+        if not isinstance(operation, Fragment):
+            return operation
+        whole = self.reassembly.add(operation, now_s)
+        if whole is None:
+            return None
+        operation = read_operation(decode(whole, self.limits))
+        if isinstance(operation, Fragment):
+            raise ProtocolError("a fragment inside a fragmented message", "fragment")
+        return operation
 
     def send(
         self, operation: Operation, *, fragment_size: Optional[int] = None, compression: str = "none"
@@ -97,7 +91,6 @@ class _Partial:
     total: int
     last_s: float
     pieces: Dict[int, str] = field(default_factory=dict)
-    chars: int = 0
 
 
 class Reassembly:
@@ -108,62 +101,37 @@ class Reassembly:
         self._limits = limits
         self._partial: Dict[Id, _Partial] = {}
         self.chars = 0
-        """Characters of the incomplete messages."""
+        """Characters of the incomplete messages: the next fragment may complete a message of this length."""
 
-    def add(self, fragment: Mapping[str, Any], now_s: float) -> Optional[str]:
+    def add(self, fragment: Fragment, now_s: float) -> Optional[str]:
         """Takes one fragment; returns the message once it is complete. Repeated fragments are ignored.
 
-        Raises ProtocolError and drops its message if the fragment is invalid, contradicts earlier ones or exceeds a
-        limit.
+        Raises ProtocolError and drops its message if the fragment contradicts earlier ones or exceeds a limit.
         """
-        id, data, number, total = _fields(fragment)  # noqa: A001 - the protocol's word
-        self._expire(now_s)
-        partial = self._partial.get(id)
-        if partial is None:
-            if len(self._partial) >= self._limits.partial_messages:
-                self._drop(next(iter(self._partial)))
-            partial = self._partial[id] = _Partial(total, now_s)
-        if partial.total != total:
-            self._drop(id)
-            raise ProtocolError(f"total: expected {partial.total} as before, got {total}", "fragment", id)
-        partial.last_s = now_s
-        if number in partial.pieces:
-            return None
-        if self.chars + len(data) > self._limits.message_bytes:
-            self._drop(id)
-            raise ProtocolError(f"fragments with more than {self._limits.message_bytes} characters", "fragment", id)
-        partial.pieces[number] = data
-        partial.chars += len(data)
-        self.chars += len(data)
-        if len(partial.pieces) < total:
-            return None
-        self._drop(id)
-        return "".join(partial.pieces[number] for number in range(total))
-
-    def _expire(self, now_s: float) -> None:
+        number, total = int(fragment.num), int(fragment.total)
+        if number >= total:
+            raise ProtocolError(f"num: expected 0 to {total - 1}, got {number}", "fragment", fragment.id)
         for id, partial in tuple(self._partial.items()):  # noqa: A001 - the protocol's word
             if now_s - partial.last_s > self._limits.fragment_timeout_s:
                 self._drop(id)
+        if fragment.id not in self._partial and len(self._partial) >= self._limits.partial_messages:
+            self._drop(next(iter(self._partial)))
+        partial = self._partial.setdefault(fragment.id, _Partial(total, now_s))
+        if partial.total != total:
+            self._drop(fragment.id, f"total: expected {partial.total} as before, got {total}")
+        partial.last_s = now_s
+        if number not in partial.pieces:
+            if self.chars + len(fragment.data) > self._limits.message_bytes:
+                self._drop(fragment.id, f"fragments with more than {self._limits.message_bytes} characters")
+            partial.pieces[number] = fragment.data
+            self.chars += len(fragment.data)
+        if len(partial.pieces) < total:
+            return None
+        self._drop(fragment.id)
+        return "".join(partial.pieces[number] for number in range(total))
 
-    def _drop(self, id: Id) -> None:  # noqa: A002 - the protocol's word
-        self.chars -= self._partial.pop(id).chars
-
-
-@dataclass(frozen=True)
-class _Fragment:
-    id: Union[str, int] = declared(REQUIRED, "", None, LONGEST_NAME)
-    data: str = declared(REQUIRED, any_text=True)
-    total: float = declared(REQUIRED, "", 1, MOST_FRAGMENTS)
-    """Rounded down, as `num`: the reference server sends 3.75 as the total of 3 fragments."""
-    num: float = declared(REQUIRED, "", 0, MOST_FRAGMENTS)
-
-
-def _fields(fragment: Mapping[str, Any]) -> Tuple[Id, str, int, int]:
-    try:
-        read = read_record(_Fragment, fragment)
-    except MessageError as error:
-        raise ProtocolError(str(error), "fragment") from None
-    number, total = int(read.num), int(read.total)
-    if number >= total:
-        raise ProtocolError(f"num: expected 0 to {total - 1}, got {number}", "fragment", read.id)
-    return read.id, read.data, number, total
+    def _drop(self, id: Id, problem: str = "") -> None:  # noqa: A002 - the protocol's word
+        """Forgets a message; raises ProtocolError if there is a problem."""
+        self.chars -= sum(map(len, self._partial.pop(id).pieces.values()))
+        if problem:
+            raise ProtocolError(problem, "fragment", id)

@@ -42,8 +42,6 @@ class Limits(NamedTuple):
 
 
 DEFAULT_LIMITS = Limits()
-MOST_FRAGMENTS = 10_000
-"""Of one message."""
 
 
 class ProtocolError(MessageError):

@@ -19,6 +19,12 @@ STATUS_LEVELS = ("none", "error", "warning", "info")
 """Each level includes those before it."""
 _ACTIONS = ("advertise_action", "unadvertise_action", "cancel_action_goal", "action_feedback")
 """Operations of actions, apart from a goal, which is aborted."""
+_REFUSED = {
+    **dict.fromkeys(_ACTIONS, "actions are not supported"),
+    "png": "png: received messages must not be compressed",
+}
+MOST_FRAGMENTS = 10_000
+"""Of one message."""
 
 LONGEST_NAME = 512
 """Most characters of the name of a topic, service, action or type, and of an id."""
@@ -184,51 +190,58 @@ class Auth:
     """End of validity, in s since 1970."""
 
 
+@dataclass(frozen=True)
+class Fragment:
+    """A part of the JSON text of another operation."""
+
+    id: Union[str, int] = declared(REQUIRED, "", None, LONGEST_NAME)
+    data: str = declared(REQUIRED, any_text=True)
+    total: float = declared(REQUIRED, "", 1, MOST_FRAGMENTS)
+    """Rounded down, as `num`: the reference server sends 3.75 as the total of 3 fragments."""
+    num: float = declared(REQUIRED, "", 0, MOST_FRAGMENTS)
+
+
 Operation = Union[
     Advertise, Unadvertise, Publish, Subscribe, Unsubscribe, CallService, ServiceResponse, AdvertiseService,
-    UnadvertiseService, SendActionGoal, ActionResult, SetLevel, Status, Auth,
+    UnadvertiseService, SendActionGoal, ActionResult, SetLevel, Status, Auth, Fragment,
 ]  # fmt: skip
 
 OPERATIONS: Dict[str, Type[Any]] = {
     re.sub(r"\B[A-Z]", r"_\g<0>", operation.__name__).lower(): operation for operation in get_args(Operation)
 }
-"""Every operation by its name on the wire (`SetLevel` is `set_level`); `fragment` and `png` carry other operations."""
+"""Every operation by its name on the wire: `SetLevel` is `set_level`."""
+_NAMES = {kind: op for op, kind in OPERATIONS.items()}
+_ALWAYS_WRITTEN = ("values", "result", "args", "status")
+"""Peers expect these fields even if they have their default."""
 
 
 def read_operation(fields: Mapping[str, Any]) -> Operation:
     """Returns the operation in a decoded message; raises ProtocolError if it or a field of it is not valid."""
     op = fields.get("op")
-    schema = OPERATIONS.get(op) if isinstance(op, str) else None
+    name = op if isinstance(op, str) else ""
+    schema = OPERATIONS.get(name)
     try:
         if schema is None:
-            raise MessageError("actions are not supported" if op in _ACTIONS else f"unknown operation {shown(op)}")
+            raise MessageError(_REFUSED.get(name, f"unknown operation {shown(op)}"))
         return read_record(schema, fields)  # type: ignore[no-any-return]  # all of them are in Operation
     except MessageError as error:
-        found = fields.get("id")
-        id = found if isinstance(found, (str, int)) else None  # noqa: A001 - the protocol's word
-        raise ProtocolError(str(error), str(op) if schema else "", id) from None
+        given = fields.get("id")
+        raise ProtocolError(
+            str(error), name if schema else "", given if isinstance(given, (str, int)) else None
+        ) from None
 
 
 def operation_fields(operation: Operation) -> Dict[str, Any]:
     """Returns the fields of an operation as sent on the wire; defaults are left out."""
-    op, defaults = _WRITTEN[type(operation)]
-    values = vars(operation)
-    fields: Dict[str, Any] = {"op": op}
-    for name, default in defaults:
-        if values[name] != default:
-            fields[name] = values[name]
-    return fields
+    given = vars(operation)
+    written = [
+        each.name
+        for each in parameters(type(operation))
+        if each.name in _ALWAYS_WRITTEN or given[each.name] != each.default
+    ]
+    return {"op": name_of(operation), **{name: given[name] for name in written}}
 
 
 def name_of(operation: Operation) -> str:
     """Returns the name of an operation on the wire."""
-    return _WRITTEN[type(operation)][0]
-
-
-_ALWAYS_WRITTEN = ("values", "result", "args", "status")
-"""Peers expect these fields even if they have their default."""
-_WRITTEN = {
-    kind: (op, [(each.name, None if each.name in _ALWAYS_WRITTEN else each.default) for each in parameters(kind)])
-    for op, kind in OPERATIONS.items()
-}
-"""Name and fields of each operation, with the value of each that is left out."""
+    return _NAMES[type(operation)]

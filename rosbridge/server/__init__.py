@@ -1,6 +1,6 @@
 """The rosbridge server: serves any implementation of the port to rosbridge clients."""
 
-from .access import LOCAL_PAGES, Access, monitor_access
+from .access import Access
 from .server import Server, ServerThread
 
-__all__ = ["LOCAL_PAGES", "Access", "Server", "ServerThread", "monitor_access"]
+__all__ = ["Access", "Server", "ServerThread"]

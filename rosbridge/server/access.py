@@ -28,7 +28,7 @@ from ..protocol.limits import shown
 from ..protocol.operations import Auth
 from .connections import json_error
 
-LOCAL_PAGES = ("http://localhost", "http://127.0.0.1", "http://[::1]")
+_LOCAL_PAGES = ("http://localhost", "http://127.0.0.1", "http://[::1]")
 """Origins of the web pages of this machine, on any port."""
 SESSION_S = 30 * 86_400
 """How long a cookie is valid, in s."""
@@ -54,67 +54,39 @@ class Access:
     """Services that clients may call, whether the robot or another client provides them. rosapi is always open."""
     offer: Sequence[str] = ()
     """Services that clients may provide to other clients."""
-    origins: Sequence[str] = LOCAL_PAGES
-    """Origins (`https://studio.example.org`) of web pages that may connect; without a port: any port; `*`: all."""
+    origins: Sequence[str] = ()
+    """Origins (`https://studio.example.org`) of web pages that may connect, besides those of this machine; without a
+    port: any port; `*`: all."""
     token: str = field(default="", repr=False)
     """Token that clients must present: in the header `Authorization: Bearer TOKEN`, as `?token=` in the address, or
     as the secret of the operation `auth`. If it is empty, none is required."""
-
-    def may_publish(self, topic: str) -> bool:
-        """Returns whether clients may publish on a topic."""
-        return _matches(topic, self.publish)
-
-    def may_call(self, service: str) -> bool:
-        """Returns whether clients may call a service."""
-        return _matches(service, self.services)
-
-    def may_offer(self, service: str) -> bool:
-        """Returns whether clients may provide a service."""
-        return _matches(service, self.offer)
 
     def origin_allowed(self, origin: str, host: str = "") -> bool:
         """Returns whether a web page of this `Origin` may send requests, also to its own `Host`.
 
         Clients other than browsers send no Origin and are allowed.
         """
-        if not origin or "*" in self.origins or origin in self.origins or is_own_origin(origin, host):
+        origins = (*_LOCAL_PAGES, *self.origins)
+        if not origin or "*" in origins or origin in origins or is_own_origin(origin, host):
             return True
         try:
             parts = urlsplit(origin)
             name = f"[{parts.hostname}]" if ":" in (parts.hostname or "") else parts.hostname
         except ValueError:
             return False
-        return f"{parts.scheme}://{name}" in self.origins
+        return f"{parts.scheme}://{name}" in origins
 
 
-def monitor_access(
-    alert_system: str,
-    *,
-    publish: Sequence[str] = (),
-    services: Sequence[str] = (),
-    offer: Sequence[str] = (),
-    origins: Sequence[str] = (),
-    token: str = "",
-) -> Access:
-    """Returns the access to a health monitor: reading, `reset` and `reload` of `alert_system`, and what is granted.
-
-    `origins` may connect besides the pages of this machine; the other arguments are as in `Access`.
-    """
-    own_services = (f"{alert_system}/reset", f"{alert_system}/reload")
-    return Access(publish, (*own_services, *services), offer, (*LOCAL_PAGES, *origins), token)
+def matches(name: str, patterns: Sequence[str]) -> bool:
+    """Returns whether the name of a topic or service matches one of the patterns."""
+    return any(fnmatch.fnmatchcase(name, pattern) for pattern in patterns)
 
 
 def is_loopback(host: str) -> bool:
     """Returns whether a host name or address, with or without a port, is that of the loopback interface."""
-    name = host
-    if host.startswith("["):
-        name = host[1:].partition("]")[0]
-    elif host.count(":") == 1:
-        name = host.partition(":")[0]
-    if name.lower() == "localhost":
-        return True
     try:
-        return ipaddress.ip_address(name).is_loopback
+        name = urlsplit(f"//{host}").hostname or host
+        return name == "localhost" or ipaddress.ip_address(name).is_loopback
     except ValueError:
         return False
 
@@ -144,10 +116,6 @@ def check_request(request: web.Request, access: Access, *, check_host: bool) -> 
     return None
 
 
-def _matches(name: str, patterns: Sequence[str]) -> bool:
-    return any(fnmatch.fnmatchcase(name, pattern) for pattern in patterns)
-
-
 class Credentials(enum.Enum):
     """Whether a client has presented the token."""
 
@@ -157,48 +125,27 @@ class Credentials(enum.Enum):
     WRONG = "wrong"
 
 
-class WrongTokens:
-    """Counts wrong tokens per address. The right token is always accepted, so that no client can lock out others."""
-
-    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
-        """Starts without attempts; `clock` returns monotonic seconds."""
-        self._clock = clock
-        self._times: Dict[str, Deque[float]] = {}
-
-    def note(self, address: str) -> float:
-        """Notes a wrong token; returns how long the address has to wait, in s: 0 for the first ten in a minute."""
-        now_s = self._clock()
-        times = self._times.get(address)
-        if times is None:
-            if len(self._times) >= _MOST_ADDRESSES:
-                del self._times[next(iter(self._times))]
-            times = self._times[address] = deque(maxlen=_MOST_WRONG)
-        wait_s = _PERIOD_S - (now_s - times[0]) if len(times) == _MOST_WRONG else 0.0
-        if wait_s > 0.0:
-            return max(1.0, wait_s)
-        times.append(now_s)
-        return 0.0
-
-
 class TokenCheck:
-    """Checks tokens and cookies. Without a token, every client is valid."""
+    """Checks tokens and cookies. Without a token, every client is valid.
+
+    Wrong tokens are counted per address. The right one is always accepted, so that no client can lock out others.
+    """
 
     def __init__(
         self, token: str, wall_time_s: Callable[[], float] = time.time, clock: Callable[[], float] = time.monotonic
     ) -> None:
         """Remembers the token; `wall_time_s` returns seconds since 1970, `clock` monotonic ones."""
-        self._token = _bytes(token)
         self._wall_time_s = wall_time_s
-        self._wrong = WrongTokens(clock)
+        self._clock = clock
+        self._wrong: Dict[str, Deque[float]] = {}
+        """When the latest wrong tokens of an address came."""
+        self.use(token)
 
     def use(self, token: str) -> None:
         """Requires another token from now on, or none if it is empty. Cookies for the old one are no longer valid."""
         self._token = _bytes(token)
-
-    @property
-    def required(self) -> bool:
+        self.required = bool(token)
         """Whether clients must present a token."""
-        return self._token != b""
 
     def client(self, request: web.Request) -> Client:
         """Returns who sends a request."""
@@ -207,7 +154,7 @@ class TokenCheck:
 
     def judge(self, presented: object) -> Credentials:
         """Returns whether this is the token."""
-        if not self._token:
+        if not self.required:
             return Credentials.VALID
         is_token = isinstance(presented, str) and hmac.compare_digest(_bytes(presented), self._token)
         return Credentials.VALID if is_token else Credentials.WRONG
@@ -235,8 +182,15 @@ class TokenCheck:
         """Returns why a client is refused, and how long it has to wait, in s. A wrong token counts."""
         if credentials is Credentials.MISSING:
             return "a token is required", 0.0
-        wait_s = self._wrong.note(address)
-        return (f"too many wrong tokens; try again in {wait_s:.0f} s" if wait_s else "wrong token"), wait_s
+        now_s = self._clock()
+        if address not in self._wrong and len(self._wrong) >= _MOST_ADDRESSES:
+            del self._wrong[next(iter(self._wrong))]
+        times = self._wrong.setdefault(address, deque(maxlen=_MOST_WRONG))
+        wait_s = times[0] + _PERIOD_S - now_s if len(times) == _MOST_WRONG else 0.0
+        if wait_s <= 0.0:
+            times.append(now_s)
+            return "wrong token", 0.0
+        return f"too many wrong tokens; try again in {max(1.0, wait_s):.0f} s", max(1.0, wait_s)
 
     def new_cookie(self) -> str:
         """Returns the value of a new cookie."""
@@ -248,7 +202,7 @@ class TokenCheck:
         if authorization is not None:
             scheme, _, presented = authorization.partition(" ")
             return self.judge(presented.strip() if scheme.lower() == "bearer" else "")
-        if "token" in request.query or not self._token:
+        if "token" in request.query or not self.required:
             return self.judge(request.query.get("token"))
         return Credentials.MISSING
 

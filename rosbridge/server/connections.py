@@ -17,7 +17,7 @@ import logging
 import resource
 import ssl
 import time
-from typing import Callable, Dict, List, Mapping, Optional
+from typing import Callable, Dict, List, Mapping, Optional, Tuple
 
 from aiohttp import web
 from aiohttp.http import HttpProcessingError
@@ -59,8 +59,8 @@ class Connections:
         self._clock = clock
         self._on_full = on_full
         self._full = False
-        self._stages: Dict[HttpConnection, Stage] = {}
-        self._since_s: Dict[Stage, Dict[HttpConnection, float]] = {stage: {} for stage in Stage}
+        self._stages: Dict[HttpConnection, Tuple[Stage, float]] = {}
+        """Stage and since when it has been waiting, in the order in which they entered their stage."""
 
     def __len__(self) -> int:
         return len(self._stages)
@@ -71,35 +71,31 @@ class Connections:
             if not self._full:
                 self._full = True
                 self._on_full()
-            replaceable = (one for stage in sorted(Stage)[: Stage.ACTIVE] for one in self._since_s[stage])
-            oldest = next(replaceable, None)
-            if oldest is None:
+            oldest = min(self._stages, key=lambda one: self._stages[one][0])  # the first of those with the lowest stage
+            if self._stages[oldest][0] is Stage.ACTIVE:
                 return False
             self.abort(oldest)
-        self._stages[connection] = Stage.OPENED
-        self._since_s[Stage.OPENED][connection] = self._clock()
+        self._stages[connection] = Stage.OPENED, self._clock()
         return True
 
     def set_stage(self, connection: HttpConnection, stage: Stage) -> None:
         """Changes the stage of a connection; its timeout begins anew, also in the same stage."""
-        before = self._stages.get(connection)
-        if before is None:
+        if connection not in self._stages:
             return
-        if before is not stage:
-            del self._since_s[before][connection]
-            self._stages[connection] = stage
-        self._since_s[stage][connection] = self._clock()  # in the same stage it keeps its place
+        if self._stages[connection][0] is not stage:
+            del self._stages[connection]  # in the same stage it keeps its place
+        self._stages[connection] = stage, self._clock()
 
     def waiting_since_s(self, connection: HttpConnection) -> Optional[float]:
         """Returns since when a connection is in stage OPENED or KNOWN, in s; None in any other stage."""
-        stage = self._stages.get(connection, Stage.ACTIVE)
-        return self._since_s[stage][connection] if stage <= Stage.KNOWN else None
+        stage, since_s = self._stages.get(connection, (Stage.ACTIVE, 0.0))
+        return since_s if stage <= Stage.KNOWN else None
 
     def sweep(self) -> None:
         """Closes connections that have been in stage OPENED or KNOWN for too long. Call every second."""
         latest_s = self._clock() - self._timeout_s
-        for stage in (Stage.OPENED, Stage.KNOWN):
-            for connection in [one for one, since_s in self._since_s[stage].items() if since_s < latest_s]:
+        for connection, (stage, since_s) in tuple(self._stages.items()):
+            if stage <= Stage.KNOWN and since_s < latest_s:
                 self.abort(connection)
         if len(self._stages) < 0.9 * self._limit:
             self._full = False
@@ -116,9 +112,7 @@ class Connections:
 
     def remove(self, connection: HttpConnection) -> None:
         """Removes a connection that is closed."""
-        stage = self._stages.pop(connection, None)
-        if stage is not None:
-            del self._since_s[stage][connection]
+        self._stages.pop(connection, None)
 
 
 def connection_limit(requested: int) -> int:
@@ -150,6 +144,13 @@ class HttpConnection(web.RequestHandler):
         """What came before aiohttp knew of the connection; None: it does."""
         self._counted_since_s: Optional[float] = None
         self._received = 0
+        self.on_resume: Callable[[], None] = lambda: None
+        """Called when a client that has read too slowly reads again."""
+
+    def resume_writing(self) -> None:
+        """The buffer of the transport has emptied."""
+        super().resume_writing()
+        self.on_resume()
 
     def abort(self) -> None:
         """Closes the connection at once, at any stage."""

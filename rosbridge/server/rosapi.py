@@ -10,11 +10,11 @@ import json
 from typing import Any, Callable, Dict, List, Mapping, Sequence, Tuple
 
 from ...core.config.parameters import flatten
-from ...core.messages.definitions import Definition, Field
+from ...core.messages.definitions import Definitions, Field
 from ...core.port.middleware import Graph, NodeInfo
 from ...core.values.errors import ServiceError
 from ...core.values.names import canonical_type
-from ..protocol import definitions
+from ..protocol.definitions import parse, service_definition
 
 PREFIX = "/rosapi/"
 _EXAMPLES = {"string": "", "bool": "False", "float32": "0.0", "float64": "0.0"}
@@ -38,12 +38,12 @@ class Rosapi:
 
         A definition contains those of the types in it, and is empty if unknown. Parameters are nested, per node.
         """
-        self._graph = graph
-        self._definition = definition
+        self.graph = graph
+        self.definition = definition
         self._parameters = parameters
         self._time_s = time_s
         self.services: Mapping[str, str] = {
-            PREFIX + name: f"rosapi/{name.title().replace('_', '')}" for name in (*_OF_GRAPH, *_OTHERS)
+            PREFIX + name: f"rosapi/{name.title().replace('_', '')}" for name in _SERVICES
         }
         """Type per service."""
 
@@ -52,27 +52,30 @@ class Rosapi:
 
         Raises ServiceError if the service does not exist, or the graph cannot be read.
         """
-        name = service[len(PREFIX) :] if service.startswith(PREFIX) else ""
-        if name in _OF_GRAPH:
-            names, of_graph = _OF_GRAPH[name]
-            return of_graph(self._graph(), *_texts(args, names))
-        if name in _OTHERS:
-            names, function = _OTHERS[name]
-            return function(self, *_texts(args, names))
-        raise ServiceError(f"no service {service}")
+        if service not in self.services:
+            raise ServiceError(f"no service {service}")
+        names, function = _SERVICES[service[len(PREFIX) :]]
+        return function(self, *_texts(args, names))
+
+    def nodes_with(self, kind: str, name: str) -> List[str]:
+        """Returns the nodes of which `kind`, a field of NodeInfo, contains a topic or service."""
+        return [node for node, info in self.graph().nodes.items() if name in getattr(info, kind)]
+
+    def _topics(self) -> Dict[str, List[str]]:
+        topics = self.graph().topics
+        return {"topics": list(topics), "types": list(topics.values())}
 
     def _topics_and_raw_types(self) -> Values:
-        topics = self._graph().topics
-        texts = {type_name: self._definition(type_name) for type_name in set(topics.values())}
-        types = list(topics.values())
-        return {"topics": list(topics), "types": types, "typedefs_full_text": [texts[one] for one in types]}
+        values = self._topics()
+        texts = {type_name: self.definition(type_name) for type_name in set(values["types"])}
+        return {**values, "typedefs_full_text": [texts[one] for one in values["types"]]}
 
-    def _message_details(self, type_name: str) -> Values:
-        definitions_by_type = definitions.parse(type_name, self._definition(type_name))
+    def _node_details(self, name: str) -> Values:
+        node = self.graph().nodes.get(name, NodeInfo((), (), ()))
         return {
-            "typedefs": [
-                _typedef(name, one) for name, one in definitions_by_type.items() if one.fields or one.constants
-            ]
+            "subscribing": list(node.subscribes),
+            "publishing": list(node.publishes),
+            "services": list(node.services),
         }
 
     def _get_time(self) -> Values:
@@ -81,10 +84,11 @@ class Rosapi:
         return {"time": {"secs": whole, "nsecs": nanoseconds, "sec": whole, "nanosec": nanoseconds}}
 
     def _get_param(self, name: str, default: str) -> Values:
-        values = self._values()
+        values = self.values()
         return {"value": json.dumps(values[name]) if name in values else default or '""'}
 
-    def _values(self) -> Dict[str, Any]:
+    def values(self) -> Dict[str, Any]:
+        """Returns the parameters that clients may read, by node and name."""
         return {
             f"{node}:{name}": value
             for node, tree in self._parameters().items()
@@ -93,49 +97,31 @@ class Rosapi:
         }
 
 
-def _node_details(graph: Graph, name: str) -> Values:
-    node = graph.nodes.get(name, NodeInfo((), (), ()))
-    return {"subscribing": list(node.subscribes), "publishing": list(node.publishes), "services": list(node.services)}
-
-
-def _service_details(type_name: str, *, response: bool) -> Values:
-    definitions_by_type = definitions.service_definition(type_name, response)
-    return {"typedefs": [_typedef(name, one) for name, one in definitions_by_type.items()]}
-
-
-def _nodes_with(graph: Graph, kind: str, name: str) -> List[str]:
-    """Returns the nodes of which `kind`, a field of NodeInfo, contains a topic or service."""
-    return [node for node, info in graph.nodes.items() if name in getattr(info, kind)]
-
-
-_OF_GRAPH: Mapping[str, Tuple[Sequence[str], Callable[..., Values]]] = {
-    "topics": ((), lambda graph: {"topics": list(graph.topics), "types": list(graph.topics.values())}),
-    "topics_for_type": (("type",), lambda graph, type_name: {"topics": _having(graph.topics, type_name)}),
-    "topic_type": (("topic",), lambda graph, topic: {"type": graph.topics.get(topic, "")}),
-    "services": ((), lambda graph: {"services": list(graph.services)}),
-    "service_type": (("service",), lambda graph, service: {"type": graph.services.get(service, "")}),
-    "services_for_type": (("type",), lambda graph, type_name: {"services": _having(graph.services, type_name)}),
-    "service_node": (("service",), lambda graph, name: {"node": "".join(_nodes_with(graph, "services", name)[:1])}),
-    "service_providers": (("service",), lambda graph, name: {"providers": _nodes_with(graph, "services", name)}),
-    "service_host": (("service",), lambda graph, name: {"host": "localhost" if name in graph.services else ""}),
-    "nodes": ((), lambda graph: {"nodes": list(graph.nodes)}),
-    "node_details": (("node",), _node_details),
-    "publishers": (("topic",), lambda graph, topic: {"publishers": _nodes_with(graph, "publishes", topic)}),
-    "subscribers": (("topic",), lambda graph, topic: {"subscribers": _nodes_with(graph, "subscribes", topic)}),
-}
-"""The services that need only the graph: the fields of their request, all of them strings, and their function."""
-
-_OTHERS: Mapping[str, Tuple[Sequence[str], Callable[..., Values]]] = {
+_SERVICES: Mapping[str, Tuple[Sequence[str], Callable[..., Values]]] = {
+    "topics": ((), Rosapi._topics),
+    "topics_for_type": (("type",), lambda api, kind: {"topics": _having(api.graph().topics, kind)}),
+    "topic_type": (("topic",), lambda api, topic: {"type": api.graph().topics.get(topic, "")}),
     "topics_and_raw_types": ((), Rosapi._topics_and_raw_types),
-    "action_servers": ((), lambda rosapi: {"action_servers": []}),
-    "message_details": (("type",), Rosapi._message_details),
-    "service_request_details": (("type",), lambda rosapi, name: _service_details(name, response=False)),
-    "service_response_details": (("type",), lambda rosapi, name: _service_details(name, response=True)),
+    "services": ((), lambda api: {"services": list(api.graph().services)}),
+    "service_type": (("service",), lambda api, service: {"type": api.graph().services.get(service, "")}),
+    "services_for_type": (("type",), lambda api, kind: {"services": _having(api.graph().services, kind)}),
+    "service_node": (("service",), lambda api, name: {"node": "".join(api.nodes_with("services", name)[:1])}),
+    "service_providers": (("service",), lambda api, name: {"providers": api.nodes_with("services", name)}),
+    "service_host": (("service",), lambda api, name: {"host": "localhost" if name in api.graph().services else ""}),
+    "nodes": ((), lambda api: {"nodes": list(api.graph().nodes)}),
+    "node_details": (("node",), Rosapi._node_details),
+    "publishers": (("topic",), lambda api, topic: {"publishers": api.nodes_with("publishes", topic)}),
+    "subscribers": (("topic",), lambda api, topic: {"subscribers": api.nodes_with("subscribes", topic)}),
+    "action_servers": ((), lambda api: {"action_servers": []}),
+    "message_details": (("type",), lambda api, name: _typedefs(parse(name, api.definition(name)))),
+    "service_request_details": (("type",), lambda api, name: _typedefs(service_definition(name, False))),
+    "service_response_details": (("type",), lambda api, name: _typedefs(service_definition(name, True))),
     "get_time": ((), Rosapi._get_time),
-    "get_param_names": ((), lambda rosapi: {"names": list(rosapi._values())}),
+    "get_param_names": ((), lambda api: {"names": list(api.values())}),
     "get_param": (("name", "default_value"), Rosapi._get_param),
-    "has_param": (("name",), lambda rosapi, name: {"exists": name in rosapi._values()}),
+    "has_param": (("name",), lambda api, name: {"exists": name in api.values()}),
 }
+"""The fields of each service's request, all of them strings, and its function."""
 
 
 def _texts(args: object, names: Sequence[str]) -> List[str]:
@@ -152,16 +138,21 @@ def _having(types: Mapping[str, str], type_name: str) -> List[str]:
     return [name for name, known_type in types.items() if canonical_type(known_type) == canonical_type(type_name)]
 
 
-def _typedef(type_name: str, definition: Definition) -> Mapping[str, Any]:
-    """Returns one definition as rosapi_msgs/TypeDef."""
+def _typedefs(known: Definitions) -> Values:
+    """Returns definitions as a list of rosapi_msgs/TypeDef."""
     return {
-        "type": type_name,
-        "fieldnames": [field.name for field in definition.fields],
-        "fieldtypes": [field.kind for field in definition.fields],
-        "fieldarraylen": [-1 if field.size is None else max(field.size, 0) for field in definition.fields],
-        "examples": [_example(field) for field in definition.fields],
-        "constnames": [name for name, _ in definition.constants],
-        "constvalues": [value for _, value in definition.constants],
+        "typedefs": [
+            {
+                "type": type_name,
+                "fieldnames": [field.name for field in fields],
+                "fieldtypes": [field.kind for field in fields],
+                "fieldarraylen": [-1 if field.size is None else max(field.size, 0) for field in fields],
+                "examples": [_example(field) for field in fields],
+                "constnames": [name for name, _ in constants],
+                "constvalues": [value for _, value in constants],
+            }
+            for type_name, (fields, constants) in known.items()
+        ]
     }
 
 

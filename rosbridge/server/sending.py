@@ -11,7 +11,7 @@ import asyncio
 import itertools
 import struct
 import time
-from typing import Any, Callable, Dict, Generic, Mapping, NamedTuple, Optional, Sequence, Set, Tuple, TypeVar
+from typing import Any, Callable, Dict, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 from ...core.values.errors import MessageError, ServiceError
 from ...runtime.bounded_queue import BoundedQueue
@@ -19,18 +19,17 @@ from ...runtime.event_loops import ThreadPool
 from ..protocol import Wire
 from ..protocol.codec import encode_cbor, encode_json, encode_large_json, encode_png
 from ..protocol.connection import split
+from ..protocol.definitions import Serializer
 
 LARGE_BYTES = 65_536
 """Messages above this size are encoded and decoded in a background thread."""
 
-R = TypeVar("R")
-Serializer = Callable[[Mapping[str, Any]], bytes]
 _FINAL_TEXT, _FINAL_BINARY = 0x81, 0x82
 _OBJECT_BYTES = 32
 _COUNTED_ITEMS = 16
-_PERIOD_S = 0.02
 
 _fragment_ids = itertools.count()
+Receivers = Sequence[Any]
 
 
 def frame(message: Wire) -> bytes:
@@ -132,7 +131,7 @@ class EncodedMessage:
         return self._serialize(self._message)
 
 
-class EncodingQueue(Generic[R]):
+class EncodingQueue:
     """The messages of one topic that wait for one encoding in a thread, bounded in bytes. The newest win."""
 
     def __init__(
@@ -140,7 +139,7 @@ class EncodingQueue(Generic[R]):
         encoding: Encoding,
         pool: ThreadPool,
         bound_bytes: int,
-        send: Callable[[bytes, Sequence[R]], None],
+        send: Callable[[bytes, Receivers], None],
         on_failure: Callable[[str], None],
     ) -> None:
         """Starts empty.
@@ -152,7 +151,7 @@ class EncodingQueue(Generic[R]):
         self._pool = pool
         self._send = send
         self._on_failure = on_failure
-        self._waiting: BoundedQueue[Tuple[EncodedMessage, Sequence[R]]] = BoundedQueue(bound_bytes)
+        self._waiting: BoundedQueue[Tuple[EncodedMessage, Receivers]] = BoundedQueue(bound_bytes)
         self.busy = False
         """Whether messages are waiting or being encoded; later ones must wait, to keep their order."""
         self.clear = self._waiting.clear
@@ -163,7 +162,7 @@ class EncodingQueue(Generic[R]):
         """Messages that were dropped because the encoder is busy."""
         return self._waiting.dropped
 
-    def put(self, message: EncodedMessage, receivers: Sequence[R]) -> None:
+    def put(self, message: EncodedMessage, receivers: Receivers) -> None:
         """Has a message encoded and sent; drops the oldest waiting ones if there are too many."""
         self._waiting.put((message, receivers), message.size)
         if not self.busy:
@@ -193,22 +192,19 @@ class ClientQueue:
         self,
         transport: asyncio.WriteTransport,
         bound_bytes: int,
-        on_caught_up: Callable[[], None],
         high_water: int = 65_536,
     ) -> None:
         """Starts empty. At most `bound_bytes` wait here; one larger frame may wait alone.
 
         Frames wait while the transport's buffer holds more than `high_water` bytes, also the size of what is written at
-        once. `on_caught_up` is called when a slow client has read everything.
+        once. The owner calls `flush` when the transport resumes writing.
         """
         self._transport = transport
         self._high = high_water
-        self.on_caught_up = on_caught_up
+        transport.set_write_buffer_limits(high_water)
         self._frames: BoundedQueue[bytes] = BoundedQueue(bound_bytes)
         self._rest = memoryview(b"")
         """What is left of the frames that are being sent."""
-        self.behind_since_s: Optional[float] = None
-        """Start of the current backlog, in s; set by the owner."""
 
     @property
     def dropped(self) -> int:
@@ -245,52 +241,7 @@ class ClientQueue:
             piece, self._rest = self._rest[:high], self._rest[high:]
             transport.write(piece)
 
-    def abort(self) -> None:
-        """Closes the connection at once."""
-        self._transport.abort()
-
     def clear(self) -> None:
         """Drops everything that waits."""
         self._frames.clear()
         self._rest = memoryview(b"")
-
-
-class SlowClients:
-    """Empties the send queues of slow clients, and disconnects those that do not catch up."""
-
-    def __init__(self, timeout_s: float, log: Callable[[str], None]) -> None:
-        """Starts without clients; those that are behind for longer than `timeout_s` are disconnected."""
-        self._timeout_s = timeout_s
-        self._log = log
-        self._queues: Set[ClientQueue] = set()
-        self._running = False
-
-    def add(self, queue: ClientQueue) -> None:
-        """Adds a client that is behind."""
-        loop = asyncio.get_event_loop()
-        if queue.behind_since_s is None:
-            queue.behind_since_s = loop.time()
-        self._queues.add(queue)
-        if not self._running:
-            self._running = True
-            loop.call_later(_PERIOD_S, self._flush)
-
-    def discard(self, queue: ClientQueue) -> None:
-        """Removes a client that has left."""
-        self._queues.discard(queue)
-
-    def _flush(self) -> None:
-        loop = asyncio.get_event_loop()
-        for queue in tuple(self._queues):
-            queue.flush()
-            if not queue.behind:
-                queue.behind_since_s = None
-                self._queues.discard(queue)
-                queue.on_caught_up()
-            elif queue.behind_since_s is not None and loop.time() - queue.behind_since_s > self._timeout_s:
-                self._queues.discard(queue)
-                self._log(f"disconnected a client: behind for more than {self._timeout_s:g} s")
-                queue.abort()
-        self._running = bool(self._queues)
-        if self._running:
-            loop.call_later(_PERIOD_S, self._flush)

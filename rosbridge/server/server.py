@@ -29,7 +29,6 @@ from ..protocol import CBOR_SUBPROTOCOL, DEFAULT_LIMITS, SUBPROTOCOLS, Limits
 from .access import Access, Client, Credentials, TokenCheck, check_request, is_loopback
 from .connections import ClientLog, Connections, HttpConnection, Stage, connection_limit, json_error
 from .rosapi import Rosapi
-from .sending import SlowClients
 from .served_node import ServedNode
 from .services import Services
 from .session import AuthenticationError, ServerParts, Session
@@ -125,7 +124,7 @@ class Server:
             Topics(node, encoder, limits, self.log),
             Publications(node, self.access),
             self.services,
-            SlowClients(slow_client_timeout_s, self.log),
+            slow_client_timeout_s,
             encoder,
             ThreadPool("rosbridge-decode", 1, 1_000),
             self.log,
@@ -263,6 +262,8 @@ class Server:
             return socket
         limit_reads(transport)
         session = Session(self._parts, transport, cbor=socket.ws_protocol == CBOR_SUBPROTOCOL)
+        assert isinstance(request.protocol, HttpConnection)
+        request.protocol.on_resume = session.resume
         incoming = Incoming(socket)
         self._sockets.add(socket)
         try:
@@ -277,7 +278,7 @@ class Server:
                     message = await incoming.next()
         except FloodError:
             self.log(f"disconnected a client at {request.remote}: it floods the server with pings or empty messages")
-            session.queue.abort()
+            transport.abort()
         finally:
             self._sockets.discard(socket)
             self._sessions.discard(session)

@@ -10,7 +10,7 @@ from ..calls import PendingCalls
 from ..protocol import Operation
 from ..protocol.definitions import service_definition
 from ..protocol.operations import ServiceResponse
-from .access import Access
+from .access import Access, matches
 from .rosapi import PREFIX, Rosapi
 from .served_node import ServedNode
 
@@ -41,7 +41,7 @@ class Services:
                 return await asyncio.wait_for(self._node.call(self._rosapi.answer, service, arguments), timeout_s)
             except asyncio.TimeoutError:
                 raise _no_response(service, timeout_s) from None
-        if not self._access.may_call(service):
+        if not matches(service, self._access.services):
             raise ServiceError(f"clients may not call {service}")
         type_name = self.of_clients.types.get(service, "")
         request = _by_name(service, type_name, arguments)

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import asyncio
-from typing import Any, Awaitable, Callable, Dict, NamedTuple, Optional, Set, Type
+from typing import Callable, Dict, NamedTuple, Optional, Set
 
 from ...core.values.errors import ConfigError, MessageError, ServiceError
 from ...core.values.names import canonical_type
 from ...runtime.event_loops import ThreadPool
 from ..protocol import CBOR_PROBLEM, Connection, Id, Limits, Operation, ProtocolError, Wire, operations
-from .access import Access
-from .sending import LARGE_BYTES, ClientQueue, SlowClients, estimated_bytes, frame
+from .access import Access, matches
+from .sending import LARGE_BYTES, ClientQueue, estimated_bytes, frame
 from .served_node import ServedNode
 from .services import Services
 from .topic import ByteBudget, Options, merge, options_of
@@ -36,7 +36,7 @@ class ServerParts(NamedTuple):
     topics: Topics
     publications: Publications
     services: Services
-    slow_clients: SlowClients
+    slow_client_timeout_s: float
     encoder: ThreadPool
     decoder: ThreadPool
     log: Callable[[str], None]
@@ -47,7 +47,7 @@ class Session:
 
     def __init__(self, parts: ServerParts, transport: asyncio.WriteTransport, *, cbor: bool = False) -> None:
         """Starts a session over `transport`; with `cbor`, every operation is sent as CBOR."""
-        self.queue = ClientQueue(transport, parts.limits.queue_bytes, self._report_dropped)
+        self.queue = ClientQueue(transport, parts.limits.queue_bytes)
         self.throttled = ByteBudget(parts.limits.queue_bytes)
         self._parts = parts
         self._transport = transport
@@ -55,6 +55,8 @@ class Session:
         self._compression = "cbor" if cbor else "none"
         self._level = _NO_STATUS
         self._closed = False
+        self._cut_off: Optional[asyncio.TimerHandle] = None
+        """Disconnects a client that is behind."""
         self._reported = 0
         """Dropped messages that were reported to the client."""
         self._subscriptions: Dict[str, Dict[Id, Options]] = {}
@@ -79,9 +81,11 @@ class Session:
         operation: Optional[Operation] = None
         try:
             operation = await self._decode(data)
-            handler = _HANDLERS.get(type(operation))
-            if handler is not None:
-                await handler(self, operation)
+            if operation is not None:
+                # `status`, `auth` and `action_result` need no action.
+                handler = getattr(self, f"_{operations.name_of(operation)}", None)
+                if handler is not None:
+                    await handler(operation)
         except (ServiceError, MessageError, ConfigError, OSError) as error:
             if operation is None:
                 self.send_status("error", str(error), getattr(error, "id", None))
@@ -96,8 +100,25 @@ class Session:
         """Sends frames or queues them."""
         if self._closed or self._transport.is_closing():
             return
-        if self.queue.put(frames):
-            self._parts.slow_clients.add(self.queue)
+        if self.queue.put(frames) and self._cut_off is None:
+            timeout_s = self._parts.slow_client_timeout_s
+            self._cut_off = asyncio.get_event_loop().call_later(timeout_s, self._disconnect)
+
+    def _disconnect(self) -> None:
+        timeout_s = self._parts.slow_client_timeout_s
+        self._parts.log(f"disconnected a client: behind for more than {timeout_s:g} s")
+        self._transport.abort()
+
+    def resume(self) -> None:
+        """Sends what waits, and how many messages were dropped, once the client reads again."""
+        self.queue.flush()
+        if self._cut_off is None or self.queue.behind:
+            return
+        self._cut_off.cancel()
+        self._cut_off = None
+        count, self._reported = self.queue.dropped - self._reported, self.queue.dropped
+        if count:
+            self.send_status("warning", f"{count} messages were dropped: this client reads too slowly")
 
     def send(self, operation: Operation) -> None:
         """Sends an operation in the client's own encoding; raises MessageError if it cannot be encoded."""
@@ -109,17 +130,12 @@ class Session:
         if operations.STATUS_LEVELS.index(level) <= self._level:
             self.send(operations.Status(level, text, id))
 
-    def _report_dropped(self) -> None:
-        """Reports how many messages were dropped, once the client has read the others."""
-        count, self._reported = self.queue.dropped - self._reported, self.queue.dropped
-        if count:
-            self.send_status("warning", f"{count} messages were dropped: this client reads too slowly")
-
     async def close(self) -> None:
         """Ends everything that the client has requested."""
         self._closed = True
         self.queue.clear()
-        self._parts.slow_clients.discard(self.queue)
+        if self._cut_off is not None:
+            self._cut_off.cancel()
         for call in tuple(self._calls):
             call.cancel()
         for service in self._provided:
@@ -133,7 +149,7 @@ class Session:
 
     async def _decode(self, data: Wire) -> Optional[Operation]:
         now_s = asyncio.get_event_loop().time()
-        if len(data) + self._connection.fragment_chars <= _LARGE_RECEIVED_BYTES:
+        if len(data) + self._connection.reassembly.chars <= _LARGE_RECEIVED_BYTES:
             return self._connection.receive(data, now_s)
         return await self._parts.decoder.run(self._connection.receive, data, now_s)
 
@@ -219,7 +235,7 @@ class Session:
     async def _advertise_service(self, request: operations.AdvertiseService) -> None:
         self._require_room()
         service = self._parts.node.resolve(request.service)
-        if not self._parts.access.may_offer(service):
+        if not matches(service, self._parts.access.offer):
             raise ServiceError(f"clients may not provide {service}")
         if await self._parts.node.has_service(service):
             raise ServiceError(f"{service} exists already")
@@ -244,19 +260,3 @@ class Session:
         limit = self._parts.limits.advertisements
         if len(self._advertised) + len(self._provided) >= limit:
             raise MessageError(f"more than {limit} topics and services")
-
-
-_HANDLERS: Dict[Type[Any], Callable[[Session, Any], Awaitable[None]]] = {
-    operations.Subscribe: Session._subscribe,
-    operations.Unsubscribe: Session._unsubscribe,
-    operations.Advertise: Session._advertise,
-    operations.Unadvertise: Session._unadvertise,
-    operations.Publish: Session._publish,
-    operations.CallService: Session._call_service,
-    operations.AdvertiseService: Session._advertise_service,
-    operations.UnadvertiseService: Session._unadvertise_service,
-    operations.ServiceResponse: Session._service_response,
-    operations.SetLevel: Session._set_level,
-    operations.SendActionGoal: Session._send_action_goal,
-}
-"""Operations that are not listed (`status`, `auth`, `action_result`) need no action."""

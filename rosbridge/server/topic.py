@@ -11,8 +11,9 @@ from ...core.messages.dialect import Message
 from ...core.values.errors import MessageError
 from ...runtime.event_loops import ThreadPool
 from ..protocol import Limits
+from ..protocol.definitions import Serializer
 from ..protocol.operations import COMPRESSIONS, Subscribe
-from .sending import EncodedMessage, Encoding, EncodingQueue, Serializer
+from .sending import EncodedMessage, Encoding, EncodingQueue
 
 
 class Options(NamedTuple):
@@ -151,7 +152,7 @@ class Topic:
         self._direct: Dict[Encoding, List[Receiver]] = {}
         self._pacers: Dict[Receiver, Pacer] = {}
         self._timers: Dict[Receiver, asyncio.TimerHandle] = {}
-        self._queues: Dict[Encoding, EncodingQueue[Receiver]] = {}
+        self._queues: Dict[Encoding, EncodingQueue] = {}
         self._dropped = 0
 
     def set_type(self, type_name: str, serialize: Optional[Serializer]) -> None:

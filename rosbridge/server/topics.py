@@ -14,9 +14,8 @@ from ...core.values.errors import ConfigError, MessageError
 from ...core.values.names import canonical_type
 from ...runtime.event_loops import ThreadPool
 from ..protocol import Limits
-from ..protocol.definitions import null_reader, serializer
-from .access import Access
-from .sending import Serializer
+from ..protocol.definitions import Serializer, null_reader, serializer
+from .access import Access, matches
 from .served_node import ROSOUT, ROSOUT_TYPE, ServedNode
 from .topic import Options, Receiver, Topic
 
@@ -158,7 +157,7 @@ class Publications:
         advertised too many, if the type is not known or not that of the topic, or if the middleware does not respond.
         """
         topic = self._node.resolve(topic)
-        if not self._access.may_publish(topic):
+        if not matches(topic, self._access.publish):
             raise MessageError(f"clients may not publish on {topic}")
         if topic not in self._types and len(self._types) >= MOST_PUBLISHED:
             raise MessageError(f"clients have advertised {MOST_PUBLISHED} topics already")

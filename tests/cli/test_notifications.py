@@ -150,3 +150,27 @@ def test_alertmanager_shows_the_alert(run: Callable[..., LineProcess], tmp_path:
         assert found["labels"] == {**labels, "level": "ERROR", "severity": "critical"}
         assert found["annotations"]["summary"].startswith("atlas: battery_level ERROR: ")
         process.end()
+
+
+@pytest.mark.newest_python
+def test_a_monitor_that_is_killed_within_both_waits_sends_each_alert_once(
+    run: Callable[..., LineProcess], server: HttpServer, tmp_path: Path
+) -> None:
+    with HttpServer() as late, HttpServer() as alive:
+        webhook = {"type": "webhook", "simulated": True}
+        targets = {
+            "together": {**webhook, "url": server.url, "group_wait_s": 8.0},
+            "late": {**webhook, "url": late.url, "after_s": 8.0},
+            "alive": {"type": "heartbeat", "url": alive.url, "every_s": 1.0},
+        }
+        process = run(**targets)
+        process.wait_for_line(lambda text: "battery_level ERROR" in text)
+        os.kill(process.pid, signal.SIGKILL)
+        process.wait()
+        assert (server.all(), late.all()) == ([], [])
+        process = run(**targets)
+        assert (alert(server.next()), alert(late.next())) == ("atlas ERROR firing", "atlas ERROR firing")
+        alive.all()
+        alive.next()
+        process.end()
+        assert (server.all(), late.all()) == ([], [])

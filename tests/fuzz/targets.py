@@ -38,7 +38,7 @@ from robot_health_monitor.rosbridge.protocol import Connection, Limits, Protocol
 from robot_health_monitor.rosbridge.protocol.codec import topic_of_message
 from robot_health_monitor.rosbridge.protocol.definitions import null_reader, parse, serializer
 from robot_health_monitor.rosbridge.protocol.operations import COMPRESSIONS
-from robot_health_monitor.rosbridge.server.access import Access, TokenCheck, is_loopback
+from robot_health_monitor.rosbridge.server.access import Access, TokenCheck, is_loopback, matches
 from robot_health_monitor.rosbridge.server.server import Server
 from robot_health_monitor.rosbridge.server.session import AuthenticationError, Session
 from robot_health_monitor.runtime.bridge.address import host_and_port, shown_address
@@ -548,7 +548,7 @@ class Addresses(Target):
             access.origin_allowed(text, data[0])
             tokens.judge(text)
             tokens.judge_cookie(text)
-            access.may_publish(text)
+            matches(text, [data[0]])
             shown_address(text)
             for read in (host_and_port, parse_matchers, parse_duration_s, lambda url: url_problem(url, "webhook")):
                 with contextlib.suppress(ConfigError):

@@ -29,7 +29,7 @@ from selenium.webdriver.support.ui import WebDriverWait
 
 from robot_health_monitor.ops.web import WebInterface
 from robot_health_monitor.rosbridge.server import Server
-from robot_health_monitor.rosbridge.server.access import monitor_access
+from robot_health_monitor.rosbridge.server.access import Access
 
 from .web import Robots
 
@@ -175,7 +175,7 @@ class ServedRobots:
         )
         for alert_system in robots.all:
             web.watch(alert_system)
-        access = monitor_access("/alert_system", token=self._token)
+        access = Access(services=("/alert_system/re*",), token=self._token)
         node = robots.bus.node("server")
         server = Server(node, port=port, access=access, threads=False, routes=web.routes, on_close=(web.close,))
         await server.start()

@@ -55,11 +55,12 @@ class InitOnRos:
         file = tmp_path / "thresholds.yaml"
         file.write_text("\n".join(line.text for line in process.lines if line.stream == "out"))
         signals = load_config(file).signals
-        assert {
+        wanted = {
             "battery_state_rate", "battery_state_age", "battery_state_percentage", "battery_state_cell_spread",
             "camera_image_rate", "camera_image_age", "scan_rate", "scan_age", "imu_rate", "imu_age",
             "joint_states_rate", "joint_states_age", "motor_temperature_temperature", "diagnostics",
-        } <= set(signals)  # fmt: skip
+        }  # fmt: skip
+        assert not wanted - set(signals), file.read_text()
         assert signals["diagnostics"].field == 'status["*"]'
         assert not any(signal.topic in ("rosout", "event") for signal in signals.values())
         assert re.search(r'^      # /joint_states, .*effort\["', file.read_text(), re.MULTILINE)

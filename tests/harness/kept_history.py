@@ -51,6 +51,9 @@ class KeptHistory:
     def record_samples(self, samples: Mapping[str, Sequence[SampleSummary]]) -> None:
         self.samples.append(samples)
 
+    def record_effects(self, effects: Mapping[str, Sequence[str]]) -> None:
+        self.effects = effects
+
     def record_reset(self) -> None:
         self.events.append("reset")
 

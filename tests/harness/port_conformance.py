@@ -221,6 +221,10 @@ class PortConformance:
     """Whether the nodes of a process are one for the graph, as in ROS 1."""
     knows_graph = True
 
+    def other_node(self, harness: Harness, name: str) -> Any:
+        """Returns a node of the robot's graph that is not one of the monitor's."""
+        return harness.node(name)
+
     @pytest.fixture(autouse=True)
     def _close(self, harness: Harness) -> Any:
         yield
@@ -1024,7 +1028,8 @@ class PortConformance:
         first = 1 if self.is_one_node_per_process else 0  # whose nodes are there as long as the process
         signals = {name: {**given[name], "startup_grace_s": 1.0} for name in list(given)[first:]}
         node = harness.node("alert_system", parameters={"signals": signals})
-        node.subscribe("/graph/cmd", FLOAT32, Recorder())  # its own endpoints are not counted
+        for topic in ("/graph/cmd", "/graph/scan"):
+            node.subscribe(topic, FLOAT32, Recorder())  # its own endpoints are not counted
         monitor = AlertSystem(node).monitor
         times_s = itertools.count(START_S + 2.0)
 
@@ -1038,7 +1043,7 @@ class PortConformance:
             assert not monitor.report(0.0).statuses
             return
         harness.wait_until(lambda: reads(absent))
-        driver = harness.node("lidar_driver")
+        driver = self.other_node(harness, "lidar_driver")
         driver.advertise("/graph/scan", FLOAT32)
         if self.is_one_node_per_process:
             there[2] = absent[2]
@@ -1047,6 +1052,35 @@ class PortConformance:
         harness.wait_until(lambda: reads(there))
         driver.close()
         harness.wait_until(lambda: reads(absent))
+
+    def test_names_of_the_graph_are_resolved_and_remapped_but_patterns_are_not(self, harness: Harness) -> None:
+        if not self.knows_graph:
+            return
+        keys = {"here": "scan", "elsewhere": "other", "every": "scan*"}
+        signals = {name: {"publishers": topic} for name, topic in keys.items()}
+        node = harness.node(
+            "alert_system", namespace="robot1", parameters={"signals": signals}, remap={"scan": "/front"}
+        )
+        configured = AlertSystem(node).configuration.signals
+        names = {name: signal.publishers for name, signal in configured.items()}
+        assert names == {"here": "/front", "elsewhere": "/robot1/other", "every": "/robot1/scan*"}
+
+    def test_the_hint_of_a_silent_topic_names_the_node_that_is_gone(self, harness: Harness) -> None:
+        if self.is_one_node_per_process or not self.knows_graph:
+            return  # test_master.py of ROS 1 kills a process
+        node, driver, heard = harness.node("alert_system"), self.other_node(harness, "lidar_driver"), Recorder()
+        node.subscribe("/graph/scan", FLOAT32, heard, field="data")
+        driver.advertise("/graph/scan", FLOAT32)
+
+        def is_heard() -> bool:
+            driver.publish("/graph/scan", {"data": 1.0})
+            return bool(heard.values)
+
+        harness.wait_until(is_heard)
+        other = "/graph/scan is published as std_msgs/Float32, configured as std_msgs/String"
+        self._wait_for_hint(harness, node, "/graph/scan", "std_msgs/String", other)
+        driver.close()
+        self._wait_for_hint(harness, node, "/graph/scan", FLOAT32, "node /lidar_driver is gone")
 
     @staticmethod
     def _publish_until_heard(harness: Harness, topic: str, type_name: str, field: str) -> None:

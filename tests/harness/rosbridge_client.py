@@ -84,6 +84,8 @@ class ForeignServer:
         self.details: Dict[str, Any] = {}
         """The definitions of each type, as `rosapi_msgs/TypeDef`."""
         self.rosapi = True
+        self.answer: Optional[Callable[[str, Any], Any]] = None
+        """Answers a call by service and request: values, the text of a failure, or None: no response."""
         self.on_connect: Optional[Callable[[web.WebSocketResponse], Awaitable[None]]] = None
         """What to do with a new connection before reading from it."""
 
@@ -116,7 +118,12 @@ class ForeignServer:
             if message.type == aiohttp.WSMsgType.TEXT:
                 fields = json.loads(message.data)
                 self.received.append(fields)
-                if fields["op"] == "call_service" and not self.rosapi:
+                if fields["op"] == "call_service" and self.answer is not None:
+                    given = self.answer(fields["service"], fields["args"])
+                    response = {"op": "service_response", "id": fields["id"], "service": fields["service"]}
+                    if given is not None:
+                        await socket.send_json({**response, "values": given, "result": not isinstance(given, str)})
+                elif fields["op"] == "call_service" and not self.rosapi:
                     failure = {"op": "service_response", "id": fields["id"], "service": "s", "values": "not there"}
                     await socket.send_json({**failure, "result": False})
                 elif fields["op"] == "call_service":

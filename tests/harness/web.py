@@ -17,7 +17,7 @@ from robot_health_monitor.ops.store.active_silences import Silences
 from robot_health_monitor.ops.store.history import History
 from robot_health_monitor.ops.web import WebInterface
 from robot_health_monitor.rosbridge.server import Server
-from robot_health_monitor.rosbridge.server.access import monitor_access
+from robot_health_monitor.rosbridge.server.access import Access
 
 BATTERY: Mapping[str, Any] = {"battery_level": {"unit": "%", "warn_below": 20.0, "hysteresis": 2.0, "latch": True}}
 START_S = 1_795_324_000.0
@@ -97,7 +97,7 @@ def with_site(
         web = WebInterface(lambda: served.all, wall_time_s=served.wall_s, **settings)
         for alert_system in served.all:
             web.watch(alert_system)
-        access = monitor_access("/alert_system", token=token)
+        access = Access(services=("/alert_system/re*",), token=token)
         node = served.bus.node("server")
         server = Server(node, port=0, access=access, threads=False, routes=web.routes, on_close=(web.close,))
         await server.start()

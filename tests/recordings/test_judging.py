@@ -426,3 +426,35 @@ def test_goals_of_a_recorded_action_are_judged(tmp_path: Path, is_ros1: bool) ->
     result = judge_bags([write(tmp_path / file, messages)], {"signals": {"drives": signal}})
     assert result.transitions == [(30.0, "a", "drives", "WARN")]
     assert result.samples["a", "drives"] == [(10.0, 0.0), (30.0, 0.5)]
+
+
+def test_a_topic_that_falls_silent_has_its_time_and_its_effects(tmp_path: Path) -> None:
+    signals = {name: {"topic": "/scan", "type": "std_msgs/Float32"} for name in ("low", "high")}
+    signals["wheel"] = {"type": "std_msgs/Float32", "warn_below": 1.0, "depends_on": ["/scan"]}
+    scan = [*values("/scan", [50.0] * 21), *values("/scan", [50.0] * 10, start_s=40.0)]
+    wheel = values("/wheel", [5.0] * 28 + [0.0] * 7 + [5.0] * 15)
+    events: List[JudgedEvent] = []
+    with Recordings([write_bag(tmp_path / "test.bag", sorted([*scan, *wheel]))]) as recordings:
+        judge = Judge(Player(recordings), events.append)
+        judge.add("a", {"signals": signals})
+        judge.run()
+    begin, end = events
+    assert (begin.wall_s - START_S, begin.effects) == (26.0, ["low", "high", "wheel"])
+    assert isinstance(begin.event, Transition)
+    assert (begin.event.signal, end.effects) == ("/scan", ())
+    *others, source = judge.summaries
+    assert [(each.config.name, each.cause, each.alerts) for each in others] == [
+        ("low", "/scan", 0), ("high", "/scan", 0), ("wheel", "/scan", 0),
+    ]  # fmt: skip
+    assert (source.config.name, source.alerts, source.missing) == ("/scan", 1, "")
+    # 49 s, of which it was silent from 26 to 40 s.
+    assert source.shares[Level.STALE] == pytest.approx(14.0 / 49.0)
+    assert source.shares[Level.OK] == pytest.approx(35.0 / 49.0)
+
+
+def test_a_signal_with_an_alert_of_its_own_is_no_effect(tmp_path: Path) -> None:
+    signals = {name: {"topic": "/scan", "type": "std_msgs/Float32"} for name in ("low", "high")}
+    signals["low"] = {**signals["low"], "warn_below": 10.0}  # type: ignore[dict-item]
+    scan = [*values("/scan", [5.0] * 3 + [50.0] * 18), *values("/scan", [50.0] * 10, start_s=40.0)]
+    summaries = judge(tmp_path, scan, {"signals": signals}).summaries
+    assert {name: each.cause for (_, name), each in summaries.items()} == {"low": "", "high": "/scan", "/scan": ""}

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import gc
 import socket
+import sys
 import threading
 from typing import Any, Dict, Iterator, List, Optional
 
 import pytest
+from harness.line_process import LineProcess
 from harness.port_conformance import FLOAT32, TRIGGER, Recorder, RefusingNode
 from harness.raw_conformance import Capture
 
@@ -313,3 +315,22 @@ def test_a_master_that_is_down_gives_no_reason(monkeypatch: pytest.MonkeyPatch) 
     lookup("http://127.0.0.1:9", monkeypatch).look_up("/battery", "std_msgs/Float32", answers.of("/battery"))
     answers.wait()
     assert answers.texts == {"/battery": None}
+
+
+def test_the_hint_of_a_silent_topic_names_the_process_that_is_gone(ros: Any, master: Any) -> None:
+    code = """
+import rospy, std_msgs.msg
+rospy.init_node("lidar_driver")
+publisher = rospy.Publisher("/hint/scan", std_msgs.msg.Float32, queue_size=1)
+while not rospy.is_shutdown():
+    publisher.publish(1.0)
+    rospy.rostime.wallsleep(0.05)
+"""
+    node, heard = ros.node("alert_system"), Recorder()
+    node.subscribe("/hint/scan", "std_msgs/Float32", heard, field="data")
+    process = LineProcess([sys.executable, "-c", code], master.environment)
+    try:
+        ros.wait_until(lambda: bool(heard.values))
+    finally:
+        process.end()
+    ros.wait_until(lambda: node.why_silent("/hint/scan", "std_msgs/Float32") == "node /lidar_driver is gone")

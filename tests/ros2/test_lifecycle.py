@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from typing import Any
 
 import pytest
@@ -31,3 +32,6 @@ def test_a_lifecycle_node_that_is_configured_and_activated_is_followed(ros: Any,
     finally:
         outside.executor.remove_node(node)
         node.destroy_node()
+        del node
+    # rclpy keeps the node of rcl as long as the object lives, which refers to itself, and the executor to the last one.
+    ros.wait_until(lambda: gc.collect() >= 0 and reads("/controller_server is not there"))

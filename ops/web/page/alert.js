@@ -45,13 +45,13 @@ export class AlertPage {
     const file = alert.black_box && link(`api/black_box/${encodeURIComponent(alert.black_box)}`, alert.black_box);
     if (file) file.download = alert.black_box;
     const robot = this.page.fleet.robots.get(alert.robot), address = `#robots/${encodeURIComponent(alert.robot)}`;
-    const signals = robot ? Object.entries(robot.data.signals) : [], cause = Object.fromEntries(signals)[alert.signal]?.cause;
+    const cause = alert.cause || robot?.data.signals[alert.signal]?.cause, by = others.find(({signal}) => signal === cause);
     const window = make("div.plot"), around = make("div.plot");
     this.box.append(...[
       make("h3.alert-title", new Badge(kindOfLevel(alert.to_level)).element, " ", isolated(withHint(alert.text, alert.hint))),
       make("p.facts", `${fullTimeText(time)} · `, link(address, alert.robot)),
-      part("Cause now", cause && make("p", link(address, cause))),
-      part("Affects now", list(signals.filter(([, each]) => each.cause === alert.signal).map(([name]) => [link(address, name)]))),
+      part("Cause", cause && make("p", link(by ? `#alerts/${by.id}` : address, cause))),
+      part("Affects", list(alert.effects.map((name) => [link(address, name)]))),
       part("What to do", advice && make("p", /^https?:/.test(advice) ? link(advice, advice) : isolated(advice))),
       part("Samples in the window", window), part("Half an hour before and after", around),
       part("Also not OK then", list(others.map((other) => [new Badge(kindOfLevel(other.to_level)).element, " ", link(`#alerts/${other.id}`, withHint(other.text, other.hint))]))),

@@ -72,6 +72,7 @@ def test_json_has_the_fields_of_a_transition(file: Path, capsys: pytest.CaptureF
         "to_level": "WARN", "value": 15.0, "statistic": "last", "bound": 20.0, "now_s": 101.0, "since_s": 81.0,
         "robot": "r1", "fingerprint": "0123456789abcdef", "text": "battery_level WARN: number 1",
         "statistics": {"last": 15.0}, "repeat": False, "hint": "", "black_box": "", "alert_id": 1, "notes": [],
+        "cause": "", "affects": 0, "effects": [],
     }  # fmt: skip
     assert (third["to_level"], third["value"], third["bound"]) == ("STALE", None, None)
 
@@ -216,3 +217,49 @@ def test_an_alert_that_has_just_changed_is_in_the_summary(tmp_path: Path, capsys
     [summary] = [json.loads(line) for line in output(capsys, history.file, "--summary", "--json").splitlines()]
     assert (summary["alerts"], summary["longest_outage_s"]) == (1, 1.5)  # one alert, whatever its levels
     history.close()
+
+
+@pytest.fixture
+def affected(tmp_path: Path) -> Path:
+    """Returns a history in which the silence of /scan affected two signals of r1, one of them with an alert before."""
+    now_s = [START_S]
+    history = History(HistorySettings(str(tmp_path / "history.db")), lambda: now_s[0])
+    robot = history.of_robot("r1")
+    robot.restore()
+    robot.save({name: {"level": 1} for name in ("high", "low", "mid", "wheel")})
+    silent = {"signal": "/scan", "value": None, "bound": None}
+    for second, each in (
+        (10.0, transition(1, Level.WARN, signal="low", now_s=10.0, since_s=0.0)),
+        (20.0, transition(2, Level.STALE, now_s=20.0, since_s=0.0, affects=3, **silent)),
+        (30.0, transition(3, Level.OK, from_level=Level.WARN, signal="low", now_s=30.0, since_s=10.0, cause="/scan")),
+        (40.0, transition(4, Level.OK, from_level=Level.STALE, now_s=40.0, since_s=20.0, **silent)),
+    ):
+        now_s[0] = START_S + second
+        robot.record(each, {"level": 1}, [])
+        robot.record_effects({"/scan": ["high", "mid", "low", "=cpu\x1b[31m"]})
+    history.run(lambda connection: None)
+    now_s[0] = START_S + 100.0
+    history.close()
+    return tmp_path / "history.db"
+
+
+def test_effects_are_below_their_cause(affected: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert output(capsys, affected, "--signal", "*").splitlines() == [
+        "2023-11-14 22:13:30 +0000 #1 r1: low WARN: number 1",
+        "2023-11-14 22:13:40 +0000 #2 r1: /scan STALE: number 2",
+        "2023-11-14 22:13:40 +0000 #2 4 affected: high, mid, low, ...",
+        "2023-11-14 22:13:50 +0000 #3 r1: low OK: number 3",
+        "2023-11-14 22:14:00 +0000 #4 r1: /scan OK: number 4",
+    ]
+    names = [line[7:28].rstrip() for line in output(capsys, affected, "--summary").splitlines()[2:]]
+    assert names == ["/scan (+ 2 affected)", "  high", "  mid", "low", "wheel"]
+
+
+def test_cause_and_effects_are_in_json_and_csv(affected: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    alerts = [json.loads(line) for line in output(capsys, affected, "--json").splitlines()]
+    assert [each["effects"] for each in alerts] == [[], ["high", "mid", "low", "=cpu?[31m"], [], []]
+    assert [each["affects"] for each in alerts] == [0, 4, 0, 0]
+    assert [each["cause"] for each in alerts] == ["", "", "/scan", ""]
+    rows = [*csv.DictReader(io.StringIO(output(capsys, affected, "--csv")))]
+    assert [each["cause"] for each in rows] == ["", "", "/scan", ""]
+    assert rows[1]["effects"] == "high, mid, low, =cpu?[31m"

@@ -29,9 +29,9 @@ def test_the_table_shows_value_unit_level_and_statistics_of_every_signal(on_term
     terminal.wait_until(lambda text: re.search(r"cpu_usage +OK +[\d.]+ % .*[▁▂▃▄▅▆▇█]", text) is not None)
     table = terminal.rows[-5:]
     assert re.match(r"atlas is OK ", table[0])
-    assert table[1].split() == ["signal", "level", "value", "bounds", "mean", "min", "max", "trend"]
-    assert re.match(r"battery_level  OK +[\d.]+ % +WARN < 20 +[\d.]+ +[\d.]+ +100  +[▁▂▃▄▅▆▇█]", table[2])
-    assert re.match(r"temperature +OK +[\d.]+ °C +[\d.]+ +[\d.]+ +[\d.]+  +[▁▂▃▄▅▆▇█]", table[3])
+    assert table[1].split() == ["signal", "level", "value", "bounds", "trend", "mean", "min", "max"]
+    assert re.match(r"battery_level  OK +[\d.]+ % +WARN < 20  [▁▂▃▄▅▆▇█ ]+ +[\d.]+ +[\d.]+ +100", table[2])
+    assert re.match(r"temperature +OK +[\d.]+ °C +[▁▂▃▄▅▆▇█ ]+ +[\d.]+ +[\d.]+ +[\d.]+", table[3])
     terminal.wait_until(lambda text: re.search(r"system_health [\d.]+", text) is not None)
 
 
@@ -72,7 +72,7 @@ def test_no_color_is_respected(on_terminal: Start, restless: Path) -> None:
 
 @pytest.mark.parametrize("end", ["\x03", signal.SIGTERM, signal.SIGINT])
 def test_the_end_leaves_the_last_table_and_the_cursor_below_it(on_terminal: Start, calm: Path, end: Any) -> None:
-    terminal = on_terminal("run", "--thresholds", calm)
+    terminal = on_terminal("run", "--thresholds", calm, columns=110)
     terminal.wait_until(lambda text: re.search(r"cpu_usage +OK +[\d.]+ %", text) is not None)
     assert terminal.screen.cursor.hidden
     terminal.type(end) if isinstance(end, str) else terminal.signal(end)

@@ -271,3 +271,19 @@ class TestSamples:
         robot.run_for(25, battery=1.0)
         robot.system.close()
         assert robot.history.samples == []
+
+
+def test_effects_are_stored_when_they_change() -> None:
+    of_motor = {"topic": "/motor", "stale_after_s": 0.0}
+    robot = Robot(
+        motor={**of_motor, "error_above": 90.0}, wheel={"topic": "/wheel", "warn_below": 1.0, "depends_on": ["motor"]}
+    )
+    stored: List[Any] = []
+    robot.history.record_effects = stored.append  # type: ignore[method-assign]
+    robot.run_for(2, **{"/motor": 50.0, "/wheel": 5.0})
+    robot.run_for(1, **{"/motor": 95.0, "/wheel": 5.0})
+    assert stored == []
+    robot.run_for(3, **{"/motor": 95.0, "/wheel": 0.0})
+    assert stored == [{"motor": ["wheel"]}]
+    robot.run_for(1, **{"/motor": 50.0, "/wheel": 0.0})
+    assert stored[1:] == [{}]

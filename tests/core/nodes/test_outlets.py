@@ -114,6 +114,8 @@ def test_json_has_every_field_and_levels_by_name() -> None:
         "statistics": {"mean": 21.0},
         "repeat": False,
         "hint": "",
+        "cause": "",
+        "affects": 0,
         "black_box": "",
     }
 

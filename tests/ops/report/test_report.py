@@ -300,3 +300,14 @@ def test_rules_are_words() -> None:
         "<p>WARN below 20 %, ERROR below 10 %; for at least 5 s; hysteresis 2 %; "
         "stays for 90 s after it has cleared; STALE after 3 s without a sample</p>"
     ) in render(report([signal]))
+
+
+def test_effects_are_listed_with_their_alert_and_marked_in_the_table() -> None:
+    alert = ReportedAlert(START_S, "", transition(), effects=["left", "<b>"])
+    rows = [["/scan", "-"], ["left", "10"], ["right", "10"], ["gps", "10"]]
+    page = render(report([], [alert], rows=rows, effects=[2, -1, -1, 0]))
+    assert "<details><summary>2 affected</summary>left, &lt;b&gt;</details>" in page
+    kinds = re.findall(r'<tr([^>]*)><td class="name">(?:<[^>]*>)?([^<]*)', page)
+    assert kinds == [
+        (' data-effects="2"', "/scan"), (' class="effect"', "left"), (' class="effect"', "right"), ("", "gps"),
+    ]  # fmt: skip

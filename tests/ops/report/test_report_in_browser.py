@@ -81,3 +81,20 @@ def test_a_history_of_several_robots_fits_a_laptop_and_breaks_no_names(tmp_path:
             "e => { const r = document.createRange(); r.selectNodeContents(e); return r.getClientRects().length; })"
         )
         assert browser.run(lines) == [1, 1, 1, 1]
+
+
+@pytest.mark.newest_python
+def test_effects_are_folded_below_their_cause(tmp_path: Path) -> None:
+    rows = [["/scan", *ROW], ["left", *ROW], ["right", *ROW], ["gps", *ROW]]
+    made = Report("A", [], "One.", "1 alert", [], 0.0, 9.0, 0.0, HEADER, rows, [], [], 0, effects=[2, -1, -1, 0])
+    path = tmp_path / "report.html"
+    path.write_text(render(made), encoding="utf-8")
+    rows_shown = "[...document.querySelectorAll('.signals tbody tr')].filter(e => e.offsetHeight)"
+    shown = f"return {rows_shown}.map(e => e.cells[0].innerText.trim())"
+    with open_browser() as browser:
+        for width in (1280, 390):
+            browser.open(path.as_uri(), width)
+            assert browser.run(shown) == ["/scan + 2 affected", "gps"]
+            browser.run("document.querySelector('[data-effects] button').click()")
+            assert browser.run(shown) == ["/scan + 2 affected", "left", "right", "gps"]
+            assert browser.run("return document.querySelector('[data-effects] button').ariaExpanded") == "true"

@@ -248,3 +248,27 @@ def test_samples_of_all_robots_wait_in_one_job_and_are_bounded(monkeypatch: pyte
     assert history.wait(job, 60.0)
     assert job.result == [(robot, 10.0 * number) for robot in ("r1", "r2") for number in range(5, 20)]
     history.close()
+
+
+def test_effects_are_stored_with_the_alert_that_is_open(history: History) -> None:
+    robot = history.of_robot("r1")
+    robot.record_effects({"battery_level": ["lift"]})  # before there is an alert
+    robot.record(transition(1, Level.WARN, cause="motor"), {}, [])
+    robot.record_effects({"battery_level": ["left", "right"], "other": ["left"]})
+    robot.record(transition(2, Level.ERROR, from_level=Level.WARN), {}, [])
+    robot.record_effects({"battery_level": ["right", "arm\n1"]})
+    history.of_robot("r2").record_effects({"battery_level": ["of_r2"]})
+    robot.record(transition(3, Level.OK, from_level=Level.ERROR), {}, [])
+    robot.record_effects({"battery_level": ["late"]})
+    first, *others = history.run(lambda connection: [*queries.transitions(connection)])
+    assert (first.cause, first.effects, first.affects) == ("motor", ["left", "right", "arm?1"], 3)
+    assert [(each.cause, each.effects) for each in others] == [("", ()), ("", ())]
+
+
+def test_a_robot_that_invents_names_cannot_make_an_alert_endless(history: History) -> None:
+    robot = history.of_robot("r1")
+    robot.record(transition(1, Level.WARN), {}, [])
+    for start in (0, 900):
+        robot.record_effects({"battery_level": [f"cell[{number}]" for number in range(start, start + 900)]})
+    [stored] = history.run(lambda connection: [*queries.transitions(connection)])
+    assert (stored.affects, stored.effects[-1]) == (1000, "cell[999]")

@@ -246,3 +246,15 @@ def test_robots_and_signals_can_be_chosen(connection: sqlite3.Connection) -> Non
     ]  # fmt: skip
     assert [each.signal for each in summarize(connection, 100.0, signal="b*")] == ["b1", "b2"]
     assert [(each.signal, each.duration_s) for each in summarize(connection, 100.0, robot="r2")] == [("b2", 50.0)]
+
+
+def test_a_topic_is_listed_only_if_it_was_silent(connection: sqlite3.Connection) -> None:
+    run(connection, 0.0, 100.0, None)
+    insert = "INSERT INTO signal_states VALUES ('r1', ?, '{}')"
+    connection.executemany(insert, [(name,) for name in ("/imu", "/scan", "left", "low")])
+    change(connection, 40.0, OK, STALE, "/scan")
+    connection.execute("UPDATE transitions SET affected = 'left\nlow'")
+    change(connection, 60.0, STALE, OK, "/scan")
+    change(connection, 70.0, OK, WARN, "low")
+    found = summarize(connection, 100.0)
+    assert [(each.signal, each.cause) for each in found] == [("/scan", ""), ("left", "/scan"), ("low", "")]

@@ -25,6 +25,7 @@ from robot_health_monitor.core.values.model import Level
 from robot_health_monitor.ops.store.active_silences import Silences
 from robot_health_monitor.ops.store.history import History
 from robot_health_monitor.ops.store.matchers import parse_matchers
+from robot_health_monitor.ops.store.recurrence import parse_recurrence
 from robot_health_monitor.ops.web.requests import WITHOUT_TOKEN, BodyLimit
 from robot_health_monitor.ops.web.updates import State, _event
 from robot_health_monitor.rosbridge.server.access import SESSION_S
@@ -718,6 +719,8 @@ def test_past_alerts_come_with_their_evidence(tmp_path: Path) -> None:
             "hint": "",
             "black_box": "",
             "alert_id": number,
+            "cause": None,
+            "effects": [],
             "repeat": False,
             "notes": [],
         }
@@ -948,6 +951,26 @@ def test_a_note_on_an_alert_is_added_and_shown(tmp_path: Path) -> None:
         assert (await site.get("/api/history/1"))[1]["alert"] == alert
 
     with_site(use, robots)
+
+
+def test_the_state_has_silences_that_recur_and_are_not_in_force() -> None:
+    robots = low_battery()
+    history = History(None, robots.wall_s)
+    silences = Silences(history, None, robots.wall_s)
+    for begin in ("05:00", "06:00"):  # it is 05:06
+        silences.add(parse_matchers("robot=atlas"), every=parse_recurrence(f"{begin}-07:00", "UTC"))
+
+    async def use(site: Site) -> None:
+        _, state = await site.get("/api/state")
+        assert [(each["every"], each["timezone"], each["in_force"]) for each in state["silences"]] == [
+            ("05:00-07:00", "UTC", True),
+            ("06:00-07:00", "UTC", False),
+        ]
+
+    try:
+        with_site(use, robots, silences=silences)
+    finally:
+        history.close()
 
 
 def test_a_silence_is_added_shown_and_expired() -> None:

@@ -292,3 +292,19 @@ def test_a_topic_is_a_series_from_its_first_alert_on() -> None:
     for signal in ("left", "right"):
         robots.observe(1.0, signal)
     assert level() == 0
+
+
+def test_a_cause_and_its_effect_are_series_while_they_are() -> None:
+    signals = {"motor": {"error_above": 90.0}, "wheel": {"warn_below": 1.0, "depends_on": ["motor"]}}
+    robots = Robots("atlas", signals=signals)
+    metrics = Metrics(lambda: 0, robots.wall_s)
+    for value, name in ((50.0, "motor"), (5.0, "wheel"), (95.0, "motor"), (0.0, "wheel")):
+        robots.at(robots.bus.now_s + 1.0)
+        robots.observe(value, name)
+    found = samples(metrics, robots)
+    assert found["robot_health_affects"] == {labels(robot="atlas", signal="motor"): 1.0}
+    assert found["robot_health_caused"] == {labels(robot="atlas", signal="wheel"): 1.0}
+    robots.at(robots.bus.now_s + 1.0)
+    robots.observe(50.0, "motor")
+    found = samples(metrics, robots)
+    assert "robot_health_affects" not in found and "robot_health_caused" not in found

@@ -991,13 +991,34 @@ def test_an_alert_names_its_effects_and_so_does_its_silence(browser: Browser, se
     site = served("atlas", signals=signals, history_file=str(tmp_path / "history.db"))
     for value, name in ((50.0, "battery_level"), (50.0, "motor"), (4.0, "battery_level"), (99.0, "motor")):
         site.observe(value, name)
+    site.observe(4.0, "battery_level")
     browser.open(site.url)
     browser.click("#recent-alerts .action button")
     browser.wait_for_text("#silence-effects", "Also covers 1 signal that it affects.")
     browser.click("#silence-dialog .cancel")
     browser.click("#recent-alerts .text a")
     browser.wait_for("document.querySelector('#alert-page section')")
-    assert browser.texts("#alert-page section")[0] == "Affects nowmotor"
+    assert browser.texts("#alert-page section")[0] == "Affectsmotor"
+
+
+def test_the_page_of_an_effect_links_to_the_alert_of_its_cause(browser: Browser, served: Any, tmp_path: Path) -> None:
+    depending = {"unit": "degC", "warn_above": 80.0, "error_above": 90.0, "depends_on": ["battery_level"]}
+    battery = {**BATTERY["battery_level"], "error_below": 10.0}
+    signals = {"motor": depending, "battery_level": battery}
+    site = served("atlas", signals=signals, history_file=str(tmp_path / "history.db"))
+    settled = [(50.0, "battery_level"), (50.0, "motor")] * 4  # at the start, a signal that is not known is a cause
+    for value, name in (*settled, (99.0, "motor"), (4.0, "battery_level"), (85.0, "motor")):
+        site.observe(value, name)
+    browser.open(site.url)
+    browser.wait_for("document.querySelectorAll('#recent .alert').length === 3")
+    titles = []
+    for name in ("motor ERROR", "motor WARN"):  # one from before the cause, and one from then
+        browser.open(f"{site.url}#alerts/{1 if name == 'motor ERROR' else 3}")
+        browser.wait_for_text("#alert-page .alert-title", name)
+        titles.append(browser.texts("#alert-page section")[0])
+    assert titles == ["Causebattery_level"] * 2
+    browser.click("#alert-page section a")
+    browser.wait_for_text("#alert-page .alert-title", "battery_level ERROR: 4 % is below 10 %")
 
 
 def test_a_silent_topic_is_one_row_with_its_signals_folded(browser: Browser, served: Any) -> None:

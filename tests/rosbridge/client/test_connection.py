@@ -113,7 +113,17 @@ async def test_a_server_that_stays_away_is_one_report_however_often_it_is_tried(
         ("ws://no-such-robot.invalid:9090", "host name not found"),
     ],
 )
-def test_the_cause_of_a_failed_attempt_is_reported(url: str, cause: str) -> None:
+def test_the_cause_of_a_failed_attempt_is_reported(monkeypatch: pytest.MonkeyPatch, url: str, cause: str) -> None:
+    look_up = sockets.getaddrinfo
+
+    def answer(host: str, *arguments: Any, **options: Any) -> Any:
+        """Answers as a name server does that does not know the name; a real one may take longer than an attempt."""
+        if host == "no-such-robot.invalid":
+            raise sockets.gaierror(sockets.EAI_NONAME, "Name or service not known")
+        return look_up(host, *arguments, **options)
+
+    monkeypatch.setattr(sockets, "getaddrinfo", answer)
+
     @scenario
     async def run() -> None:
         watched = Watched(url)

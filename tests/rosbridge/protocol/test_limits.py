@@ -5,8 +5,8 @@ from typing import Any
 import pytest
 
 from robot_health_monitor.core.values.errors import MessageError
-from robot_health_monitor.rosbridge.protocol.limits import DEFAULT_LIMITS, MOST_FRAGMENTS, ProtocolError, shown
-from robot_health_monitor.rosbridge.protocol.operations import SMALLEST_FRAGMENT
+from robot_health_monitor.rosbridge.protocol.limits import DEFAULT_LIMITS, ProtocolError, shown
+from robot_health_monitor.rosbridge.protocol.operations import MOST_FRAGMENTS, SMALLEST_FRAGMENT
 
 
 def test_a_message_in_the_smallest_fragments_is_within_the_limits_of_a_receiver() -> None:

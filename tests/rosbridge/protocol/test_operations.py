@@ -36,7 +36,7 @@ def test_every_operation_of_the_protocol_has_an_example() -> None:
     required = {"advertise", "unadvertise", "publish", "subscribe", "unsubscribe", "call_service", "advertise_service"}
     required |= {"unadvertise_service", "service_response", "send_action_goal"}
     required |= {"action_result", "set_level", "auth"}
-    assert required <= {fields["op"] for fields in EXAMPLES} == set(OPERATIONS)
+    assert required <= {fields["op"] for fields in EXAMPLES} == OPERATIONS.keys() - {"fragment"}
 
 
 @pytest.mark.parametrize(

@@ -16,6 +16,7 @@ from aiohttp import web
 from aiohttp.http_exceptions import BadStatusLine
 from harness.rosbridge_peer import Robot, with_robot
 
+from robot_health_monitor.rosbridge.protocol.limits import Limits
 from robot_health_monitor.rosbridge.server.connections import ClientLog, Connections, Stage, connection_limit
 
 try:
@@ -171,6 +172,24 @@ async def test_tls_serves_requests_and_websockets(robot: Robot) -> None:
             await socket.send_str('{"op": "call_service", "service": "/rosapi/get_time"}')
             assert json.loads((await socket.receive()).data)["result"] is True
     await robot.until(lambda: len(robot.server._connections) == 0)
+
+
+@needs_trustme
+@with_robot(ssl_context=TLS, limits=Limits(queue_bytes=20_000_000))
+async def test_a_client_over_tls_that_has_read_too_slowly_receives_what_waits_for_it(robot: Robot) -> None:
+    robot.node.advertise("/big", "std_msgs/String")
+    url = robot.url.replace("http:", "https:")
+    async with aiohttp.ClientSession() as session, session.ws_connect(url, ssl=TRUST) as socket:
+        await socket.send_str('{"op": "subscribe", "topic": "/big"}')
+        await robot.until(lambda: "/big" in robot.bus.graph().nodes["/rosbridge"].subscribes)
+        # One call of the loop: nothing can be sent on between these.
+        for number in range(250):
+            robot.node.publish("/big", {"data": f"{number}" + "x" * 50_000})
+        (queue,) = [one.queue for one in robot.server._sessions]
+        assert queue.behind
+        received = [json.loads((await asyncio.wait_for(socket.receive(), 30.0)).data) for _ in range(250)]
+        assert [message["msg"]["data"].rstrip("x") for message in received] == [str(number) for number in range(250)]
+        await robot.until(lambda: not queue.behind)
 
 
 @needs_trustme

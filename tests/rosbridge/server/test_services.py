@@ -12,7 +12,7 @@ from harness.rosbridge_peer import Robot, with_robot
 from robot_health_monitor.core.port.local import LocalBus
 from robot_health_monitor.core.values.errors import LinkError, ServiceError
 from robot_health_monitor.rosbridge.protocol.operations import CallService, ServiceResponse
-from robot_health_monitor.rosbridge.server.access import Access, monitor_access
+from robot_health_monitor.rosbridge.server.access import Access
 from robot_health_monitor.rosbridge.server.server import Server
 from robot_health_monitor.rosbridge.server.services import ClientServices
 
@@ -38,8 +38,8 @@ async def test_a_client_cannot_replace_a_service_of_the_robot(robot: Robot) -> N
         assert "topics" in (await peer.call("/rosapi/topics"))["values"]
 
 
-@with_robot(monitor_access("/robot"))
-async def test_reset_of_the_monitor_is_open(robot: Robot) -> None:
+@with_robot(Access(services=("/robot/re*",)))
+async def test_a_service_that_matches_is_open(robot: Robot) -> None:
     robot.node.advertise_service("~reset", "std_srvs/Trigger", lambda request: {"success": True, "message": "done"})
     async with robot.peer() as peer:
         assert (await peer.call("/robot/reset"))["values"] == {"success": True, "message": "done"}

@@ -10,7 +10,7 @@ from harness.rosbridge_peer import FLOAT32, Robot, with_robot
 
 from robot_health_monitor.core.values.errors import ConfigError, ServiceError
 from robot_health_monitor.rosbridge.protocol.limits import Limits
-from robot_health_monitor.rosbridge.server.access import Access, monitor_access
+from robot_health_monitor.rosbridge.server.access import Access
 from robot_health_monitor.rosbridge.server.topics import MOST_PUBLISHED
 
 
@@ -119,7 +119,7 @@ async def test_null_is_published_as_nan(robot: Robot) -> None:
     assert math.isnan(heard[0]) and heard[1] == 1.0
 
 
-@with_robot(monitor_access("/alert_system"))
+@with_robot(Access(services=("*",)))
 async def test_subscribing_to_a_topic_does_not_open_it_for_publishing(robot: Robot) -> None:
     async with robot.peer() as peer:
         await peer.send("set_level", level="error")
