@@ -851,12 +851,12 @@ def test_requests_for_the_past_are_read_one_at_a_time_and_only_so_many_wait(tmp_
     read, may_read, lock = history.read, threading.Event(), threading.Lock()
     reading: List[int] = [0, 0]  # now, and most at once
 
-    def slow_read(function: Callable[[sqlite3.Connection], object], timeout_s: float = 5.0) -> object:
+    def slow_read(function: Callable[[sqlite3.Connection], object]) -> object:
         with lock:
             reading[0] += 1
             reading[1] = max(reading)
         may_read.wait(30.0)
-        found = read(function, timeout_s)
+        found = read(function)
         with lock:
             reading[0] -= 1
         return found
