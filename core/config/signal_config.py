@@ -19,6 +19,7 @@ from ..values.formatting import bound_text, describe, number_text
 from ..values.goals import STATUS_TOPICS
 from ..values.names import canonical_type, split_type_name
 from ..values.reduction import REDUCTIONS
+from ..values.where import parse_where, selection
 from .parameters import Parameter, read_parameters, require_mapping
 from .schema import declared, parameters
 
@@ -127,6 +128,9 @@ class SignalConfig:
     action: str = declared("", "in place of topic: name of an action; per goal that ended 0 succeeded, 1 aborted")
     type: str = declared("", "message type, such as std_msgs/Float32; left out: the type that is published")
     field: str = declared("data", "path of the number in the message; empty: count arrivals, the value is 1")
+    where: str = declared(
+        "", 'condition on a message, only then a sample: level >= ERROR and name == "*controller*"; left out: none'
+    )
     reduce: str = declared(
         "",
         "how all elements that the field selects become one value; left out: each is a signal of its own",
@@ -218,6 +222,11 @@ class SignalConfig:
         if self.graph is not None:
             return ()
         return tuple(self.action.rstrip("/") + end for end in STATUS_TOPICS) if self.action else (self.topic,)
+
+    @property
+    def selection(self) -> Optional[str]:
+        """What is read of each message, for `Middleware.subscribe`; None: only its arrival counts."""
+        return "" if self.action else selection(self.field, self.where)
 
     @property
     def bounds(self) -> Mapping[str, float]:
@@ -335,6 +344,11 @@ def _mistakes(signal: SignalConfig, given: Mapping[str, Any]) -> Iterator[Tuple[
         parse_field_path(signal.field)
     except ValueError as error:
         yield "field", f"expected the path of a field, got {describe(signal.field)}: {error}"
+    if "where" in given:
+        try:
+            parse_where(signal.where)
+        except ValueError as error:
+            yield "where", str(error)
     if signal.reduce and every_step(signal.field) is None:
         yield "reduce", f'expected a field with [*] or a pattern such as ["*"], got {describe(signal.field)}'
     if signal.scale == 0.0:
@@ -365,7 +379,7 @@ def _mistakes_of_graph(signal: SignalConfig, given: Mapping[str, Any]) -> Iterat
     keys = [key for key in ("topic", "action", *GRAPH_KEYS) if given.get(key)]
     if len(keys) > 1:
         yield keys[1], f"expected one of topic, action, {', '.join(GRAPH_KEYS)}, got {' and '.join(keys)}"
-    for key in ("type", "field", "reduce", "placeholders", "scale", "unit", "valid_min", "valid_max"):
+    for key in ("type", "field", "where", "reduce", "placeholders", "scale", "unit", "valid_min", "valid_max"):
         if key in given:
             yield key, f"{keys[0]} has no message; remove this key"
     if not signal.lifecycle:
@@ -382,7 +396,7 @@ def _mistakes_of_topic(signal: SignalConfig, given: Mapping[str, Any]) -> Iterat
         yield "topic", "expected the name of a topic, got ''"
     if signal.type and split_type_name(signal.type) is None:
         yield "type", f"expected a type such as std_msgs/Float32, got {describe(signal.type)}"
-    for key, none in (("topic", signal.action), ("type", ""), ("field", "data")) if signal.action else ():
+    for key, none in (("topic", signal.action), ("type", ""), ("field", "data"), ("where", "")) if signal.action else ():
         if given.get(key) not in (None, "", none):
             yield key, f"expected either action or {key}; remove one of them"
 
