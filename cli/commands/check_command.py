@@ -217,9 +217,7 @@ def known_definitions() -> List[Definitions]:
     return [messages]
 
 
-def check_field(
-    definitions: Sequence[Definitions], topic: str, type_name: str, field: str, key: str = "field"
-) -> bool:
+def check_field(definitions: Sequence[Definitions], topic: str, type_name: str, field: str, key: str = "field") -> bool:
     """Checks a field in the first of `definitions` that has the type; returns False if none has. Empty, only the type.
 
     Raises ConfigError if the type does not exist (its path is `type`), or has no such field (its path is `key`).

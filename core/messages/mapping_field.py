@@ -13,6 +13,7 @@ from ..values.where import filtered, parse_selection
 from .dialect import Message
 from .standard_messages import check_field, complete, constant_getter
 
+
 def _arrival(message: Any) -> Any:
     return 1.0
 

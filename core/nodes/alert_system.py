@@ -291,7 +291,9 @@ class AlertSystem:
                     subscription = self._middleware.subscribe(topic, type_name, take, latched=True)
                 else:
                     take = partial(self._take, name)
-                    subscription = self._middleware.subscribe(topic, type_name, take, field=field)
+                    # Frames that never move are published once.
+                    latched = topic.endswith("tf_static")
+                    subscription = self._middleware.subscribe(topic, type_name, take, field=field, latched=latched)
                 added[source] = subscription
         except ConfigError as error:
             for subscription in added.values():

@@ -1,7 +1,7 @@
 """Which messages are samples of a signal: `where: 'level >= ERROR and name == "*controller*"'`.
 
-The port takes the condition behind the path of the field: `data where level >= ERROR`. A path that is empty then has the
-value 1.
+The port takes the condition behind the path of the field: `data where level >= ERROR`. With an empty path, the value
+is 1.
 """
 
 from __future__ import annotations
@@ -60,8 +60,10 @@ class Comparison(NamedTuple):
         is_text, is_number = isinstance(value, str) and type(value) is not BadDatum, isinstance(value, (int, float))
         if self.number is not None or self.constant:
             return _COMPARE[self.operator](value, number) if is_number else is_text and self.operator == "!="
-        return matches_pattern(value, self.text) is (self.operator == "==") if is_text else (
-            is_number and self.operator == "!="
+        return (
+            matches_pattern(value, self.text) is (self.operator == "==")
+            if is_text
+            else (is_number and self.operator == "!=")
         )
 
 
@@ -74,7 +76,12 @@ def parse_where(where: str) -> List[Comparison]:
         found = _COMPARED.match(behind)
         if not steps or found is None:
             raise ValueError(f"expected a comparison such as level >= ERROR, got {describe(rest)}")
-        path, number, constant, text = rest[: len(rest) - len(behind)], found["number"], found["constant"], found["text"]
+        path, number, constant, text = (
+            rest[: len(rest) - len(behind)],
+            found["number"],
+            found["constant"],
+            found["text"],
+        )
         if any(isinstance(step, Every) for step in steps):
             raise ValueError(f"expected the path of one value, got {describe(path)}")
         if text is not None and found["operator"] not in ("==", "!="):
@@ -82,9 +89,7 @@ def parse_where(where: str) -> List[Comparison]:
         if constant in _BOOLEANS:
             number, constant = str(_BOOLEANS[constant]), None
         exact = None if number is None else int(number) if number.lstrip("+-").isdigit() else float(number)
-        comparisons.append(
-            Comparison(path, found["operator"], exact, constant or "", (text or "").replace('\\"', '"'))
-        )
+        comparisons.append(Comparison(path, found["operator"], exact, constant or "", (text or "").replace('\\"', '"')))
         rest = behind[found.end() :]
         if not rest:
             return comparisons
