@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Dict, Mapping
+from typing import Any, Dict, List, Mapping
 
 import pytest
 from harness.foxglove import FoxgloveHarness
@@ -66,6 +66,33 @@ def test_errors_in_the_log_are_counted_over_a_bridge(harness: Any, type_name: st
             ros.publish("/robot1/rosout", type_name, log(level, name))
             ros.wait_until(lambda: system.samples >= number)  # noqa: B023 - it is called at once
         assert system.read(lambda monitor, _: monitor.judged_value("errors")) == 2.0
+    finally:
+        ros.close()
+
+
+@pytest.mark.parametrize("harness", [RosbridgeHarness, FoxgloveHarness])
+def test_frames_are_judged_by_themselves_over_a_bridge(harness: Any) -> None:
+    ros = harness()
+    try:
+        field = {"topic": "/tf", "field": 'transforms["*"].header.stamp', "stale_after_s": 2.0}
+        base = {"topic": "/tf", "field": 'transforms["base_link"].transform.translation.x'}
+        said: List[Any] = []
+        parameters = {"signals": {"frames": field, "base": base}}
+        system = AlertSystem(ros.node("alert_system", parameters=parameters), {"test": said.append}, log_alerts=False)
+        for second in range(101, 105):
+            ros.set_time(float(second))
+            transform = {"translation": {"x": second / 4.0}}
+            frames = [
+                {"header": {"stamp": {"sec": second, "nanosec": 0}}, "child_frame_id": name, "transform": transform}
+                for name in (("base_link", "camera") if second == 101 else ("base_link",))
+            ]
+            ros.publish("/tf", "tf2_msgs/TFMessage", {"transforms": frames})
+            ros.wait_until(lambda: system.samples >= 2 * (second - 100))  # noqa: B023 - it is called at once
+        ros.wait_until(lambda: bool(said))
+        assert [event.text for event in said] == [
+            "frames[camera] STALE: no sample for 3 s (limit 2 s) (was OK for 3 s)"
+        ]
+        assert system.monitor.fresh_value("base") == 26.0
     finally:
         ros.close()
 
