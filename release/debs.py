@@ -3,7 +3,7 @@
     python3 release/debs.py FOLDER [NAME...]      builds the packages (default: all) into FOLDER
 
 `robot-health` is the command line without ROS, from release/debian. `jazzy`, `one` (ROS One) and `debian` (Debian's own
-ROS 1) are the nodes, made with bloom as the ROS build farm does it, but with the index of distributions in release/index.
+ROS 1) are the nodes, made with bloom as the ROS build farm does it, but with the index in release/index.
 """
 
 from __future__ import annotations

@@ -3,10 +3,10 @@
     python3 release/make_release.py VERSION
     python3 release/make_release.py --check VERSION    whether the commit checked out may be published as VERSION
 
-In a work tree beside this one it sets the version, turns `Forthcoming` of the changelog into the release, generates documents,
-commits and tags, runs every test, and builds what is uploaded. The commit and the tag come into the repository at the
-end only, so that a release that fails leaves nothing behind. The release workflow checks the tag that was pushed, so
-that no tag made by hand is published.
+In a work tree beside this one it sets the version, turns `Forthcoming` of the changelog into the release, generates
+documents, commits, runs every test, and builds what is uploaded. The commit and its tag come into the branch at the end
+only, so that a release that fails leaves nothing behind. The release workflow checks the tag that was pushed, so that
+no tag made by hand is published.
 """
 
 from __future__ import annotations
