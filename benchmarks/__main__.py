@@ -14,75 +14,50 @@ import importlib
 import json
 import os
 import sys
-from typing import Any, Callable, Dict, Iterable, Iterator, List
+from typing import Any, Dict, Iterator, List
 
-from benchmarks.page import PAGE, changed_files, version, write_page
-from benchmarks.table import Row, table
+from benchmarks.table import PAGE, Row, changed_files, table, version, write_page
 
-Part = Callable[[], Iterable[Row]]
-
-
-def alone(module: str) -> Part:
-    """Returns a part that a module measures."""
-    return lambda: importlib.import_module(f"benchmarks.{module}").rows()
-
-
-def node(*questions: str) -> Part:
-    """Returns a part that compares the alert node with bare subscribers."""
-
-    def measure(target: Any) -> Iterator[Row]:
-        from benchmarks import node_cost
-
-        yield from node_cost.rows(target, *(getattr(node_cost, question) for question in questions))
-
-    return lambda: on_every_middleware(measure, ", ".join(questions))
-
-
-def on_ros(module: str) -> Part:
-    """Returns a part that a module measures on ROS 1 and on ROS 2."""
-    return lambda: on_every_middleware(importlib.import_module(f"benchmarks.{module}").rows, module)
-
-
-def in_turn(*parts: Part) -> Part:
-    """Returns a part that consists of several."""
-    return lambda: (row for part in parts for row in part())
-
-
-PARTS: Dict[str, Part] = {
-    "observe": alone("observe_cost"),
-    "messages": node("MESSAGE"),
-    "signals": node("FREQUENCY", "HUNDRED"),
-    "statuses": node("DRIVERS"),
-    "black_box": in_turn(node("BLACK_BOX"), on_ros("black_box_memory")),
-    "host": alone("host_cost"),
-    "footprint": on_ros("footprint"),
-    "graph": on_ros("graph_cost"),
-    "rosbridge": alone("rosbridge_cost"),
-    "recordings": alone("recordings_cost"),
-    "history": alone("history_cost"),
-    "samples": alone("samples_cost"),
-    "notifications": alone("notifications_cost"),
-    "web": alone("web_cost"),
-    "fleet": alone("fleet_cost"),
-    "forecast": alone("forecast_alarms"),
-    "cells": alone("forecast_cells"),
+PARTS: Dict[str, str] = {
+    "observe": "observe.rows",
+    "messages": "ros_nodes.messages",
+    "signals": "ros_nodes.signals",
+    "statuses": "ros_nodes.statuses",
+    "black_box": "ros_nodes.black_box",
+    "host": "host.rows",
+    "footprint": "ros_nodes.footprint",
+    "graph": "ros_graph.rows",
+    "rosbridge": "rosbridge.rows",
+    "recordings": "recordings.rows",
+    "history": "store.history",
+    "samples": "store.samples",
+    "notifications": "notifications.rows",
+    "web": "web.rows",
+    "fleet": "fleet.rows",
+    "forecast": "forecast.rows",
+    "cells": "cells.rows",
 }
+"""Module and function of each part. Those of `ros_nodes` and `ros_graph` take a middleware."""
 
 
-def on_every_middleware(measure: Callable[[Any], Iterable[Row]], what: str) -> Iterator[Row]:
-    """Yields the rows for ROS 1 and for ROS 2, or one row with the reason why there are none.
+def measure(part: str) -> Iterator[Row]:
+    """Yields the rows of a part; on ROS those for ROS 1 and for ROS 2, or a row with the reason why there are none.
 
     The variable BENCHMARK_TARGETS, which noxfile.py sets, holds the interpreter and the variables of each.
     """
-    from benchmarks import targets
+    module, _, function = PARTS[part].partition(".")
+    rows: Any = getattr(importlib.import_module(f"benchmarks.{module}"), function)
+    if not module.startswith("ros_"):
+        yield from rows()
+        return
+    from benchmarks.processes import target
 
-    available = json.loads(os.environ["BENCHMARK_TARGETS"])
-    for name, place, start in (("ROS 1", "ros1", targets.ros1), ("ROS 2", "ros2", targets.ros2)):
+    for package, available in json.loads(os.environ["BENCHMARK_TARGETS"]).items():
         try:
-            with start(available[place]["python"], available[place]["variables"]) as target:
-                yield from measure(target)
+            with target(package, available["python"], available["variables"]) as middleware:
+                yield from rows(middleware)
         except (OSError, RuntimeError) as problem:
-            yield Row(f"{name}, {what}", "", remark=str(problem))
+            yield Row(f"{package}, {part}", "", remark=str(problem))
 
 
 def main() -> int:
@@ -101,11 +76,12 @@ def main() -> int:
     measured: Dict[str, List[Row]] = {}
     for part in asked:
         print(f"measuring {part} ...", file=sys.stderr, flush=True)
-        measured[part] = list(PARTS[part]())
-    print(table(row for part in measured.values() for row in part))
+        measured[part] = list(measure(part))
+    rows = [row for part in measured.values() for row in part]
+    print(table(rows))
     if arguments.write:
         write_page(measured, version())
-    return 1 if any(row.verdict == "missed" for part in measured.values() for row in part) else 0
+    return 1 if any(row.verdict == "missed" for row in rows) else 0
 
 
 if __name__ == "__main__":

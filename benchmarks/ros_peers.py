@@ -2,8 +2,8 @@
 
 `empty`: a node that does nothing. `exercise`: publishes three numbers at 1 Hz and subscribes to them. `subscriber`:
 counts the messages on `/bare`, or on TOPICS topics below it, in as few lines as possible; `raw_subscriber` takes their
-bytes only. `publisher`: publishes to both contestants as `pacing.serve` reads from stdin. The roles with `diagnostics`
-and `camera` do so with arrays of statuses and with frames of a camera.
+bytes only. `publisher`: reads lines `RATE_HZ SECONDS`, publishes to both contestants accordingly, and writes how many
+messages it has sent. The roles with `diagnostics` do so with arrays of statuses.
 
 On ROS 2, `empty`, `exercise` and `subscriber` spin as most nodes do, with rclpy's SingleThreadedExecutor; all other
 subscribers with its EventsExecutor, which the nodes choose where it works.
@@ -12,71 +12,58 @@ subscribers with its EventsExecutor, which the nodes choose where it works.
 from __future__ import annotations
 
 import os
+import random
 import sys
-from typing import Any, Callable, Dict, List
+import time
+from typing import Any, Callable, Dict, Iterator, List
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from sensor_msgs.msg import Image
-from std_msgs.msg import Float32
-
-from benchmarks.pacing import (
-    BARE,
-    CAMERA,
-    FRAME_BYTES,
-    LEVEL,
-    WATCHED,
-    battery_levels,
-    levels_of_frames,
-    serve,
-    statuses,
-    topics_below,
-)
+BARE, WATCHED = "/bare", "/watched"
+"""Topics of the two contestants, or the prefixes of their topics."""
+STATUSES = 200
+"""Statuses of a message on /diagnostics."""
 
 
-class Ros1:
+def topics_below(name: str, count: int) -> List[str]:
+    """Returns the topics of a contestant: its name, or a number of topics below it."""
+    return [name] if count == 1 else [f"{name}/t{number}" for number in range(count)]
+
+
+class _Ros1:
     """What the roles need of rospy."""
 
     ok = 0
 
     def __init__(self, role: str) -> None:
-        """Makes this process a node."""
         import rospy
 
         self._rospy = rospy
         rospy.init_node(f"peer_{role}", anonymous=True)
 
     def subscribe(self, topic: str, cls: Any, callback: Callable[[Any], object], *, raw: bool = False) -> None:
-        """Calls back with messages, or with their bytes."""
         self._rospy.Subscriber(topic, self._rospy.AnyMsg if raw else cls, callback, tcp_nodelay=True)
 
     def advertise(self, topic: str, cls: Any) -> Any:
-        """Returns a publisher."""
-        return self._rospy.Publisher(topic, cls, queue_size=10 if cls is Image else 1000, tcp_nodelay=True)
+        return self._rospy.Publisher(topic, cls, queue_size=1000, tcp_nodelay=True)
 
     def listeners(self, publisher: Any) -> int:
-        """Returns how many subscribers a publisher has."""
         return int(publisher.get_num_connections())
 
     def every_second(self, callback: Callable[[], object]) -> None:
-        """Calls back at 1 Hz."""
         self._rospy.Timer(self._rospy.Duration(1), lambda event: callback())
 
     def stamp(self) -> Any:
-        """Returns the time."""
         return self._rospy.Time.now()
 
     def spin(self, *, events: bool = False) -> None:
-        """Runs until it is interrupted."""
         self._rospy.spin()
 
 
-class Ros2:
+class _Ros2:
     """What the roles need of rclpy."""
 
     ok = b"\0"
 
     def __init__(self, role: str) -> None:
-        """Makes this process a node."""
         import rclpy
         from rclpy.node import Node
 
@@ -85,27 +72,21 @@ class Ros2:
         self._node = Node(f"peer_{role}")
 
     def subscribe(self, topic: str, cls: Any, callback: Callable[[Any], object], *, raw: bool = False) -> None:
-        """Calls back with messages, or with their bytes."""
         self._node.create_subscription(cls, topic, callback, 10, raw=raw)
 
     def advertise(self, topic: str, cls: Any) -> Any:
-        """Returns a publisher."""
         return self._node.create_publisher(cls, topic, 10)
 
     def listeners(self, publisher: Any) -> int:
-        """Returns how many subscribers a publisher has."""
         return int(publisher.get_subscription_count())
 
     def every_second(self, callback: Callable[[], object]) -> None:
-        """Calls back at 1 Hz."""
         self._node.create_timer(1.0, callback)
 
     def stamp(self) -> Any:
-        """Returns the time."""
         return self._node.get_clock().now().to_msg()
 
     def spin(self, *, events: bool = False) -> None:
-        """Runs until it is interrupted."""
         from rclpy.executors import ExternalShutdownException
         from rclpy.task import Future
 
@@ -122,8 +103,7 @@ class Ros2:
             pass
 
 
-def count_messages(ros: Any, topics: List[str], cls: Any, *, events: bool = True, raw: bool = False) -> None:
-    """Counts messages."""
+def _count_messages(ros: Any, topics: List[str], cls: Any, *, events: bool = True, raw: bool = False) -> None:
     received = 0
 
     def count(message: object) -> None:
@@ -135,17 +115,30 @@ def count_messages(ros: Any, topics: List[str], cls: Any, *, events: bool = True
     ros.spin(events=events)
 
 
-def exercise(ros: Any) -> None:
-    """Publishes three numbers at 1 Hz and subscribes to them: the minimum that the nodes do."""
-    publishers = [ros.advertise(f"bare_{number}", Float32) for number in range(3)]
+def _exercise(ros: Any, float32: Any) -> None:
+    """The minimum that the nodes do."""
+    publishers = [ros.advertise(f"bare_{number}", float32) for number in range(3)]
     for number in range(3):
-        ros.subscribe(f"bare_{number}", Float32, lambda message: None)
-    ros.every_second(lambda: [publisher.publish(Float32(data=50.0)) for publisher in publishers])
+        ros.subscribe(f"bare_{number}", float32, lambda message: None)
+    ros.every_second(lambda: [publisher.publish(float32(data=50.0)) for publisher in publishers])
     ros.spin()
 
 
-def publish_in_turn(ros: Any, cls: Any, topics: int, message: Callable[[int], Any]) -> None:
-    """Publishes to both contestants at the rates given on stdin; the contestants take turns in being first."""
+def _serve(connected: Callable[[], bool], publish: Callable[[int], None]) -> None:
+    for line in sys.stdin:
+        rate_hz, seconds = map(float, line.split())
+        while not connected():
+            time.sleep(0.05)
+        wanted = round(rate_hz * seconds)
+        begin_s = time.monotonic()
+        for number in range(wanted):
+            time.sleep(max(0.0, begin_s + number / rate_hz - time.monotonic()))
+            publish(number)
+        print(wanted, flush=True)
+
+
+def _publish_in_turn(ros: Any, cls: Any, topics: int, message: Callable[[int], Any]) -> None:
+    """Publishes to both contestants, which take turns in being first."""
     publishers = [[ros.advertise(topic, cls) for topic in topics_below(name, topics)] for name in (BARE, WATCHED)]
 
     def publish(number: int) -> None:
@@ -153,69 +146,44 @@ def publish_in_turn(ros: Any, cls: Any, topics: int, message: Callable[[int], An
         for publishers_of_one in publishers[:: 1 if number // topics % 2 else -1]:
             publishers_of_one[number % topics].publish(made)
 
-    serve(lambda: all(ros.listeners(one) > 0 for of_one in publishers for one in of_one), publish)
+    _serve(lambda: all(ros.listeners(one) > 0 for of_one in publishers for one in of_one), publish)
 
 
-def publish_levels(ros: Any, topics: int) -> None:
-    """Publishes battery levels."""
-    levels, message = battery_levels(), Float32()
-
-    def next_level(number: int) -> Float32:
-        message.data = next(levels)
-        return message
-
-    publish_in_turn(ros, Float32, topics, next_level)
-
-
-def publish_statuses(ros: Any) -> None:
-    """Publishes arrays of statuses."""
-
-    def array(number: int) -> DiagnosticArray:
-        message = DiagnosticArray()
-        message.header.stamp = ros.stamp()
-        message.status = [
-            DiagnosticStatus(
-                level=ros.ok,
-                name=name,
-                message=text,
-                hardware_id="robot1",
-                values=[KeyValue(key=key, value=value) for key, value in values.items()],
-            )
-            for name, text, values in statuses(number)
-        ]
-        return message
-
-    publish_in_turn(ros, DiagnosticArray, 1, array)
-
-
-def publish_frames(ros: Any) -> None:
-    """Publishes frames of a camera, each with a battery level."""
-    camera, level = ros.advertise(CAMERA, Image), ros.advertise(LEVEL, Float32)
-    frame, levels = Image(data=os.urandom(FRAME_BYTES)), levels_of_frames()
-
-    def publish(number: int) -> None:
-        camera.publish(frame)
-        level.publish(Float32(data=next(levels)))
-
-    serve(lambda: ros.listeners(camera) > 1 and ros.listeners(level) > 0, publish)
+def _battery_levels() -> Iterator[float]:
+    noise = random.Random(1)
+    while True:
+        yield min(99.0, max(30.0, 60.0 + noise.gauss(0.0, 5.0)))
 
 
 def main() -> None:
     """Plays the role that the command line names."""
+    from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+    from std_msgs.msg import Float32
+
     role, topics = sys.argv[1], int(sys.argv[2])
-    ros = (Ros1 if os.environ["BENCHMARK_ROS"] == "ros1" else Ros2)(role)
-    bare = topics_below(BARE, topics)
+    ros: Any = (_Ros1 if os.environ["BENCHMARK_ROS"] == "ros1" else _Ros2)(role)
+    bare, levels = topics_below(BARE, topics), _battery_levels()
+
+    def statuses(number: int) -> DiagnosticArray:
+        message = DiagnosticArray()
+        message.header.stamp = ros.stamp()
+        for driver in range(STATUSES):
+            values = {"temperature": f"{40.0 + number % 10 + driver / 10.0:.1f}", "errors": "0", "firmware": "2.4.1"}
+            pairs = [KeyValue(key=key, value=value) for key, value in values.items()]
+            status = DiagnosticStatus(level=ros.ok, name=f"driver_{driver}: status", hardware_id="robot1", values=pairs)
+            status.message = f"running for {number} s"
+            message.status.append(status)
+        return message
+
     roles: Dict[str, Callable[[], None]] = {
         "empty": ros.spin,
-        "exercise": lambda: exercise(ros),
-        "subscriber": lambda: count_messages(ros, bare, Float32, events=False),
-        "events_subscriber": lambda: count_messages(ros, bare, Float32),
-        "raw_subscriber": lambda: count_messages(ros, bare, Float32, raw=True),
-        "diagnostics_subscriber": lambda: count_messages(ros, bare, DiagnosticArray),
-        "camera_subscriber": lambda: count_messages(ros, [CAMERA], Image, raw=True),
-        "publisher": lambda: publish_levels(ros, topics),
-        "diagnostics_publisher": lambda: publish_statuses(ros),
-        "camera_publisher": lambda: publish_frames(ros),
+        "exercise": lambda: _exercise(ros, Float32),
+        "subscriber": lambda: _count_messages(ros, bare, Float32, events=False),
+        "events_subscriber": lambda: _count_messages(ros, bare, Float32),
+        "raw_subscriber": lambda: _count_messages(ros, bare, Float32, raw=True),
+        "diagnostics_subscriber": lambda: _count_messages(ros, bare, DiagnosticArray),
+        "publisher": lambda: _publish_in_turn(ros, Float32, topics, lambda number: Float32(data=next(levels))),
+        "diagnostics_publisher": lambda: _publish_in_turn(ros, DiagnosticArray, 1, statuses),
     }
     roles[role]()
 

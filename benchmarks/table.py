@@ -1,9 +1,17 @@
-"""The rows of the benchmark table and its Markdown form."""
+"""The rows of the benchmark table, how they are measured side by side, and the page that shows them."""
 
 from __future__ import annotations
 
+import os
+import platform
 import statistics
-from typing import Iterable, List, NamedTuple, Optional, Sequence
+import subprocess
+from pathlib import Path
+from typing import Callable, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGE = ROOT / "docs" / "reference" / "benchmarks.md"
+_HEADINGS = ("what", "contestant", "figure", "ratio", "required", "verdict", "remark")
 
 
 class Row(NamedTuple):
@@ -16,7 +24,7 @@ class Row(NamedTuple):
     figure: str = ""
     """The median, with its unit; empty where it could not be measured."""
     ratio: Optional[float] = None
-    """Ratio to the contestant named in `remark`, both from this run."""
+    """Ratio to the contestant or the limit that is named in `remark`, both from this run."""
     required: Optional[float] = None
     """Largest `ratio` that meets the requirement; None: for comparison only."""
     remark: str = ""
@@ -32,30 +40,69 @@ class Row(NamedTuple):
         return "met" if self.ratio <= self.required else "missed"
 
 
+def within(what: str, contestant: str, value: float, limit: float, unit: str, remark: str = "", digits: int = 0) -> Row:
+    """Returns the row of a figure that must not exceed a limit, of the same unit."""
+    remark = f"{remark}, to {limit:g} {unit}" if remark else f"to {limit:g} {unit}"
+    return Row(what, contestant, f"{value:.{digits}f} {unit}", value / limit, 1.0, remark)
+
+
+def in_turn(contestants: Mapping[str, Callable[[], float]], rounds: int) -> Dict[str, List[float]]:
+    """Measures contestants one after the other, round after round; returns all figures but those of the first round."""
+    figures: Dict[str, List[float]] = {name: [] for name in contestants}
+    for number in range(rounds + 1):
+        for name, measure in contestants.items():
+            figure = measure()
+            if number:
+                figures[name].append(figure)
+    return figures
+
+
 def median_ratio(numerators: Sequence[float], denominators: Sequence[float]) -> float:
     """Returns the median of the ratios of figures measured side by side."""
     return statistics.median(above / below for above, below in zip(numerators, denominators))
 
 
-_HEADINGS = ("what", "contestant", "figure", "ratio", "required", "verdict", "remark")
-
-
 def table(rows: Iterable[Row]) -> str:
     """Returns the rows as a Markdown table whose columns are aligned."""
     cells: List[Sequence[str]] = [_HEADINGS]
-    cells.extend(
-        (
-            row.what,
-            row.contestant,
-            row.figure,
-            "" if row.ratio is None else f"{row.ratio:.2f}",
-            "" if row.required is None else f"<= {row.required:.2f}",
-            row.verdict,
-            row.remark,
-        )
-        for row in rows
-    )
-    widths = [max(len(line[column]) for line in cells) for column in range(len(_HEADINGS))]
+    for row in rows:
+        ratio = "" if row.ratio is None else f"{row.ratio:.2f}"
+        required = "" if row.required is None else f"<= {row.required:.2f}"
+        cells.append((row.what, row.contestant, row.figure, ratio, required, row.verdict, row.remark))
+    widths = [max(map(len, column)) for column in zip(*cells)]
     lines = ["| " + " | ".join(cell.ljust(width) for cell, width in zip(line, widths)) + " |" for line in cells]
     lines.insert(1, "|" + "|".join("-" * (width + 2) for width in widths) + "|")
     return "\n".join(lines)
+
+
+def write_page(parts: Mapping[str, Sequence[Row]], measured: str, page: Path = PAGE) -> None:
+    """Replaces what stands between the marks of each part, and the line `measured` about the version.
+
+    Raises ValueError if the page has no marks for a part.
+    """
+    text = page.read_text(encoding="utf-8")
+    for name, content in {"version": measured, **{part: table(rows) for part, rows in parts.items()}}.items():
+        begin, end = f"<!-- {name} -->\n", f"<!-- end of {name} -->\n"
+        before, mark, rest = text.partition(begin)
+        _, end_mark, after = rest.partition(end)
+        if not (mark and end_mark):
+            raise ValueError(f"{page}: expected the lines {begin.strip()} and {end.strip()}")
+        text = f"{before}{begin}{content}\n{end}{after}"
+    page.write_text(text, encoding="utf-8")
+
+
+def changed_files() -> str:
+    """Returns the product's files that differ from the commit, one per line; empty: none."""
+    return _git("status", "--porcelain", "--untracked-files=no", "--", ".", ":!docs")
+
+
+def version() -> str:
+    """Returns one line: the commit, its date, the machine."""
+    commit, date = _git("show", "--no-patch", "--format=%h %cs").split()
+    models = [line for line in Path("/proc/cpuinfo").read_text("utf-8").splitlines() if line.startswith("model name")]
+    processor = models[0].partition(":")[2].strip() if models else platform.machine()
+    return f"Commit {commit} of {date}; {processor}, {os.cpu_count()} cores; Python {platform.python_version()}."
+
+
+def _git(*words: str) -> str:
+    return subprocess.run(["git", *words], cwd=ROOT, check=True, stdout=subprocess.PIPE, text=True).stdout.strip()

@@ -154,8 +154,7 @@ class Judge:
         topics = {name: self._topic_of(signal, node_name) for name, signal in recordable.items()}
         absent = {name: self._player.why_not_recorded(topics[name], signal.type) for name, signal in recordable.items()}
         missing = {
-            name: absent[name]
-            or self._player.why_unreadable(topics[name], signal.type, "" if signal.action else signal.field or None)
+            name: absent[name] or self._player.why_unreadable(topics[name], signal.type, signal.selection)
             for name, signal in recordable.items()
         }
         # A topic of which nothing can be read says nothing about the robot: its signal stays `waiting`.

@@ -3,7 +3,7 @@
     python3 release/debs.py FOLDER [NAME...]      builds the packages (default: all) into FOLDER
 
 `robot-health` is the command line without ROS, from release/debian. `jazzy`, `one` (ROS One) and `debian` (Debian's own
-ROS 1) are the nodes, made with bloom as the ROS build farm does it, but with an index of distributions made here.
+ROS 1) are the nodes, made with bloom as the ROS build farm does it, but with the index in release/index.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import tempfile
 import time
 from email.utils import formatdate
 from pathlib import Path
-from typing import Dict, Mapping, NamedTuple, Sequence, Tuple
+from typing import Dict, Mapping, Sequence, Tuple
 from xml.etree import ElementTree
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -33,21 +33,12 @@ from robot_health_monitor.runtime.libraries import debian_package  # noqa: E402
 COMMAND_LINE = "robot-health"
 
 
-class Distro(NamedTuple):
-    """A ROS distribution for which bloom generates the package."""
-
-    os: str
-    codename: str
-    type: str
-    generator: str
-    """Of bloom: rosdebian installs to /opt/ros, debian to /usr."""
-
-
 DISTROS = {
-    "jazzy": Distro("ubuntu", "noble", "ros2", "rosdebian"),
-    "one": Distro("ubuntu", "noble", "ros1", "rosdebian"),
-    "debian": Distro("debian", "bookworm", "ros1", "debian"),
+    "jazzy": ("ubuntu", "noble", "rosdebian"),
+    "one": ("ubuntu", "noble", "rosdebian"),
+    "debian": ("debian", "bookworm", "debian"),
 }
+"""System, its release, and bloom's generator: rosdebian installs to /opt/ros, debian to /usr."""
 PACKAGES = (COMMAND_LINE, *DISTROS)
 OVERRIDES = ("dir-or-file-in-opt", "package-installs-python-pycache-dir", "python3-script-but-no-python3-dep")
 """What lintian calls an error in every package of bloom with Python: it is installed to /opt/ros, its modules are
@@ -59,7 +50,7 @@ def dependencies() -> Tuple[Sequence[str], Sequence[str]]:
 
     Names and oldest versions are those of setup.py; package.xml has which of them are needed.
     """
-    needed = manifest.keys("exec_depend")
+    needed = [each.text for each in ElementTree.parse(manifest.MANIFEST).findall("exec_depend")]
     packages: Tuple[list[str], list[str]] = ([], [])
     for requirement in runtime_requirements():
         name, relation, version = re.fullmatch(r"([\w-]+)(?:(>=)([\d.]+))?", requirement).groups()  # type: ignore[union-attr]
@@ -104,56 +95,28 @@ def write_completions(folder: Path) -> None:
         (folder / name).write_text(shtab.complete(complete_parser(), shell), "utf-8")
 
 
-def write_index(folder: Path) -> Dict[str, str]:
-    """Writes an index of ROS distributions and rosdep keys; returns the variables with which bloom and rosdep read it.
+def index_variables(folder: Path) -> Dict[str, str]:
+    """Returns the variables with which bloom and rosdep read release/index, an index of distributions and rosdep keys.
 
     Every ROS package that package.xml names is in every distribution, and the other keys are Debian's packages. A key
-    that the public rosdep installs with pip must not be in package.xml.
+    that the public rosdep installs with pip must not be in package.xml. What they need is written to `folder`.
     """
-    elements = [element for element in ElementTree.parse(manifest.MANIFEST).getroot() if "depend" in element.tag]
-    names = sorted({element.text or "" for element in elements})
-    ros_packages = [name for name in names if not name.startswith("python3")]
-    conflicts = [element.text or "" for element in ElementTree.parse(manifest.MANIFEST).findall("conflict")]
-    distributions = []
-    for name, distro in DISTROS.items():
-        packages = ros_packages if distro.generator == "rosdebian" else []
-        repositories = [
-            f"  {package}: {{release: {{tags: {{release: '-'}}, url: 'file:///{package}', version: 1.0.0-1}}}}"
-            for package in packages
-        ]
-        (folder / f"{name}.yaml").write_text(
-            f"%YAML 1.1\n---\nrelease_platforms: {{{distro.os}: [{distro.codename}]}}\n"
-            + "\n".join(["repositories:" if repositories else "repositories: {}", *repositories])
-            + "\ntype: distribution\nversion: 2\n"
-        )
-        distributions.append(
-            f"  {name}: {{distribution: [{name}.yaml], distribution_cache: '{name}-cache.yaml.gz', "
-            f"distribution_status: active, distribution_type: {distro.type}, python_version: 3}}"
-        )
-    head = "%YAML 1.1\n---\ndistributions:\n"
-    (folder / "index.yaml").write_text(head + "\n".join(distributions) + "\ntype: index\nversion: 4\n")
-    rules = [f"{name}: {{ubuntu: [{name}], debian: [{name}]}}" for name in names if name.startswith("python3")]
-    rules += [f"{name}: {{debian: [{_debian_name(name)}]}}" for name in [*ros_packages, *conflicts]]
-    (folder / "rosdep.yaml").write_text("\n".join(rules) + "\n")
-    (folder / "sources").mkdir()
-    (folder / "sources" / "local.list").write_text(f"yaml file://{folder}/rosdep.yaml\n")
+    index = f"file://{ROOT}/release/index"
+    (folder / "local.list").write_text(f"yaml {index}/rosdep.yaml\n")
     return {
-        "ROSDISTRO_INDEX_URL": f"file://{folder}/index.yaml",
-        "ROSDEP_SOURCE_PATH": str(folder / "sources"),
+        **os.environ,
+        "ROSDISTRO_INDEX_URL": f"{index}/index.yaml",
+        "ROSDEP_SOURCE_PATH": str(folder),
         "ROS_HOME": str(folder / "home"),
     }
 
 
-def _debian_name(key: str) -> str:
-    return key if key in ("catkin", COMMAND_LINE) else f"python3-{key.replace('_', '-')}"
-
-
-def generate(source: Path, name: str, index: Mapping[str, str]) -> None:
+def generate(source: Path, name: str, variables: Mapping[str, str]) -> None:
     """Writes debian/ of the nodes into a copy of the source tree, with bloom."""
-    distro = DISTROS[name]
-    options = ["--ros-distro", name, "--os-name", distro.os, "--os-version", distro.codename]
-    run(["bloom-generate", distro.generator, *options], source, {**os.environ, **index})
-    if distro.generator == "debian":  # modules in /usr are compiled when they are installed, and cleaned when removed
+    system, codename, generator = DISTROS[name]
+    options = ["--ros-distro", name, "--os-name", system, "--os-version", codename]
+    run(["bloom-generate", generator, *options], source, variables)
+    if generator == "debian":  # modules in /usr are compiled when they are installed, and cleaned when removed
         replace(source / "debian" / "rules", "dh $@ -v ", "dh $@ -v --with python3 ")
         replace(source / "debian" / "control", "${shlibs:Depends}", "${python3:Depends}")
     else:
@@ -179,8 +142,9 @@ def build(source: Path) -> None:
 
 def run(command: Sequence[str], folder: Path, variables: Mapping[str, str]) -> None:
     """Runs a command and shows its output only if it fails."""
-    pipes = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.STDOUT}
-    done = subprocess.run(command, cwd=folder, env=dict(variables), **pipes, check=False)  # type: ignore[call-overload]
+    done = subprocess.run(
+        command, cwd=folder, env=variables, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT
+    )
     if done.returncode:
         sys.exit(f"{done.stdout.decode(errors='replace')}\n{' '.join(command)} exited with {done.returncode}")
 
@@ -193,10 +157,9 @@ def git(*arguments: str) -> str:
 def copy_sources(folder: Path) -> Path:
     """Copies the files that git knows, as they are in the work tree; returns the copy."""
     copy = folder / f"robot-health-{manifest.text('version')}"
-    for name in filter(None, git("ls-files", "-z").split("\0")):
-        target = copy / name
-        target.parent.mkdir(parents=True, exist_ok=True)
-        shutil.copy2(ROOT / name, target, follow_symlinks=False)
+    copy.mkdir(parents=True)
+    names = filter(None, git("ls-files", "-z").split("\0"))
+    subprocess.run(["cp", "--parents", "--no-dereference", "--preserve", "-t", copy, *names], cwd=ROOT, check=True)
     return copy
 
 
@@ -213,20 +176,18 @@ def main() -> None:
     arguments.folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix="robot-health-debs-") as temporary:
         work = Path(temporary)
-        index: Dict[str, str] = {}
+        variables: Dict[str, str] = {}
         for name in arguments.names or PACKAGES:
             folder = work / name
-            folder.mkdir()
             source = copy_sources(folder)
             if name == COMMAND_LINE:
                 write_debian_folder(source, date_s)
                 write_completions(source / "debian")
             else:
-                if not index:
-                    (work / "index").mkdir()
-                    index = write_index(work / "index")
-                    run(["rosdep", "update", "--include-eol-distros"], work, {**os.environ, **index})
-                generate(source, name, index)
+                if not variables:
+                    variables = index_variables(work)
+                    run(["rosdep", "update", "--include-eol-distros"], work, variables)
+                generate(source, name, variables)
             build(source)
             for package in sorted(folder.glob("*.deb")):
                 for old in arguments.folder.glob(f"{package.name.partition('_')[0]}_*.deb"):

@@ -16,7 +16,6 @@ MANIFEST = ROOT / "package.xml"
 
 _PLACEHOLDER = re.compile(r"[\w.@/:+-]*\b(example\.(com|net|org)|[\w-]+\.(example|invalid|test))\b[\w./-]*")
 """Domains reserved for examples (RFC 2606)."""
-_ROLES = ("build_depend", "buildtool_depend", "exec_depend", "test_depend")
 
 
 def text(tag: str, manifest: Path = MANIFEST) -> str:
@@ -29,13 +28,6 @@ def text(tag: str, manifest: Path = MANIFEST) -> str:
 def urls(manifest: Path = MANIFEST) -> Dict[str, str]:
     """Returns the addresses of the project by type: website, bugtracker, repository."""
     return {url.get("type", ""): url.text or "" for url in ElementTree.parse(manifest).findall("url")}
-
-
-def keys(role: str = "exec_depend", condition: str = "") -> List[str]:
-    """Returns the rosdep keys of one role that have this condition, or those without one if it is empty."""
-    assert role in _ROLES
-    elements = ElementTree.parse(MANIFEST).findall(role)
-    return [element.text or "" for element in elements if element.get("condition", "") == condition]
 
 
 def placeholders(manifest: Path = MANIFEST) -> List[str]:

@@ -18,11 +18,8 @@ from cyclonedx.output.json import JsonV1Dot6
 from packageurl import PackageURL
 from packaging.requirements import Requirement
 
-_REFERENCES = {
-    "website": ExternalReferenceType.WEBSITE,
-    "bugtracker": ExternalReferenceType.ISSUE_TRACKER,
-    "repository": ExternalReferenceType.VCS,
-}
+_REFERENCES = {"website": "website", "bugtracker": "issue-tracker", "repository": "vcs"}
+"""CycloneDX's name for each type of an address in package.xml."""
 
 
 def sbom_json(metadata: str, urls: Mapping[str, str], time_s: int) -> str:
@@ -44,32 +41,30 @@ def sbom_json(metadata: str, urls: Mapping[str, str], time_s: int) -> str:
         purl=PackageURL("pypi", None, name.lower().replace("_", "-"), version),
         description=fields["Summary"],
         licenses=[licence],
-        external_references=[ExternalReference(type=_REFERENCES[kind], url=XsUri(url)) for kind, url in urls.items()],
+        external_references=[
+            ExternalReference(type=ExternalReferenceType(_REFERENCES[kind]), url=XsUri(url))
+            for kind, url in urls.items()
+        ],
     )
     bom = Bom(serial_number=uuid.uuid5(uuid.NAMESPACE_URL, f"pypi/{name}/{version}/{time_s}"))
     bom.metadata.timestamp = datetime.fromtimestamp(time_s, timezone.utc)
     bom.metadata.component = package
-    needed = {}
-    for line in fields.get_all("Requires-Dist", []):
-        requirement = Requirement(line)
-        # The same library may be required and, with further features, be optional.
-        if requirement.name not in needed:
-            needed[requirement.name] = _component(requirement)
-            bom.components.add(needed[requirement.name])
+    requirements = map(Requirement, fields.get_all("Requires-Dist", []))
+    # The same library may be required and, with further features, be optional: the first one counts.
+    needed = {each.name: _component(each) for each in reversed([*requirements])}
+    bom.components.update(needed.values())
     bom.register_dependency(package, needed.values())
     return JsonV1Dot6(bom).output_as_string(indent=1)
 
 
 def _component(requirement: Requirement) -> Component:
-    optional = requirement.marker is not None and "extra" in str(requirement.marker)
-    properties = {"versions": str(requirement.specifier) or "any", "marker": str(requirement.marker or "")}
+    marker = str(requirement.marker or "")
+    properties = {"versions": str(requirement.specifier) or "any", "marker": marker}
     return Component(
         name=requirement.name,
         type=ComponentType.LIBRARY,
         bom_ref=requirement.name,
-        scope=ComponentScope.OPTIONAL if optional else ComponentScope.REQUIRED,
+        scope=ComponentScope.OPTIONAL if "extra" in marker else ComponentScope.REQUIRED,
         purl=PackageURL("pypi", None, requirement.name.lower()),
-        properties=[
-            Property(name=f"robot_health_monitor:{key}", value=each) for key, each in properties.items() if each
-        ],
+        properties=[Property(name=f"robot_health_monitor:{key}", value=each) for key, each in properties.items()],
     )

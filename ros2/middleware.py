@@ -37,6 +37,8 @@ _QUEUE_SIZE = 1000
 """Outgoing messages that a reliable subscriber may still request, then the oldest are lost: room for many alerts."""
 _SUBSCRIBER_QUEUE_SIZE = 10
 """Incoming messages that may wait: ROS 2's own default."""
+_STATIC_QUEUE_SIZE = 100
+"""The same for latched messages, of which each of many publishers may have one: that of tf2's listeners."""
 _DURABILITY = {True: DurabilityPolicy.TRANSIENT_LOCAL, False: DurabilityPolicy.VOLATILE}
 """By whether the messages are latched."""
 _LOG: Mapping[Severity, Callable[[Any, str], object]] = {
@@ -351,12 +353,13 @@ class Ros2Middleware(NativeNode):
 
         channel.is_best_effort = has_best_effort(self.node, topic)
         reliability = ReliabilityPolicy.BEST_EFFORT if channel.is_best_effort else ReliabilityPolicy.RELIABLE
+        depth = _STATIC_QUEUE_SIZE if is_latched else _SUBSCRIBER_QUEUE_SIZE
         # rclpy's default event handlers only log, and the executor checks each of them for every message.
         channel.native = self.node.create_subscription(
             cls,
             channel.native_name,
             deliver,
-            QoSProfile(depth=_SUBSCRIBER_QUEUE_SIZE, reliability=reliability, durability=_DURABILITY[is_latched]),
+            QoSProfile(depth=depth, reliability=reliability, durability=_DURABILITY[is_latched]),
             event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
             raw=True,
         )

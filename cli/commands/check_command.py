@@ -28,6 +28,7 @@ from ...core.port.middleware import Middleware
 from ...core.values.errors import ConfigError, Problems
 from ...core.values.formatting import count_text, printable
 from ...core.values.names import split_type_name
+from ...core.values.where import selection
 from ...ops.configuration import SECTIONS, OpsConfig, read_ops
 from ...runtime.interrupts import Interrupts
 from ..arguments import Parser, add
@@ -172,6 +173,7 @@ def _check_sources(section: Section, problems: Problems) -> Dict[str, None]:
             continue
         path = (*section.path, "signals", str(name))
         topic, type_name, field = signal.get("topic", str(name)), signal.get("type", ""), signal.get("field", "data")
+        where = signal.get("where", "")
         if isinstance(topic, str) and topic not in ("", name) and not _TOPIC.match(topic):
             problems.add(ConfigError(f"expected the name of a topic, got {topic[:60]!a}", (*path, "topic")))
         split = split_type_name(type_name) if isinstance(type_name, str) else None
@@ -181,6 +183,8 @@ def _check_sources(section: Section, problems: Problems) -> Dict[str, None]:
         try:
             if not check_field(definitions, str(topic), spelling, field):
                 unknown[spelling] = None
+            elif isinstance(where, str) and where:
+                check_field(definitions, str(topic), spelling, selection("", where) or "", key="where")
         except ConfigError as error:
             problems.add(error.below(path))
     return unknown
@@ -213,10 +217,10 @@ def known_definitions() -> List[Definitions]:
     return [messages]
 
 
-def check_field(definitions: Sequence[Definitions], topic: str, type_name: str, field: str) -> bool:
+def check_field(definitions: Sequence[Definitions], topic: str, type_name: str, field: str, key: str = "field") -> bool:
     """Checks a field in the first of `definitions` that has the type; returns False if none has. Empty, only the type.
 
-    Raises ConfigError if the type does not exist (its path is `type`), or has no such field (its path is `field`).
+    Raises ConfigError if the type does not exist (its path is `type`), or has no such field (its path is `key`).
     """
     for each in definitions:
         try:
@@ -226,7 +230,7 @@ def check_field(definitions: Sequence[Definitions], topic: str, type_name: str, 
         try:
             each.field_getter(topic, type_name, field)
         except ConfigError as error:
-            raise ConfigError(error.problem, ("field",)) from None
+            raise ConfigError(error.problem, (key,)) from None
         return True
     split = split_type_name(type_name)
     if split is None or split[0] not in PACKAGES:

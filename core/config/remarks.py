@@ -26,6 +26,8 @@ def remarks_of(config: SignalConfig) -> Iterator[Tuple[str, str]]:
     doubt = doubt_of(config)
     if doubt:
         yield "unit", doubt
+    if config.lifecycle:
+        yield "lifecycle", "on ROS 1, which has no lifecycle nodes, this is an error"
     forecast_s, window_s = config.forecast_s, config.window_s
     if forecast_s is None or forecast_s <= window_s:
         return

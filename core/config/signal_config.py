@@ -19,19 +19,20 @@ from ..values.formatting import bound_text, describe, number_text
 from ..values.goals import STATUS_TOPICS
 from ..values.names import canonical_type, split_type_name
 from ..values.reduction import REDUCTIONS
+from ..values.where import parse_where, selection
 from .parameters import Parameter, read_parameters, require_mapping
 from .schema import declared, parameters
 
 LINK = "link"
 """Name of the signal that is 1 while a robot can be reached, else 0. Reserved; conditions may refer to it."""
 
-STATISTICS = ("last", "mean", "min", "max", "stddev", "rate", "frequency_hz", "largest_gap_s", "forecast")
+STATISTICS = ("last", "mean", "min", "max", "stddev", "rate", "frequency_hz", "largest_gap_s", "count", "forecast")
 """Statistics to which bounds can apply."""
 
 _IN_UNIT = ("last", "mean", "min", "max")
 """Statistics in the unit of the signal, and within its valid range."""
 
-OF_ARRIVALS = ("frequency_hz", "largest_gap_s")
+OF_ARRIVALS = ("frequency_hz", "largest_gap_s", "count")
 """Statistics of the times of arrival, whatever the values are."""
 
 BOUNDS = ("warn_below", "warn_above", "error_below", "error_above")
@@ -127,6 +128,9 @@ class SignalConfig:
     action: str = declared("", "in place of topic: name of an action; per goal that ended 0 succeeded, 1 aborted")
     type: str = declared("", "message type, such as std_msgs/Float32; left out: the type that is published")
     field: str = declared("data", "path of the number in the message; empty: count arrivals, the value is 1")
+    where: str = declared(
+        "", 'condition on a message, only then a sample: level >= ERROR and name == "*controller*"; left out: none'
+    )
     reduce: str = declared(
         "",
         "how all elements that the field selects become one value; left out: each is a signal of its own",
@@ -144,7 +148,7 @@ class SignalConfig:
     window_min_s: float = _duration(
         None,
         "time for which samples must come before statistics other than last are defined, in s; left out: window_s / 2, "
-        "window_s for a forecast",
+        "window_s for a forecast; not for a count",
     )
     window_samples: int = declared(
         None, "maximum number of samples in the window; left out: 6000, 100000 for a forecast", 1, 1_000_000
@@ -169,7 +173,7 @@ class SignalConfig:
     flap_high: float = declared(50.0, "state change at which flapping begins, in %", 0.0, 100.0)
     flap_low: float = declared(25.0, "state change below which flapping ends, in %", 0.0, 100.0)
     stale_after_s: float = _duration(
-        None, "time without a sample after which it is STALE, in s; 0: never; left out: 5, 0 for an action"
+        None, "time without a sample after which it is STALE, in s; 0: never; left out: 5, 0 for an action or a count"
     )
     startup_grace_s: float = _duration(10.0, "stale_after_s before the first sample, in s")
     max_elements: int = declared(200, "maximum number of elements that are signals of their own", 1, 10_000)
@@ -218,6 +222,11 @@ class SignalConfig:
         if self.graph is not None:
             return ()
         return tuple(self.action.rstrip("/") + end for end in STATUS_TOPICS) if self.action else (self.topic,)
+
+    @property
+    def selection(self) -> Optional[str]:
+        """What is read of each message, for `Middleware.subscribe`; None: only its arrival counts."""
+        return "" if self.action else selection(self.field, self.where)
 
     @property
     def bounds(self) -> Mapping[str, float]:
@@ -279,7 +288,7 @@ def read_signal(name: str, found: object, path: Path = ()) -> SignalConfig:
 
 def fill_in(name: str, values: Dict[str, Any]) -> None:
     """Sets the keys that were left out and whose default follows from others."""
-    is_forecast = values["statistic"] == "forecast"
+    is_forecast, is_count = values["statistic"] == "forecast", values["statistic"] == "count"
     window_s = values["window_s"] or (600.0 if is_forecast else 60.0)
     if not values["unit"] and values["reduce"] != "count" and _is_time(values["type"], values["field"]):
         values["unit"] = "s"
@@ -290,9 +299,9 @@ def fill_in(name: str, values: Dict[str, Any]) -> None:
         values["error_below"] = 1.0
     defaults = {
         "topic": "" if is_of_graph else values["action"] or name,
-        "stale_after_s": 0.0 if values["action"] else 5.0,
+        "stale_after_s": 0.0 if values["action"] or is_count else 5.0,
         "window_s": window_s,
-        "window_min_s": window_s if is_forecast else window_s / 2.0,
+        "window_min_s": window_s if is_forecast else 0.0 if is_count else window_s / 2.0,
         "window_samples": 100_000 if is_forecast else 6000,
         "error_for_s": values["for_s"],
         "error_keep_firing_for_s": values["keep_firing_for_s"],
@@ -335,6 +344,11 @@ def _mistakes(signal: SignalConfig, given: Mapping[str, Any]) -> Iterator[Tuple[
         parse_field_path(signal.field)
     except ValueError as error:
         yield "field", f"expected the path of a field, got {describe(signal.field)}: {error}"
+    if "where" in given:
+        try:
+            parse_where(signal.where)
+        except ValueError as error:
+            yield "where", str(error)
     if signal.reduce and every_step(signal.field) is None:
         yield "reduce", f'expected a field with [*] or a pattern such as ["*"], got {describe(signal.field)}'
     if signal.scale == 0.0:
@@ -356,6 +370,7 @@ def _mistakes(signal: SignalConfig, given: Mapping[str, Any]) -> Iterator[Tuple[
     yield from _mistakes_of_elements(signal, given)
     yield from _mistakes_of_status(signal, given)
     yield from _mistakes_of_forecast(signal)
+    yield from _mistakes_of_count(signal, given)
     yield from _mistakes_of_bounds(signal)
     yield from _mistakes_of_unit(signal)
 
@@ -365,7 +380,7 @@ def _mistakes_of_graph(signal: SignalConfig, given: Mapping[str, Any]) -> Iterat
     keys = [key for key in ("topic", "action", *GRAPH_KEYS) if given.get(key)]
     if len(keys) > 1:
         yield keys[1], f"expected one of topic, action, {', '.join(GRAPH_KEYS)}, got {' and '.join(keys)}"
-    for key in ("type", "field", "reduce", "placeholders", "scale", "unit", "valid_min", "valid_max"):
+    for key in ("type", "field", "where", "reduce", "placeholders", "scale", "unit", "valid_min", "valid_max"):
         if key in given:
             yield key, f"{keys[0]} has no message; remove this key"
     if not signal.lifecycle:
@@ -382,7 +397,9 @@ def _mistakes_of_topic(signal: SignalConfig, given: Mapping[str, Any]) -> Iterat
         yield "topic", "expected the name of a topic, got ''"
     if signal.type and split_type_name(signal.type) is None:
         yield "type", f"expected a type such as std_msgs/Float32, got {describe(signal.type)}"
-    for key, none in (("topic", signal.action), ("type", ""), ("field", "data")) if signal.action else ():
+    for key, none in (
+        (("topic", signal.action), ("type", ""), ("field", "data"), ("where", "")) if signal.action else ()
+    ):
         if given.get(key) not in (None, "", none):
             yield key, f"expected either action or {key}; remove one of them"
 
@@ -431,6 +448,16 @@ def _mistakes_of_forecast(signal: SignalConfig) -> Iterator[Tuple[str, str]]:
         yield "forecast_s", f"{expected}, got {got}"
     if len({name.partition("_")[2] for name in signal.bounds}) > 1:
         yield "statistic", f"a forecast has bounds on one side; use two signals, got {' and '.join(signal.bounds)}"
+
+
+def _mistakes_of_count(signal: SignalConfig, given: Mapping[str, Any]) -> Iterator[Tuple[str, str]]:
+    if signal.statistic != "count":
+        return
+    if "window_min_s" in given:
+        yield "window_min_s", "a count is defined from the start; remove this key"
+    for name, bound in signal.bounds.items():
+        if bound > signal.window_samples:
+            yield name, f"expected at most window_samples ({signal.window_samples}), got {bound_text(bound)}"
 
 
 def _mistakes_of_bounds(signal: SignalConfig) -> Iterator[Tuple[str, str]]:

@@ -14,7 +14,7 @@ from typing import Callable, Mapping, Optional, Tuple
 from ..config.signal_config import SignalConfig
 from ..values.model import Forecast
 from .least_squares import LineSums
-from .window import GapWindow, Window
+from .window import CountWindow, GapWindow, Window
 
 __all__ = ["LEAST_SAMPLES", "ForecastWindow", "window_for"]
 
@@ -191,4 +191,6 @@ def window_for(config: SignalConfig) -> Window:
     limits = config.window_s, config.window_samples, config.window_min_s
     if config.statistic == "forecast" and config.forecast_s is not None:
         return ForecastWindow(*limits, config.forecast_s, config.bounds)
+    if config.statistic == "count":
+        return CountWindow(config.window_s, config.window_samples)
     return GapWindow(*limits) if config.statistic == "largest_gap_s" else Window(*limits)

@@ -29,7 +29,7 @@ from .sample_summary import SampleCollector, SampleSummary
 from .saved_state import Downtime, Saved, SavedSignal, age_s
 from .staleness import LONG_DOWNTIME_S, Staleness
 from .status_rules import StatusRules, rules_for
-from .window import Samples, Window
+from .window import CountWindow, Samples, Window
 from .wording import Judgement
 
 # Globals are faster than members of an enumeration, above all in Python 3.11, and these are used per sample.
@@ -59,7 +59,7 @@ class SignalMonitor:
         self._quality = Quality(config)
         self.window = window_for(config)
         self.config = config
-        self.judged: Optional[float] = None
+        self.judged = self.window.statistic(config.statistic)
         """The value of the statistic that the bounds apply to; None while it is undefined."""
         self._statistics: Optional[Window] = None
         """The values of the judged statistic at ticks, to show; None: the window is shown."""
@@ -77,6 +77,7 @@ class SignalMonitor:
         self.held: Optional[Held] = None
         """Why worse levels are not announced; None: nothing holds them back."""
         self._use_config(config)
+        self._know_count(now_s)
 
     @property
     def level(self) -> Level:
@@ -163,6 +164,8 @@ class SignalMonitor:
             self._zero_s = None
         if staleness.is_due(now_s):
             self._freeze_or_thaw(self._fall_silent())
+        if self.config.statistic == "count" and not staleness.frozen:
+            self._judge_rules(now_s)
         self._rules.advance(now_s)
         if self._statistics is not None:
             self._note_statistic(self._statistics, now_s)
@@ -252,12 +255,14 @@ class SignalMonitor:
         self.window.clear()
         if self._statistics is not None:
             self._statistics.clear()
+        self._count_anew(now_s)
         if self.config.statistic != "last":
-            self.judged = None
+            self.judged = self.window.statistic(self.config.statistic)
         self._level_since_s = min(self._level_since_s, now_s)
         self._announcer.restart(now_s, back_s)
         self._rules.restart(now_s)
         self.staleness.restart(now_s)
+        self._know_count(now_s)
         if self.held is not None:
             self.held.restart(now_s, settle_s(self.config))
         self._freeze_or_thaw(now_s)
@@ -281,8 +286,10 @@ class SignalMonitor:
         self._quality.configure(config)
         self.staleness.configure(config, seen=self._quality.seen)
         if self.staleness.stale and not self.staleness.is_silent(now_s):
-            self.staleness.stale, self.staleness.waiting = False, not self._quality.seen
+            self.staleness.stale = False
+        self.staleness.waiting = self.staleness.waiting or not (self.staleness.stale or self._quality.seen)
         self._use_config(config)
+        self._know_count(now_s)
         self.judged = self.window.statistic(config.statistic)
         self._freeze_or_thaw(now_s)
         if not self.staleness.frozen:
@@ -387,6 +394,11 @@ class SignalMonitor:
             held = self._held()
             held.cause = saved.text("cause")
             held.caused_s = now_s - age_s(saved.section("since").number("caused"), downtime.end_s)
+        self._count_anew(now_s)
+        if self.config.statistic == "count":
+            self.judged = self.window.statistic("count")
+            self._freeze_or_thaw(now_s)
+            self._announcer.note_known(now_s)
 
     def end(self, now_s: float) -> Optional[Transition]:
         """Returns the transition with which a signal that is not OK leaves the configuration."""
@@ -460,8 +472,20 @@ class SignalMonitor:
 
     def _begin_window_anew(self) -> None:
         self.window.begin_anew()
-        if self.config.statistic != "last":
+        if self.config.statistic not in ("last", "count"):
             self.judged = None
+
+    def _count_anew(self, now_s: float) -> None:
+        """Leaves an alert about a count as it is until the window has passed: its samples are not known."""
+        if isinstance(self.window, CountWindow) and self._level is not _OK:
+            self.window.count_from(now_s)
+
+    def _know_count(self, now_s: float) -> None:
+        """Lets the level of a count be known without a sample: 0 is a count."""
+        if self.staleness.waiting and self.config.statistic == "count":
+            self.staleness.waiting = False
+            if self.staleness.unreachable_since_s is None:
+                self._announcer.note_known(now_s)
 
     def _use_status_rules(self, now_s: float) -> SignalRules:
         """Returns the rules of a signal that receives the statuses of a driver."""
@@ -520,6 +544,12 @@ class SignalMonitor:
         self._calm_max = -math.inf
 
     def _judge_rules(self, now_s: float) -> None:
+        """Judges the statistic as of now: a count falls with the time."""
+        if isinstance(self.window, CountWindow):
+            self.window.advance(now_s)
+            before, self.judged = self.judged, self.window.statistic("count")
+            if (before is None) is not (self.judged is None):
+                self._freeze_or_thaw(now_s)
         if self.judged is not None:
             self._rules.judge(self.judged, now_s)
 

@@ -386,6 +386,62 @@ class GapWindow(Window):
         return self._gaps.max() if self.is_long_enough else None
 
 
+class CountWindow(Window):
+    """A window whose samples also leave as time passes: `count` is how many lie within the last `window_s` as of now.
+
+    It holds one sample more than `window_samples`: then there are at least that many.
+    """
+
+    __slots__ = ("_from_s", "_now_s")
+
+    def __init__(self, window_s: float, window_samples: int) -> None:
+        """Creates an empty window, whose count is 0."""
+        super().__init__(window_s, window_samples + 1)
+
+    def clear(self) -> None:
+        """Removes every sample."""
+        super().clear()
+        self._now_s = self._from_s = -math.inf
+
+    def add(self, value: float, now_s: float) -> None:
+        """Adds a sample, as `Window.add`."""
+        super().add(value, now_s)
+        self.advance(now_s)
+
+    def advance(self, now_s: float) -> None:
+        """Advances the time: what is `window_s` old leaves."""
+        self._now_s = now_s
+        while len(self) and now_s - self._times[self._first] >= self.window_s - _TIME_TOLERANCE_S:
+            if not self._front:
+                self._flip()
+            self._first += 1
+            self._front -= 1
+
+    def count_from(self, now_s: float) -> None:
+        """Leaves the count undefined until `window_s` after `now_s`: what came before is not known."""
+        self._now_s = self._from_s = now_s
+
+    def leave_out(self, duration_s: float) -> None:
+        """Leaves a duration out of the age of the samples: the robot could not be reached."""
+        self._times = array("d", [time_s + duration_s for time_s in self._times])
+        self._from_s += duration_s
+
+    def take_over(self, other: Window) -> None:
+        """Adds the samples of another window, as `Window.take_over`."""
+        super().take_over(other)
+        if isinstance(other, CountWindow):
+            self._from_s = other._from_s
+
+    def statistic(self, name: str) -> Optional[float]:
+        """Returns the count, as `Window.statistic`."""
+        is_known = self._now_s - self._from_s >= self.window_s - _TIME_TOLERANCE_S or self._from_s == -math.inf
+        return float(len(self)) if is_known else None
+
+    def statistics(self) -> Dict[str, float]:
+        """Returns the statistics of the samples, none if there are none."""
+        return super().statistics() if len(self) else {}
+
+
 STATISTIC_OF_WINDOW: Mapping[str, Callable[[Window], Optional[float]]] = {
     "last": Window.last, "mean": Window.mean, "min": Window.min, "max": Window.max, "stddev": Window.stddev,
     "rate": Window.rate, "frequency_hz": Window.frequency_hz,

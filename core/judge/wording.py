@@ -225,7 +225,7 @@ def reason(judgement: Judgement) -> str:
     if judgement.source_signals:
         return _source_reason(judgement)
     is_stale = judgement.level is Level.STALE and judgement.is_stale
-    if is_stale or not judgement.seen:
+    if is_stale or not (judgement.seen or config.statistic == "count"):
         return _silence_reason(judgement, is_stale=is_stale)
     text = _invalid_reason(judgement) if judgement.is_invalid else _value_reason(judgement)
     if judgement.suspicion:
@@ -242,7 +242,7 @@ def hint(judgement: Judgement) -> str:
 
 def judged_unit(config: SignalConfig) -> str:
     """Returns the unit of the statistic that the bounds apply to."""
-    units = {"rate": f"{config.unit}/s", "frequency_hz": "Hz", "largest_gap_s": "s"}
+    units = {"rate": f"{config.unit}/s", "frequency_hz": "Hz", "largest_gap_s": "s", "count": ""}
     return units.get(config.statistic, config.unit)
 
 
@@ -251,6 +251,8 @@ def judged_text(config: SignalConfig, value: str) -> str:
     value = with_unit(value, judged_unit(config))
     if config.statistic == "forecast" and config.forecast_s is not None:
         return f"forecast {value} in {duration_text(config.forecast_s)}"
+    if config.statistic == "count":
+        return f"{value} in {duration_text(config.window_s)}"
     name = {"last": "", "frequency_hz": "rate", "largest_gap_s": "largest gap"}.get(config.statistic, config.statistic)
     return f"{name} {value}".lstrip()
 
@@ -287,7 +289,14 @@ def shown_text(judgement: Judgement) -> str:
         return count_text(int(judged), "element")
     if config.statistic == "last":
         return _latest_with_unit(judgement)
-    return "" if judged is None else _statistic_text(config, number_text(judged))
+    return "" if judged is None else _statistic_text(config, _judged_number(config, judged))
+
+
+def _judged_number(config: SignalConfig, judged: float, bound: Optional[float] = None) -> str:
+    """Returns the value of the statistic as a text; of a count no more than the window holds."""
+    if config.statistic == "count" and judged > config.window_samples:
+        return f"at least {config.window_samples}"
+    return number_text(judged, bound)
 
 
 def outlook(judgement: Judgement) -> str:
@@ -354,7 +363,8 @@ def _latest_with_unit(judgement: Judgement) -> str:
 
 def _statistic_text(config: SignalConfig, value: str) -> str:
     """Returns a value of a statistic; a forecast says so, since it has the unit of the latest value."""
-    return judged_text(config, value) if config.statistic == "forecast" else with_unit(value, judged_unit(config))
+    says_so = config.statistic in ("forecast", "count")
+    return judged_text(config, value) if says_so else with_unit(value, judged_unit(config))
 
 
 def _last_announced(judgement: Judgement) -> str:
@@ -425,7 +435,7 @@ def _value_reason(judgement: Judgement) -> str:
     unit = judged_unit(config)
     if judged is None and judgement.announced is Level.STALE:
         return "samples again"
-    if not judgement.good_samples:
+    if not judgement.good_samples and config.statistic != "count":
         return f"no valid sample yet: {latest_text(judgement)}"
     if judged is None:
         return _undefined_reason(judgement)
@@ -438,8 +448,8 @@ def _value_reason(judgement: Judgement) -> str:
     bound = None if rule is None else rule.bound
     decided = decided_text(judgement)
     if rule is None or bound is None:
-        return _statistic_text(config, number_text(judged)) + decided
-    value = judged_text(config, number_text(judged, bound)) + decided
+        return _statistic_text(config, _judged_number(config, judged)) + decided
+    value = judged_text(config, _judged_number(config, judged, bound)) + decided
     side = f"{'below' if rule.is_below else 'above'} {with_unit(bound_text(bound), unit)}"
     if judged < bound if rule.is_below else judged > bound:
         text = f"{value} is {side}{_goals_text(judgement)}"
@@ -521,6 +531,8 @@ def _with_state(text: str, judgement: Judgement) -> str:
 
 def _undefined_reason(judgement: Judgement) -> str:
     config = judgement.config
+    if config.statistic == "count":
+        return f"count is undefined until window_s ({duration_text(config.window_s)}) has passed"
     if judgement.window_samples == 0:
         return "no valid sample since time went back"
     if not judgement.window_is_long_enough:

@@ -12,6 +12,7 @@ from __future__ import annotations
 import re
 from typing import Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
+from ..values.field_path import number_of_text
 from ..values.names import canonical_type
 
 SEQUENCE = -1
@@ -74,7 +75,13 @@ class Definition(NamedTuple):
 
     fields: Sequence[Field]
     constants: Sequence[Tuple[str, str]] = ()
-    """Name and value, as text, of each constant of a .msg."""
+    """Name and value, as text, of each constant."""
+
+    @property
+    def numbers(self) -> Mapping[str, float]:
+        """The constants that are numbers; True is 1."""
+        found = {name: number_of_text(text) for name, text in self.constants}
+        return {name: number for name, number in found.items() if type(number) is float}
 
 
 Definitions = Dict[str, Definition]
@@ -192,6 +199,8 @@ class _Idl:
         self._aliases: Dict[Tuple[str, ...], Tuple[str, Optional[int]]] = {}
         """Kind and size of each typedef and enum, by its full name."""
         self._constants: Dict[str, int] = {}
+        self._constants_of: Dict[str, List[Tuple[str, str]]] = {}
+        """Those of each type, by the name of their module: `Log_Constants`."""
         self._modules: List[str] = []
         while self._at < len(self._tokens):
             self._read_definition()
@@ -231,12 +240,16 @@ class _Idl:
             fields += [Field(field, kind, _only_one(size, own)) for field, own in self._read_declarators()]
             self._skip_annotations()
         self._expect(";")
-        self.types[f"{(*self._modules, name)[0]}/{name}"] = Definition(fields)
+        constants = self._constants_of.get(f"{name}_Constants", ())
+        self.types[f"{(*self._modules, name)[0]}/{name}"] = Definition(fields, constants)
 
     def _read_constant(self) -> None:
         start = self._at
         self._skip_through(";")
         words = self._tokens[start : self._at - 1]
+        if self._modules and "=" in words[1:]:
+            at = words.index("=", 1)
+            self._constants_of.setdefault(self._modules[-1], []).append((words[at - 1], "".join(words[at + 1 :])))
         if len(words) > 3 and words[-2] == "=" and words[-1].isdecimal():
             self._constants[words[-3]] = _size(words[-1])
 

@@ -44,3 +44,5 @@ class Dialect(NamedTuple):
     """Returns a message of a class with default values."""
     assign: Callable[[Any, str, Any], None] = setattr
     """Sets a field of a message."""
+    constant: Callable[[Any, str], Any] = lambda native_class, name: getattr(native_class, name, None)
+    """Returns a constant of a message class by its name; what is no number, or `bytes` of length one, is none."""

@@ -49,6 +49,16 @@ def bind_path(dialect: Dialect, reader: Reader, native_class: Any, path: Sequenc
     return lambda message: get([message])
 
 
+def owner_of(dialect: Dialect, native_class: Any, path: Sequence[Step]) -> Any:
+    """Returns the class of the message that has the last named field of a path that can be bound."""
+    owner = native_class
+    for step in path:
+        if isinstance(step, str):
+            owner, types = native_class, dialect.field_types(native_class)
+            native_class = types[step if step in types else dialect.other_names[step]].message
+    return owner
+
+
 class _Binder:
     """Binds paths to the types of one middleware."""
 

@@ -23,8 +23,9 @@ from ..values.errors import ConfigError, MessageError
 from ..values.field_path import Getter, parse_field_path
 from ..values.formatting import describe
 from ..values.names import split_type_name
+from ..values.where import filtered, parse_selection
 from .dialect import Dialect, FieldType, Message
-from .native_fields import as_it_is, bind_path
+from .native_fields import as_it_is, bind_path, owner_of
 
 _FLOAT32 = struct.Struct("<f")
 _FLOAT32_MAX = 3.4028234663852886e38
@@ -107,21 +108,34 @@ class NativeMessages:
     def field_getter(self, topic: str, type_name: str, field: str) -> Getter:
         """Returns a function that reads `field`, a path as in `field_path.py`, from a native message of a type.
 
-        The function returns what `mapping_getter` of `field_path.py` does. For an empty field it returns the whole
-        message as a mapping. Raises ConfigError, with the resolved topic, if the type
-        is not installed, or has no such field.
+        The function returns what `mapping_getter` of `field_path.py` does, or ABSENT if the condition behind the path
+        does not hold (`where.py`). For an empty field it returns the whole message as a mapping. Raises ConfigError,
+        with the resolved topic, if the type is not installed, or has no such field or constant.
         """
         native_class = self.message_class(type_name)
         try:
-            path = parse_field_path(field)
+            path, comparisons = parse_selection(field)
+            parse_field_path(path)
         except ValueError as error:
             raise ConfigError(f"{topic}: field {describe(field)} of {type_name}: {error}") from None
-        if not path:
-            return self.to_mapping
-        try:
-            return bind_path(self._dialect, self._reader, native_class, path)
-        except ValueError as error:
-            raise ConfigError(f"{topic}: {type_name} has no field {field[:100]}; {error}") from None
+
+        def bind(one: str) -> Getter:
+            try:
+                return bind_path(self._dialect, self._reader, native_class, parse_field_path(one))
+            except ValueError as error:
+                raise ConfigError(f"{topic}: {type_name} has no field {one[:100]}; {error}") from None
+
+        def constant(one: str, name: str) -> Getter:
+            for owner in (owner_of(self._dialect, native_class, parse_field_path(one)), native_class):
+                value = self._dialect.constant(owner, name)
+                number = value[0] if isinstance(value, bytes) and len(value) == 1 else value
+                if isinstance(number, (int, float)):
+                    return lambda message: number
+            raise ConfigError(f"{topic}: {type_name} has no constant {name} for {one[:100]}")
+
+        if not comparisons:
+            return bind(path) if path else self.to_mapping
+        return filtered(comparisons, bind(path) if path else (lambda message: 1.0), bind, constant)
 
     def _find_class(self, type_name: str, kind: str) -> Any:
         split = split_type_name(type_name)

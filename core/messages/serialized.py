@@ -161,7 +161,10 @@ class Deserializer:
         self._shapes["string"] = _Shape(4, 1)
         self._readers: Dict[Tuple[str, str], _Read] = {}
         self._elements_left = 0
-        self.classes: Dict[str, Any] = {name: type("Message", (), {"type_name": name}) for name in definitions}
+        self.classes: Dict[str, Any] = {
+            name: type("Message", (), {**definition.numbers, "type_name": name})
+            for name, definition in definitions.items()
+        }
         """The class of the messages of each type."""
 
     def bind(self, name: str) -> Callable[[bytes], Any]:

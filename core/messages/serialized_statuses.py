@@ -11,7 +11,7 @@ from typing import Any, Optional
 
 from ..values.elements import MOST_ELEMENTS, OWN_KEY, STATUS_TYPE, DriverStatus, Elements, is_own_status, too_many
 from ..values.errors import MessageError
-from ..values.field_path import ABSENT, Every, parse_field_path
+from ..values.field_path import ABSENT, Every, leading_path
 from ..values.patterns import matches_pattern
 from .fixed_fields import FieldTypes, Getter, number_getter
 
@@ -32,9 +32,9 @@ def statuses_getter(field_types: FieldTypes, native_class: Any, field: str, *, i
     It raises MessageError for what is no DiagnosticArray. None for other types and fields.
     """
     types = field_types(native_class)
-    path = parse_field_path(field)
+    path, condition = leading_path(field)
     pattern = path[1].pattern if len(path) == 2 and path[0] == "status" and isinstance(path[1], Every) else None
-    if pattern is None or {name: found.element for name, found in types.items()} != _ARRAY:
+    if condition or pattern is None or {name: found.element for name, found in types.items()} != _ARRAY:
         return None
     if set(field_types(types["status"].message)) != _STATUS:
         return None

@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import functools
 import operator
-from typing import Any, Dict, Mapping, Sequence, Tuple
+from typing import Any, Callable, Dict, FrozenSet, Mapping, Sequence, Tuple
 
+from ..values.elements import STATUS_TYPE, DriverStatus
+from ..values.field_path import parse_field_path, steps_getter
 from ..values.names import canonical_type, split_type_name
 from .definitions import ROS1_KINDS, SEQUENCE, Field, parse_msg
 from .dialect import Dialect, FieldType, Message
@@ -157,6 +159,29 @@ _ROSGRAPH: Mapping[str, str] = {
 }
 """Definitions for clients that ask for them; these messages are not checked."""
 
+_UNCHECKED: Mapping[str, str] = {
+    **_ROSGRAPH,
+    **_definitions("""
+rcl_interfaces/Log:
+  byte DEBUG=10; byte INFO=20; byte WARN=30; byte ERROR=40; byte FATAL=50
+  time stamp; uint8 level; string name; string msg; string file; string function; uint32 line
+actionlib_msgs/GoalID: time stamp; string id
+actionlib_msgs/GoalStatus:
+  uint8 PENDING=0; uint8 ACTIVE=1; uint8 PREEMPTED=2; uint8 SUCCEEDED=3; uint8 ABORTED=4; uint8 REJECTED=5
+  uint8 PREEMPTING=6; uint8 RECALLING=7; uint8 RECALLED=8; uint8 LOST=9
+  actionlib_msgs/GoalID goal_id; uint8 status; string text
+actionlib_msgs/GoalStatusArray: std_msgs/Header header; actionlib_msgs/GoalStatus[] status_list
+action_msgs/GoalInfo: unique_identifier_msgs/UUID goal_id; time stamp
+action_msgs/GoalStatus:
+  int8 STATUS_UNKNOWN=0; int8 STATUS_ACCEPTED=1; int8 STATUS_EXECUTING=2; int8 STATUS_CANCELING=3
+  int8 STATUS_SUCCEEDED=4; int8 STATUS_CANCELED=5; int8 STATUS_ABORTED=6; action_msgs/GoalInfo goal_info; int8 status
+action_msgs/GoalStatusArray: action_msgs/GoalStatus[] status_list
+unique_identifier_msgs/UUID: uint8[16] uuid
+"""),
+}
+"""Definitions of messages that are not checked; only what a signal reads of them is."""
+
+_KNOWN: Mapping[str, str] = {**MESSAGES, **_UNCHECKED}
 _TIME = "time"
 _DEFAULTS = {"bool": False, "string": "", "float32": 0.0, "float64": 0.0}
 _TIME_FIELDS = {"secs": FieldType("int32", "int32"), "nsecs": FieldType("int32", "int32")}
@@ -168,8 +193,8 @@ def _field_types(type_name: Any) -> Mapping[str, FieldType]:
     if type_name == _TIME:
         return _TIME_FIELDS
     types: Dict[str, FieldType] = {}
-    for name, kind, size in _parsed(type_name, MESSAGES[type_name] + ROS2_FIELDS.get(type_name, "")):
-        message = kind if kind in MESSAGES else _TIME if kind in ("time", "duration") else None
+    for name, kind, size in _parsed(type_name, _KNOWN[type_name] + ROS2_FIELDS.get(type_name, "")):
+        message = kind if kind in _KNOWN else _TIME if kind in ("time", "duration") else None
         count = None if size == SEQUENCE else size
         types[name] = FieldType(kind, ROS1_KINDS.get(kind, kind), message, size is not None, count)
     return types
@@ -179,9 +204,47 @@ def _parsed(type_name: str, text: str) -> Sequence[Field]:
     return parse_msg(type_name, text)[type_name].fields
 
 
+@functools.lru_cache(maxsize=None)
+def _constants(type_name: str) -> Mapping[str, float]:
+    return parse_msg(type_name, _KNOWN[type_name])[type_name].numbers
+
+
+@functools.lru_cache(maxsize=1)
+def _constants_by_fields() -> Mapping[FrozenSet[str], Mapping[str, float]]:
+    """Returns the constants of each type by the names of all its fields, which tell types of JSON apart."""
+    found = {}
+    for type_name in filter(_constants, _KNOWN):
+        names = frozenset(_field_types(type_name))
+        ros1 = frozenset(name for name in names if not _is_ros2(type_name, name))
+        found.update(dict.fromkeys((names, ros1), _constants(type_name)))
+    return found
+
+
+def constant_getter(path: str, name: str) -> Callable[[Any], float]:
+    """Returns a function that finds the constant of a field's type in a message that is a mapping.
+
+    It raises KeyError if the type is not known here, or has no such constant.
+    """
+    steps = parse_field_path(path)
+    while not isinstance(steps[-1], str):
+        steps = steps[:-1]
+    owner_of = steps_getter(steps[:-1])
+
+    def get(message: Any) -> float:
+        owner = owner_of(message)
+        fields = _field_types(STATUS_TYPE) if type(owner) is DriverStatus else owner
+        for one in (fields, message):
+            constants = _constants_by_fields().get(frozenset(one), {}) if isinstance(one, Mapping) else {}
+            if name in constants:
+                return constants[name]
+        raise KeyError(name)
+
+    return get
+
+
 def _find_class(package: str, kind: str, name: str) -> Any:
     type_name = f"{package}/{name}"
-    return type_name if type_name in (MESSAGES if kind == "msg" else SERVICES) else None
+    return type_name if type_name in (_KNOWN if kind == "msg" else SERVICES) else None
 
 
 def _new(type_name: Any) -> Dict[str, Any]:
@@ -213,6 +276,7 @@ messages = NativeMessages(
         plain=as_it_is,
         new=_new,
         assign=operator.setitem,
+        constant=lambda type_name, name: _constants(type_name).get(name) if type_name in _KNOWN else None,
     )
 )
 """Looks up types, binds field paths and checks messages, as the adapters of ROS do.
@@ -236,7 +300,7 @@ def check_type(type_name: str) -> str:
 
 def check_field(topic: str, type_name: str, field: str) -> None:
     """Checks a field of a type whose definition is known here; raises ConfigError if there is no such field or type."""
-    if check_type(type_name):
+    if check_type(type_name) or canonical_type(type_name) in _KNOWN:
         messages.field_getter(topic, type_name, field)
 
 

@@ -48,8 +48,8 @@ _MAX_LIST = 10_000  # characters
 _NO_SENSOR = "battery_sensor reports that its host has no such sensor"
 _NO_OUTLETS: Mapping[str, Outlet] = MappingProxyType({})
 
-_Source = Tuple[str, str, str, str]
-"""Where a signal comes from: its name, topic, type and field."""
+_Source = Tuple[str, str, str, Optional[str]]
+"""Where a signal comes from: its name, topic, type, and what is read of its messages."""
 
 
 class AlertSystem:
@@ -272,7 +272,7 @@ class AlertSystem:
     def _follow_topics(self, config: MonitorConfig, unknown: Mapping[str, str]) -> None:
         """Subscribes to new topics, then ends old subscriptions; one that is refused is a ConfigError and no change."""
         wanted = {
-            (name, topic, signal.type, "" if signal.action else signal.field)
+            (name, topic, signal.type, signal.selection)
             for name, signal in config.signals.items()
             if name != LINK
             for topic in signal.topics
@@ -283,7 +283,7 @@ class AlertSystem:
             # message, they are handed over in this order: causes first.
             order = {name: place for place, name in enumerate(causes_first(config.signals))}
             new = wanted - self._subscriptions.keys()
-            for source in sorted(new, key=lambda key: (key[3] == "", key[2] == "", order[key[0]])):
+            for source in sorted(new, key=lambda key: (key[3] is None, key[2] == "", order[key[0]])):
                 name, topic, type_name, field = source
                 if config.signals[name].action:
                     take = partial(self._take_goals, name, Goals())
@@ -291,7 +291,9 @@ class AlertSystem:
                     subscription = self._middleware.subscribe(topic, type_name, take, latched=True)
                 else:
                     take = partial(self._take, name)
-                    subscription = self._middleware.subscribe(topic, type_name, take, field=field or None)
+                    # Frames that never move are published once.
+                    latched = topic.endswith("tf_static")
+                    subscription = self._middleware.subscribe(topic, type_name, take, field=field, latched=latched)
                 added[source] = subscription
         except ConfigError as error:
             for subscription in added.values():

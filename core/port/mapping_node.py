@@ -77,7 +77,8 @@ class MappingSubscription(MappingField):
             type_name = self.known_type()
             shown = f"{self.topic} ({type_name})" if type_name else self.topic
             available = ", ".join(list(message)[:_MAX_FIELDS_SHOWN])[:_MAX_TEXT]
-            text = f"{shown} has no field {self._field}; available: {available}"
+            lacks = f"does not have all of {self._field}" if self.is_filtered else f"has no field {self._field}"
+            text = f"{shown} {lacks}; available: {available}"
             self._node.failures.write(self.topic, Severity.ERROR, printable(text))
 
 

@@ -44,9 +44,8 @@ class Survey:
         """
         for name, config in configs.items():
             measured = self.measured.setdefault(name, Measured(config))
-            node.subscribe(
-                config.topic, config.type, self._receiver(config, measured, node), field=config.field or None
-            )
+            receive = self._receiver(config, measured, node)
+            node.subscribe(config.topic, config.type, receive, field=config.selection)
 
     def _receiver(self, config: SignalConfig, measured: Measured, node: Middleware) -> Callable[[object, float], None]:
         take = self._taker(config, measured)

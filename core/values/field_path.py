@@ -91,14 +91,21 @@ def parse_field_path(path: str) -> Tuple[Step, ...]:
     >>> parse_field_path('status["motor: left"].values[0]')
     ('status', Keyed(key='motor: left'), 'values', 0)
     """
+    steps, rest = leading_path(path)
+    if rest:
+        raise ValueError(f'{describe(rest)} is not a name, an index such as [0] or a key such as ["motor"]')
+    return steps
+
+
+def leading_path(text: str) -> Tuple[Tuple[Step, ...], str]:
+    """Returns the steps of the path with which a text begins, and the rest; raises ValueError as `parse_field_path`."""
     steps: List[Step] = []
     position = 0
-    while position < len(path):
-        part = _PART.match(path, position)
+    while True:
+        part = _PART.match(text, position)
         # Every name but the first follows a dot, and nothing else does.
         if part is None or (part["name"] is not None and (part["dot"] is None) != (position == 0)):
-            rest = describe(path[position:])
-            raise ValueError(f'{rest} is not a name, an index such as [0] or a key such as ["motor"]')
+            break
         if part["name"] is not None:
             steps.append(part["name"])
         elif part["index"] is not None:
@@ -110,7 +117,7 @@ def parse_field_path(path: str) -> Tuple[Step, ...]:
         raise ValueError('a path starts with the name of a field, or with the name of the message as in ["motor"]')
     if sum(isinstance(step, Every) for step in steps) > 1:
         raise ValueError("only one part of a path may select several elements")
-    return tuple(steps)
+    return tuple(steps), text[position:]
 
 
 @lru_cache(maxsize=1000)  # asked for each signal of each report
@@ -151,6 +158,11 @@ def mapping_getter(field: str) -> Getter:
         steps = parse_field_path(field)
     except ValueError as error:
         raise ConfigError(f"field {describe(field)}: {error}") from None
+    return steps_getter(steps)
+
+
+def steps_getter(steps: Sequence[Step]) -> Getter:
+    """Returns a function that reads a path which is split into steps, as `mapping_getter`."""
     if not steps:
         return lambda message: message
     if not isinstance(steps[0], str):

@@ -6,16 +6,15 @@ import random
 from typing import Tuple
 
 import pytest
-
-from benchmarks import forecast_alarms
-from benchmarks.forecast_alarms import FORECAST_S, NOISES, SCENES
+from harness import forecast_scenes
+from harness.forecast_scenes import FORECAST_S, NOISES, SCENES
 
 pytestmark = pytest.mark.newest_python
 
 
 @pytest.mark.parametrize("noise", NOISES, ids=lambda noise: "{:g} % over {:g} s".format(*noise))
 def test_noise_is_no_trend(noise: Tuple[float, float]) -> None:
-    assert forecast_alarms.false_alarms(forecast_alarms.flat(*noise), 5 * 3600, warn_below=40.0) == 0
+    assert forecast_scenes.false_alarms(forecast_scenes.flat(*noise), 5 * 3600, warn_below=40.0) == 0
 
 
 @pytest.mark.parametrize("what", SCENES)
@@ -24,12 +23,12 @@ def test_what_will_not_reach_its_bound_gives_no_alert(what: str) -> None:
 
 
 def test_one_line_through_the_window_alerts_falsely_where_the_forecast_does_not() -> None:
-    assert forecast_alarms.false_alarms_of_one_line(forecast_alarms.flat(3.0, 60.0), 20 * 3600) > 0
-    assert forecast_alarms.false_alarms(forecast_alarms.flat(3.0, 60.0), 20 * 3600, warn_below=40.0) == 0
+    assert forecast_scenes.false_alarms_of_one_line(forecast_scenes.flat(3.0, 60.0), 20 * 3600) > 0
+    assert forecast_scenes.false_alarms(forecast_scenes.flat(3.0, 60.0), 20 * 3600, warn_below=40.0) == 0
 
 
 def test_a_discharge_is_noticed_early() -> None:
-    leads_s = sorted(forecast_alarms.lead_s(random.Random(number)) for number in range(5))
+    leads_s = sorted(forecast_scenes.lead_s(random.Random(number)) for number in range(5))
     assert 0.8 * FORECAST_S <= leads_s[2] <= FORECAST_S
 
 

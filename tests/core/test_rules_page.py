@@ -44,7 +44,7 @@ def test_the_page_lists_every_key_of_a_status() -> None:
     scan_gap = {"statistic": "largest_gap_s"}
     cells = {"field": "cells[*]"}
     signals = {
-        "battery_level": signal, "charging": {}, "soon": soon, "scan_gap": scan_gap,
+        "battery_level": signal, "charging": {}, "soon": soon, "scan_gap": scan_gap, "errors": {"statistic": "count"},
         "weakest": {**cells, "reduce": "min"}, "spread": {**cells, "reduce": "spread"},
         "driver": {"error_above": 0.5, "what_to_do": "restart it"},
         "wheel": {"warn_below": 0.5, "depends_on": ["driver"]},

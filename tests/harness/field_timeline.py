@@ -90,6 +90,15 @@ SIGNALS: Dict[str, Any] = {
     "wheels": {
         "topic": "joints", "type": JOINTS, "field": 'effort["wheel_*"]', "reduce": "max", "warn_above": 9.0,
     },
+    "left_hot": {
+        "topic": "drivers", "type": DIAGNOSTICS, "field": "", "where": 'status["motor_driver: left"].level == WARN',
+        "statistic": "count", "window_s": 4.0, "warn_above": 1.0,
+    },
+    "right_beside": {
+        "topic": "drivers", "type": DIAGNOSTICS, "field": 'status["motor_driver: right"].values["Temperature (C)"]',
+        "where": 'status["motor_driver: left"].level != OK and status["motor_driver: right"].name == "*: right"',
+        "unit": "degC", "warn_above": 61.0, "stale_after_s": 2.0,
+    },
 }  # fmt: skip
 
 

@@ -434,6 +434,48 @@ class PortConformance:
             field: [value] for field, value in values.items()
         }
 
+    @pytest.mark.parametrize(
+        ("type_name", "field", "messages", "values"),
+        [
+            (
+                "diagnostic_msgs/DiagnosticStatus",
+                "level where level >= ERROR",
+                [{"level": level} for level in (0, 1, 2, 3)],
+                [2, 3],
+            ),
+            (
+                DIAGNOSTICS,
+                'status["*"].level where status[0].level == STALE and status[0].name == "*left*"',
+                [{"status": [{**STATUS, "level": 3}]}, {"status": [STATUS]}, {"status": []}],
+                [[("driver: left motor", 3)]],
+            ),
+            (
+                "sensor_msgs/BatteryState",
+                " where power_supply_status != POWER_SUPPLY_STATUS_CHARGING and present == 1",
+                [{"power_supply_status": 2, "present": True}, {"power_supply_status": 1, "present": True}, {}],
+                [1.0],
+            ),
+            (FLOAT32, "data where data > 1.5", [{"data": 1.5}, {"data": math.nan}, {"data": 2.0}], [2.0]),
+            (FLOAT32, " where data != 3", [{"data": 3.0}, {"data": math.nan}, {"data": 2.0}], [1.0, 1.0]),
+        ],
+    )
+    def test_a_message_for_which_the_condition_does_not_hold_is_only_a_sign_of_life(
+        self, harness: Harness, type_name: str, field: str, messages: Sequence[Any], values: Sequence[Any]
+    ) -> None:
+        heard = Recorder()
+        harness.node("alert_system").subscribe("in", type_name, heard, field=field)
+        for message in messages:
+            harness.publish("/in", type_name, message)
+        harness.wait_until(lambda: len(heard.values) + heard.without == len(messages))
+        assert heard.values == values
+
+    @pytest.mark.parametrize("field", ["data where date > 1", "data where data == HIGH"])
+    def test_a_condition_with_a_field_or_constant_that_is_not_there_is_refused(
+        self, harness: Harness, field: str
+    ) -> None:
+        with pytest.raises(ConfigError, match=r"/in: std_msgs/Float32 has no (field date|constant HIGH)"):
+            harness.node("alert_system").subscribe("in", FLOAT32, Recorder(), field=field)
+
     def test_an_empty_array_beside_its_names_is_a_sign_of_life_without_a_value(self, harness: Harness) -> None:
         one, every = Recorder(), Recorder()
         node = harness.node("alert_system")

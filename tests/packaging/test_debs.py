@@ -6,7 +6,7 @@ import re
 import subprocess
 import sys
 from pathlib import Path
-from typing import Dict, List, Set, Tuple
+from typing import Dict, List, Set
 from xml.etree import ElementTree
 
 import pytest
@@ -159,17 +159,15 @@ def test_the_configuration_of_the_package_is_valid(debian: Path, tmp_path: Path)
     assert done.returncode == 0, done.stdout
 
 
-def index(folder: Path) -> Tuple[Dict[str, Dict[str, List[str]]], Dict[str, List[str]]]:
-    """Returns the rosdep keys, and the packages of each distribution, of the index in which bloom looks them up."""
-    debs.write_index(folder)
-    distributions = yaml.safe_load((folder / "index.yaml").read_text())["distributions"]
-    files = {name: folder / entry["distribution"][0] for name, entry in distributions.items()}
-    packages = {name: sorted(yaml.safe_load(file.read_text())["repositories"]) for name, file in files.items()}
-    return yaml.safe_load((folder / "rosdep.yaml").read_text()), packages
-
-
 def test_bloom_finds_every_key_of_package_xml(tmp_path: Path) -> None:
-    rosdep, packages = index(tmp_path)
+    variables = debs.index_variables(tmp_path)
+    index = Path(variables["ROSDISTRO_INDEX_URL"].partition("://")[2])
+    (source,) = Path(variables["ROSDEP_SOURCE_PATH"]).glob("*.list")
+    rosdep = yaml.safe_load(Path(source.read_text().split("://")[1].strip()).read_text())
+    packages: Dict[str, Set[str]] = {}
+    for name, entry in yaml.safe_load(index.read_text())["distributions"].items():
+        packages[name] = set(yaml.safe_load((index.parent / entry["distribution"][0]).read_text())["repositories"])
+    assert list(packages) == list(debs.DISTROS)
     depends = [element for element in ElementTree.parse(ROOT / "package.xml").getroot() if "depend" in element.tag]
     assert {"rospy", "rclpy", "python3-yaml"} <= {element.text for element in depends}
     for element in depends:
@@ -182,7 +180,7 @@ def test_bloom_finds_every_key_of_package_xml(tmp_path: Path) -> None:
     assert rosdep["diagnostic_msgs"] == {"debian": ["python3-diagnostic-msgs"]}
     assert rosdep["catkin"] == {"debian": ["catkin"]}
     assert rosdep["robot-health"] == {"debian": ["robot-health"]}
-    assert packages["debian"] == []
+    assert packages["debian"] == set()
 
 
 def test_an_unknown_package_is_one_clear_line() -> None:

@@ -1,6 +1,6 @@
 """Goals of an action as rclpy publishes their states: with action_msgs, and with the QoS of its action servers.
 
-No type of an action is among the wheels of ROS 2, so that no whole action server can be started here.
+test_action_server.py has a whole action server, which needs a type of an action: the wheels of ROS 2 have none.
 """
 
 from __future__ import annotations

@@ -260,6 +260,13 @@ def test_a_file_of_thousands_of_mistakes_ends_after_a_hundred(robot_health: Star
         ("{type: sensor_msgs/Imu, field: ''}", ""),
         ("{type: sensor_msgs/CameraInfo, field: 'k[0]'}", ""),
         ('{type: diagnostic_msgs/DiagnosticArray, field: \'status["a"].values["b"]\'}', ""),
+        ("{type: rcl_interfaces/msg/Log, field: line, where: 'level >= ERROR and name == \"a*\"'}", ""),
+        (
+            "{type: rosgraph_msgs/Log, field: '', where: 'level >= EROR'}",
+            "where: s: rosgraph_msgs/Log has no constant ",
+        ),
+        ("{type: rosgraph_msgs/Log, field: '', where: 'lvl >= ERROR'}", "where: s: rosgraph_msgs/Log has no field lvl"),
+        ("{field: '', where: 'level >= '}", "where: expected a comparison such as level >= ERROR, got 'level >='"),
         ("{type: sensor_msgs/Imu}", "field: s: sensor_msgs/Imu has no field data;"),
         ("{type: sensor_msgs/Imu, field: 'orientation_covariance[9]'}", "field: s: sensor_msgs/Imu has no field "),
         ("{type: std_srvs/Trigger}", "type: expected a message type, got std_srvs/Trigger, which does not exist"),
@@ -372,7 +379,7 @@ def test_with_verbose_an_unknown_key_lists_all_allowed_keys(tmp_path: Path, caps
     assert not check([str(file)], verbose=True)
     for line, written in zip(lines, capsys.readouterr().err.splitlines()):
         assert written.startswith(f"{line}; the keys here: topic, ")
-        assert ", type, field, reduce, " in written
+        assert ", type, field, where, reduce, " in written
         assert written.endswith(", only_if, latch_release_if")
 
 

@@ -228,6 +228,23 @@ def test_a_signal_with_undecodable_messages_only_is_not_judged_and_not_stale(
     assert main([*command, "--allow-missing"]) == 0
 
 
+def test_the_graph_is_no_recorded_topic_named_once_and_not_missing(
+    tmp_path: Path, thresholds: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    keys = ("node", "publishers", "subscribers", "lifecycle")
+    lines = [f"      {key}_watched: {{{key}: /scan}}\n" for key in keys]
+    with open(thresholds, "a", encoding="utf-8") as file:
+        file.writelines(lines)
+    assert main(["replay", bag(tmp_path, [50.0] * 10), "--thresholds", thresholds]) == 0
+    printed = capsys.readouterr()
+    unknown = "the robot's graph is not known here"
+    named = [line for line in printed.out.splitlines() if "watched" in line]
+    begin = "2023-11-14 22:13:20 [INFO] alert_system: "
+    assert named == [f"{begin}{key}_watched is not watched: {unknown}" for key in sorted(keys)]
+    assert printed.out.splitlines()[-1] == "no alerts"
+    assert printed.err == ""
+
+
 def flip_bits(file: str, at: int) -> None:
     """Changes a byte of the compressed data of a file."""
     data = bytearray(Path(file).read_bytes())

@@ -22,6 +22,12 @@ def forecast(**settings: Any) -> Dict[str, Any]:
     return {"statistic": "forecast", "forecast_s": 600.0, "warn_below": 3.4, **settings}
 
 
+def test_lifecycle_is_an_error_on_ros_1() -> None:
+    remark = "on ROS 1, which has no lifecycle nodes, this is an error"
+    assert remarks_about(lifecycle="/nav") == [("lifecycle", remark)]
+    assert remarks_about(node="/nav") == []
+
+
 @pytest.mark.parametrize("unit", ["V", "mV"])
 def test_a_forecast_of_a_voltage_is_questionable(unit: str) -> None:
     assert remarks_about(**forecast(unit=unit)) == [("unit", DOUBT)]

@@ -8,7 +8,7 @@ from typing import Iterable, Tuple
 import pytest
 
 from robot_health_monitor.core.config.signal_config import STATISTICS
-from robot_health_monitor.core.judge.window import STATISTIC_OF_WINDOW, Window
+from robot_health_monitor.core.judge.window import STATISTIC_OF_WINDOW, CountWindow, Window
 
 
 def window_of(*values: float, window_s: float = 60.0, window_samples: int = 6000) -> Window:
@@ -24,7 +24,7 @@ def timed(samples: Iterable[Tuple[float, float]], window_s: float = 60.0, window
 
 
 def test_every_statistic_of_the_configuration_is_there() -> None:
-    assert (*STATISTIC_OF_WINDOW, "largest_gap_s", "forecast") == STATISTICS  # the last two need other windows
+    assert (*STATISTIC_OF_WINDOW, "largest_gap_s", "count", "forecast") == STATISTICS  # these need other windows
 
 
 def test_the_statistics_of_four_values() -> None:
@@ -275,3 +275,16 @@ def test_only_samples_after_a_time_are_returned() -> None:
     assert window.samples(10, 102.0) == [(103.0, 3.0), (104.0, 4.0)]
     assert window.samples(10, 104.0) == []
     assert len(window.samples(10)) == 5
+
+
+def test_a_window_that_counts_has_the_statistics_of_the_samples_that_are_left() -> None:
+    window = CountWindow(10.0, 100)
+    assert (window.statistic("count"), window.statistics()) == (0.0, {})
+    for now_s, value in enumerate((1.0, 2.0, 6.0)):
+        window.add(value, float(now_s))
+    window.advance(11.0)
+    assert (window.statistic("count"), window.mean(), window.min()) == (1.0, 6.0, 6.0)
+    window.advance(12.0)
+    assert (window.statistic("count"), window.statistics(), window.last()) == (0.0, {}, 6.0)
+    window.add(3.0, 13.0)
+    assert (window.statistic("count"), window.mean()) == (1.0, 3.0)

@@ -131,6 +131,34 @@ def test_idl_definitions_are_parsed() -> None:
     assert types.field_getter("cell.volts")(data) == 3.5
 
 
+def test_a_constant_is_that_of_the_message_that_has_the_field_or_of_the_whole() -> None:
+    text = (
+        "uint8 OK=1\nuint8 BAD=2\nPart part\nuint8[] codes\n" + "=" * 80
+        + "\nMSG: p/Part\nuint8 OK=3\nuint8 MASK=16\nuint8 code\n"
+    )  # fmt: skip
+    types = SerializedType("/topic", "p/T", "ros1", text, "msg")
+    data = struct.pack("<BIBB", 3, 2, 1, 16)
+
+    def matches(where: str) -> bool:
+        return types.field_getter(f" where {where}")(data) == 1.0
+
+    assert matches("part.code == OK") and matches("codes[0] == OK") and matches("codes[1] == 16")
+    assert not matches("part.code == BAD") and not matches("codes[2] != OK")
+    assert matches("part.code < MASK") and not matches("part.code >= MASK")
+    with pytest.raises(ConfigError, match=r"p/T has no constant MASK for codes\[0\]$"):
+        types.field_getter(" where codes[0] == MASK")
+
+
+def test_the_constants_of_an_idl_definition_are_known() -> None:
+    text = (
+        "=" * 80 + "\nIDL: my_robot/msg/Log\nmodule my_robot { module msg { module Log_Constants {\n"
+        "const octet ERROR = 40; const long LOW = -3; const float HALF = 0.5; }; struct Log { octet level; }; }; };\n"
+    )
+    types = SerializedType("/topic", "my_robot/Log", "cdr", text, "idl")
+    for where, holds in (("level >= ERROR", True), ("level < LOW", False), ("level < HALF", False)):
+        assert (types.field_getter(f"level where {where}")(b"\0\1\0\0\x32") == 50) is holds
+
+
 def test_a_field_that_does_not_exist_is_refused_with_those_that_do() -> None:
     with pytest.raises(ConfigError, match="data"):
         SerializedType("/topic", "std_msgs/Float32", "cdr", "float32 data", "msg").field_getter("value")

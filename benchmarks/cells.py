@@ -10,36 +10,18 @@ import random
 import statistics
 import warnings
 from itertools import chain
-from typing import Callable, Dict, Iterator, List, NamedTuple, Sequence
+from typing import Iterator, List, NamedTuple, Sequence, Tuple
 
 from benchmarks.table import Row
 from robot_health_monitor.core import Level, Monitor, Sample, load_config
 
 CELLS = 20
 """Discharges at each kind of load."""
-
-CURRENTS_A = (0.8, 3.0)
+CURRENTS_A, LOAD_LASTS_S = (0.8, 3.0), (30.0, 300.0)
 """Of a cell of 2 Ah."""
-
-LOAD_LASTS_S = (30.0, 300.0)
 WINDOW_S, FORECAST_S = 600.0, 1800.0
-EVERY_S = 30
-"""Time between two looks at `time_to_bound_s`."""
-
-LEAST_S = 120
-"""Shortest remaining time whose relative error counts."""
-
-_Load = Callable[[float], float]
-"""Current in A at a time in s."""
-
-
-class Discharge(NamedTuple):
-    """A cell from full to empty, one value per second."""
-
-    charge: List[float]
-    """In %."""
-    voltage: List[float]
-    """In V."""
+EVERY_S, LEAST_S = 30, 120
+"""Time between two looks at `time_to_bound_s`; shortest remaining time whose relative error counts."""
 
 
 class Judged(NamedTuple):
@@ -55,10 +37,9 @@ class Judged(NamedTuple):
 
 def rows() -> Iterator[Row]:
     """Yields the figures."""
-    for load, make in (("constant", constant_load), ("random", random_load)):
+    for load in ("constant", "random"):
         chance = random.Random(load)
-        cells = [discharge(make(chance)) for _ in range(CELLS)]
-        charges, voltages = [cell.charge for cell in cells], [cell.voltage for cell in cells]
+        charges, voltages = zip(*(_discharge(chance, load == "constant") for _ in range(CELLS)))
         whole = [[float(round(value)) for value in each] for each in charges]
         for what, values, bound, window_s in (
             ("20 % charge", charges, 20.0, WINDOW_S),
@@ -66,10 +47,10 @@ def rows() -> Iterator[Row]:
             ("20 % charge, window 1800 s", charges, 20.0, 3.0 * WINDOW_S),
             ("3.4 V", voltages, 3.4, WINDOW_S),
         ):
-            yield from rows_of(f"{load} load, {what}", [judge(each, bound, window_s) for each in values])
+            yield from _rows_of(f"{load} load, {what}", [judge(each, bound, window_s) for each in values])
 
 
-def rows_of(what: str, judged: Sequence[Judged]) -> Iterator[Row]:
+def _rows_of(what: str, judged: Sequence[Judged]) -> Iterator[Row]:
     """Yields quartiles of the errors, and of the time that is left at the alert."""
     errors = list(chain.from_iterable(each.errors for each in judged))
     unstated = sum(each.unstated for each in judged)
@@ -81,9 +62,8 @@ def rows_of(what: str, judged: Sequence[Judged]) -> Iterator[Row]:
     yield Row(what, "error of time_to_bound_s", f"{quartiles} %", remark=remark)
     left_min = [each.left_s / 60.0 for each in judged]
     quartiles = ", ".join(f"{each:.0f}" for each in statistics.quantiles(left_min, n=4))
-    yield Row(
-        what, "time left at the alert", f"{quartiles} min", remark=f"the shortest of {CELLS}: {min(left_min):.0f} min"
-    )
+    remark = f"the shortest of {CELLS}: {min(left_min):.0f} min"
+    yield Row(what, "time left at the alert", f"{quartiles} min", remark=remark)
 
 
 def _percent(share: float) -> str:
@@ -112,35 +92,24 @@ def judge(values: Sequence[float], bound: float, window_s: float) -> Judged:
     return Judged(errors, unstated, left_s)
 
 
-def discharge(load: _Load) -> Discharge:
-    """Returns the discharge of a full cell."""
+def _discharge(chance: random.Random, constant: bool) -> Tuple[List[float], List[float]]:
+    """Returns charge in % and voltage of a cell from full to empty, one value per second.
+
+    The current stays, or changes every 30 to 300 s, as that of a robot that drives and waits.
+    """
+    until_s, current_a = 1e9 if constant else 0.0, chance.uniform(*CURRENTS_A)
+
+    def load(now_s: float, state: object = None) -> object:
+        nonlocal until_s, current_a
+        while now_s >= until_s:
+            until_s += chance.uniform(*LOAD_LASTS_S)
+            current_a = chance.uniform(*CURRENTS_A)
+        return cell.InputContainer({"i": current_a})
+
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of ProgPy, about its own defaults
         from progpy.models import BatteryElectroChemEOD
 
         cell = BatteryElectroChemEOD()
-        found = cell.simulate_to_threshold(
-            lambda now_s, state=None: cell.InputContainer({"i": load(now_s)}), dt=1.0, save_freq=1.0, horizon=1e5
-        )
-    return Discharge(
-        [100.0 * float(each["EOD"]) for each in found.event_states], [float(each["v"]) for each in found.outputs]
-    )
-
-
-def constant_load(chance: random.Random) -> _Load:
-    """Returns a current that stays."""
-    current_a = chance.uniform(*CURRENTS_A)
-    return lambda now_s: current_a
-
-
-def random_load(chance: random.Random) -> _Load:
-    """Returns a current that changes every 30 to 300 s, as that of a robot that drives and waits."""
-    changes: Dict[str, float] = {"until_s": 0.0, "current_a": 0.0}
-
-    def current(now_s: float) -> float:
-        while now_s >= changes["until_s"]:
-            changes["until_s"] += chance.uniform(*LOAD_LASTS_S)
-            changes["current_a"] = chance.uniform(*CURRENTS_A)
-        return changes["current_a"]
-
-    return current
+        run = cell.simulate_to_threshold(load, dt=1.0, save_freq=1.0, horizon=1e5)
+    return [100.0 * float(each["EOD"]) for each in run.event_states], [float(each["v"]) for each in run.outputs]

@@ -1,7 +1,7 @@
 """CPU time of reading the graph on a robot with 100 nodes and 300 topics.
 
 Two alert_systems run side by side: one watches ten nodes, ten topics' publishers and a pattern of subscribers, the
-other a topic. What the first takes more is the graph's. `BENCHMARK_ROS=ros1 python -m benchmarks.graph_cost` is the
+other a topic. What the first takes more is the graph's. `BENCHMARK_ROS=ros1 python -m benchmarks.ros_graph` is the
 robot: its nodes are registered at a real master, or are nodes of rclpy.
 """
 
@@ -15,10 +15,10 @@ import tempfile
 import threading
 import time
 from pathlib import Path
-from typing import Iterator
+from typing import Iterator, Sequence
 
-from benchmarks.table import Row
-from benchmarks.targets import Process, Target
+from benchmarks.processes import Process, Target
+from benchmarks.table import Row, within
 
 NODES, TOPICS_PER_NODE, WATCHED = 100, 3, 10
 MOST_MS = 5.0
@@ -31,29 +31,27 @@ def rows(target: Target, rounds: int = ROUNDS) -> Iterator[Row]:
     signals = [f"node_{at}: {{node: /robot/node_{at}}}" for at in range(WATCHED)]
     signals += [f"topic_{at}: {{publishers: /robot/topic_{at}_0}}" for at in range(WATCHED)]
     signals.append('heard: {subscribers: "/robot/topic_1*_1", error_below: 0}')
-    contestants = {"without": ["level: {topic: /level, stale_after_s: 0.0}"], "graph": signals}
     with contextlib.ExitStack() as running:
         folder = Path(running.enter_context(tempfile.TemporaryDirectory()))
         variables = {**target.variables, "BENCHMARK_ROS": target.package}
-        robot = Process([target.python, "-m", "benchmarks.graph_cost"], variables)
-        running.callback(robot.end)
-        nodes = {}
-        for name, lines in contestants.items():
+        robot = running.enter_context(Process([target.python, "-m", "benchmarks.ros_graph"], variables))
+
+        def watching(name: str, lines: Sequence[str]) -> Process:
             file = folder / f"{name}.yaml"
             file.write_text(f"alert_system:\n  ros__parameters:\n    signals: {{{', '.join(lines)}}}\n")
-            nodes[name] = target.node("alert_system", name, parameters=file)
-            running.callback(nodes[name].end)
+            return running.enter_context(target.node("alert_system", name, parameters=file))
+
+        without = watching("without", ["level: {topic: /level, stale_after_s: 0.0}"])
+        graph = watching("graph", signals)
         time.sleep(SETTLE_S)
-        slices = []
+        slices_ms = []
         for _ in range(rounds):
-            before = {name: node.cpu_s() for name, node in nodes.items()}
+            before_s = graph.cpu_s() - without.cpu_s()
             time.sleep(SLICE_S)
-            spent = {name: node.cpu_s() - before[name] for name, node in nodes.items()}
-            slices.append((spent["graph"] - spent["without"]) / SLICE_S * 1e3)
+            slices_ms.append((graph.cpu_s() - without.cpu_s() - before_s) / SLICE_S * 1e3)
         robot.require_running()
-    cost_ms = statistics.median(slices)
     what = f"{target.name}, a second of reading a graph of {NODES} nodes and {NODES * TOPICS_PER_NODE} topics"
-    yield Row(what, "alert_system", f"{cost_ms:.1f} ms", cost_ms / MOST_MS, 1.0, f"to {MOST_MS:g} ms of CPU time")
+    yield within(what, "alert_system", statistics.median(slices_ms), MOST_MS, "ms", "CPU time", digits=1)
 
 
 def _robot_of_ros1() -> None:

@@ -17,21 +17,24 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
-from typing import Any, Dict, Iterator, List, Mapping
+from typing import Any, Dict, Iterator, List, Mapping, Sequence
 
-from benchmarks.table import Row
-from benchmarks.targets import compile_source
+from benchmarks.processes import compile_source
+from benchmarks.table import Row, within
 
-SAMPLES = 1_000_000
-DAY_S = 86_400
+SAMPLES, DAY_S = 1_000_000, 86_400
 TOPICS = ("/battery_level", "/temperature", "/cpu_usage")
 FORMATS = (".bag", "MCAP", "sqlite3")
 ROUNDS = 5
 MEMORY_LIMIT_MB = 120.0
-DAY_LIMIT_S = 120.0
 IMAGE_BYTES = 120_000
 """Size of an image. A hundred samples take up to 6 kB in a file, so that 95 % of its bytes are images."""
-
+_NAMES = {
+    "deserialize": "AnyReader, deserialized",
+    "raw": "AnyReader, raw watched messages",
+    "read": "recordings.reading, raw watched messages",
+    "replay": "robot-health replay",
+}
 _MEASURE = """
 import json, sys, time
 from pathlib import Path
@@ -67,36 +70,62 @@ print(json.dumps([used_s, int(memory.split()[1]) / 1024]), file=sys.stderr)
 """What one contestant does. Its memory includes that of all libraries, which every contestant imports."""
 
 
-def run(kind: str, path: Path, *arguments: str) -> List[float]:
+def rows() -> Iterator[Row]:
+    """Measures and yields the rows of the table."""
+    compile_source(sys.executable)
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        for form in FORMATS:
+            path = _write(folder / f"million{form}", form, TOPICS, SAMPLES, 1_000_000)
+            yield from _compared(f"a million samples, {form}", path, "deserialize", {"replay": 1.6})
+            path = _write(folder / f"tenth{form}", form, TOPICS, SAMPLES // 10, 1_000_000)
+            used_s, memory_mb = _run("replay", path)
+            yield Row(f"a tenth of them, {form}", _NAMES["replay"], f"{used_s:.2f} s")
+            yield _memory(f"a tenth of them, {form}", "replay", memory_mb)
+        for form in FORMATS:
+            path = _write(folder / f"images{form}", form, TOPICS, 300_000, 10_000_000, IMAGE_BYTES)
+            # SQLite reads past images at no cost, so a replay costs as much as without images.
+            required = {"read": 1.3} if form == "sqlite3" else {"read": 1.3, "replay": 1.3}
+            yield from _compared(f"95 % images, {form}", path, "raw", required)
+        topics = [f"/signal{number}" for number in range(10)]
+        path = _write(folder / "day", "MCAP", topics, DAY_S * 100, 10_000_000)
+        thresholds = folder / "thresholds.yaml"
+        signals = {topic[1:]: {"warn_above": 56.5, "stale_after_s": 5.0} for topic in topics}
+        thresholds.write_text(json.dumps({"alert_system": {"ros__parameters": {"signals": signals}}}))
+        used_s, memory_mb = _run("replay", path, "--thresholds", str(thresholds))
+        what = "a day, ten signals at 10 Hz, MCAP"
+        yield within(what, _NAMES["replay"], used_s, 120.0, "s")
+        yield _memory(what, "replay", memory_mb)
+
+
+def _run(kind: str, path: Path, *arguments: str) -> List[float]:
     """Returns the CPU time in s and the memory in MB of one contestant."""
     command = [sys.executable, "-c", _MEASURE, kind, str(path), *arguments]
     done = subprocess.run(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, check=False)
+    last = done.stderr.strip().splitlines()[-1]
     if done.returncode:
-        raise RuntimeError(done.stderr.strip().splitlines()[-1])
-    found: List[float] = json.loads(done.stderr.strip().splitlines()[-1])
-    return found
+        raise RuntimeError(last)
+    return list(json.loads(last))
 
 
-def write(path: Path, form: str, counts: Dict[str, int], period_ns: int, image_bytes: int = 0) -> Path:
+def _write(path: Path, form: str, topics: Sequence[str], count: int, period_ns: int, image_bytes: int = 0) -> Path:
     """Writes Float32 samples in turn, and after every hundred an image if `image_bytes` is set."""
     from rosbags import rosbag1, rosbag2
     from rosbags.typesys import Stores, get_typestore
 
-    store = get_typestore(Stores.ROS1_NOETIC if form == ".bag" else Stores.ROS2_JAZZY)
-    writer: Any
+    store: Any = get_typestore(Stores.ROS1_NOETIC if form == ".bag" else Stores.ROS2_JAZZY)
     if form == ".bag":
-        writer = rosbag1.Writer(path)
+        writer: Any = rosbag1.Writer(path)
     else:
-        plugin = rosbag2.StoragePlugin["MCAP" if form == "MCAP" else "SQLITE3"]
-        writer = rosbag2.Writer(path, version=9, storage_plugin=plugin)
-    serialize: Any = store.serialize_ros1 if form == ".bag" else store.serialize_cdr
+        writer = rosbag2.Writer(path, version=9, storage_plugin=rosbag2.StoragePlugin[form.upper()])
+    serialize = store.serialize_ros1 if form == ".bag" else store.serialize_cdr
     float32 = "std_msgs/msg/Float32"
     payloads = [bytes(serialize(store.types[float32](50.0 + value), float32)) for value in range(7)]
     with writer:
-        connections = [writer.add_connection(topic, float32, typestore=store) for topic in counts]
+        connections = [writer.add_connection(topic, float32, typestore=store) for topic in topics]
         images = writer.add_connection("/image", "std_msgs/msg/UInt8MultiArray", typestore=store)
         blob = bytes(image_bytes)  # no valid message: nothing decodes it
-        for index in range(sum(counts.values())):
+        for index in range(count):
             time_ns = 1_700_000_000_000_000_000 + index * period_ns
             writer.write(connections[index % len(connections)], time_ns, payloads[index % 7])
             if image_bytes and index % 100 == 0:
@@ -104,55 +133,17 @@ def write(path: Path, form: str, counts: Dict[str, int], period_ns: int, image_b
     return path
 
 
-def rows() -> Iterator[Row]:
-    """Measures and yields the rows of the table."""
-    compile_source(sys.executable)
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        for form in FORMATS:
-            path = write(folder / f"million{form}", form, dict.fromkeys(TOPICS, SAMPLES // 3), 1_000_000)
-            yield from _compared(f"a million samples, {form}", path, "deserialize", {"replay": 1.6})
-            path = write(folder / f"tenth{form}", form, dict.fromkeys(TOPICS, SAMPLES // 30), 1_000_000)
-            used_s, memory_mb = run("replay", path)
-            yield Row(f"a tenth of them, {form}", _NAMES["replay"], f"{used_s:.2f} s")
-            yield _memory(f"a tenth of them, {form}", "replay", memory_mb)
-        for form in FORMATS:
-            path = write(folder / f"images{form}", form, dict.fromkeys(TOPICS, 100_000), 10_000_000, IMAGE_BYTES)
-            # SQLite reads past images at no cost, so a replay costs as much as without images.
-            required = {"read": 1.3} if form == "sqlite3" else {"read": 1.3, "replay": 1.3}
-            yield from _compared(f"95 % images, {form}", path, "raw", required)
-        signals = {f"/signal{number}": DAY_S * 10 for number in range(10)}
-        path = write(folder / "day", "MCAP", signals, 10_000_000)
-        thresholds = folder / "thresholds.yaml"
-        described = {topic[1:]: {"warn_above": 56.5, "stale_after_s": 5.0} for topic in signals}
-        thresholds.write_text(json.dumps({"alert_system": {"ros__parameters": {"signals": described}}}))
-        used_s, memory_mb = run("replay", path, "--thresholds", str(thresholds))
-        what, remark = "a day, ten signals at 10 Hz, MCAP", f"to {DAY_LIMIT_S:g} s"
-        yield Row(what, _NAMES["replay"], f"{used_s:.0f} s", used_s / DAY_LIMIT_S, 1.0, remark)
-        yield _memory(what, "replay", memory_mb)
-
-
-_NAMES = {
-    "deserialize": "AnyReader, deserialized",
-    "raw": "AnyReader, raw watched messages",
-    "read": "recordings.reading, raw watched messages",
-    "replay": "robot-health replay",
-}
-
-
 def _compared(what: str, path: Path, peer: str, required: Mapping[str, float]) -> Iterator[Row]:
     """Yields the rows of a peer and of everything that is compared with it, `required` or not."""
     own = ("replay",) if peer == "deserialize" else ("read", "replay")
-    rounds = [(run(peer, path)[0], {kind: run(kind, path) for kind in own}) for _ in range(ROUNDS)]
-    yield Row(what, _NAMES[peer], f"{min(peer_s for peer_s, _ in rounds):.2f} s")
+    rounds: List[Dict[str, List[float]]] = [{kind: _run(kind, path) for kind in (peer, *own)} for _ in range(ROUNDS)]
+    yield Row(what, _NAMES[peer], f"{min(each[peer][0] for each in rounds):.2f} s")
     for kind in own:
-        ratio = statistics.median(found[kind][0] / peer_s for peer_s, found in rounds)
-        best_s = min(found[kind][0] for _, found in rounds)
-        memory_mb = max(found[kind][1] for _, found in rounds)
+        ratio = statistics.median(each[kind][0] / each[peer][0] for each in rounds)
+        best_s = min(each[kind][0] for each in rounds)
         yield Row(what, _NAMES[kind], f"{best_s:.2f} s", ratio, required.get(kind), f"to {_NAMES[peer]}")
-        yield _memory(what, kind, memory_mb)
+        yield _memory(what, kind, max(each[kind][1] for each in rounds))
 
 
 def _memory(what: str, kind: str, memory_mb: float) -> Row:
-    ratio, remark = memory_mb / MEMORY_LIMIT_MB, f"to {MEMORY_LIMIT_MB:g} MB"
-    return Row(f"{what}, memory", _NAMES[kind], f"{memory_mb:.0f} MB", ratio, 1.0, remark)
+    return within(f"{what}, memory", _NAMES[kind], memory_mb, MEMORY_LIMIT_MB, "MB")

@@ -1,51 +1,22 @@
-"""How often a forecast alerts falsely, and how early it warns, in simulated robots with fixed seeds."""
+"""Simulated robots whose signals a forecast watches, for the tests of false alarms and `make bench ARGS=forecast`."""
 
 from __future__ import annotations
 
 import math
 import random
-import statistics
 from functools import partial
 from itertools import chain, count, product, repeat
 from typing import Any, Callable, Dict, Iterator, Mapping, NamedTuple
 
-from benchmarks.table import Row
 from robot_health_monitor.core import Level, Monitor, Sample, Transition, load_config
 from robot_health_monitor.core.judge.forecast import ForecastWindow
 
-HOURS = 1000
-ONE_LINE_HOURS = 100
-RUNS = 50
 WINDOW_S, FORECAST_S = 600.0, 1800.0
 NOISES = tuple(product((0.5, 1.0, 3.0), (20.0, 60.0, 200.0)))
 """Standard deviation in %, and correlation time in s."""
 
-ALLOWED = {(3.0, 200.0): 10}
-"""False alarms in 1,000 h, per noise. 3 % over 200 s looks like a trend for longer than `for_s`."""
-
 _Values = Iterator[float]
 """One value per second."""
-
-
-def rows() -> Iterator[Row]:
-    """Yields the figures."""
-    for noise in NOISES:
-        alarms = false_alarms(flat(*noise), HOURS * 3600, warn_below=40.0)
-        figure, most = f"{alarms} in {HOURS:,} h", ALLOWED.get(noise, 0)
-        what = "55 %, noise of {:g} % over {:g} s, bound 40 %".format(*noise)
-        yield Row(what, "forecast, for_s 300", figure, alarms, most, "false alarms")
-        alarms = false_alarms_of_one_line(flat(*noise), ONE_LINE_HOURS * 3600)
-        yield Row("the same", "one line, for_s 300", f"{alarms} in {ONE_LINE_HOURS:,} h", remark="false alarms")
-    for what, scene in SCENES.items():
-        alarms = sum(scene.false_alarms(random.Random(f"{what} {number}")) for number in range(RUNS))
-        hours = RUNS * scene.seconds / 3600.0
-        yield Row(what, "forecast, for_s 300", f"{alarms} in {hours:,.0f} h", alarms, 0.0, "false alarms")
-    leads_s = sorted(lead_s(random.Random(number)) for number in range(RUNS))
-    median_s = statistics.median(leads_s)
-    figure = f"{median_s:.0f} s, the worst of {RUNS} {leads_s[0]:.0f} s"
-    remark = f"80 % of the horizon of {FORECAST_S:g} s, to the median"
-    what = "1 % less per minute, noise of 0.5 %, bound 20 %: lead"
-    yield Row(what, "forecast, for_s 60", figure, 0.8 * FORECAST_S / median_s, 1.0, remark)
 
 
 def false_alarms(values: _Values, seconds: int, **settings: Any) -> int:

@@ -1,0 +1,137 @@
+"""Which messages are samples of a signal: `where: 'level >= ERROR and name == "*controller*"'`.
+
+The port takes the condition behind the path of the field: `data where level >= ERROR`. With an empty path, the value
+is 1.
+"""
+
+from __future__ import annotations
+
+import math
+import operator
+import re
+from typing import Any, Callable, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+
+from .elements import BadDatum
+from .field_path import ABSENT, Every, Getter, leading_path
+from .formatting import describe
+from .patterns import matches_pattern
+
+_COMPARED = re.compile(
+    r"""\s*(?P<operator>[=!<>]=|[<>])\s*(?:
+        (?P<number>[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)(?![\w.])
+    |   (?P<constant>[A-Za-z_]\w*)
+    |   "(?P<text>(?:[^"\\]|\\"|\\(?!"))*)"
+    )""",
+    re.ASCII | re.VERBOSE,
+)
+_AND = re.compile(r"\s+and\s+")
+_WHERE = " where "
+_BOOLEANS = {"true": 1, "false": 0}
+
+
+def _is_equal(value: float, number: float) -> bool:
+    # 0.1 as a Float32 is 0.1000000015; whole numbers are compared exactly.
+    return value == number or (type(value) is float and math.isclose(value, number, rel_tol=1e-6))
+
+
+_COMPARE: Mapping[str, Callable[[float, float], bool]] = {
+    "==": _is_equal,
+    "!=": lambda value, number: not _is_equal(value, number),
+    "<": operator.lt,
+    "<=": lambda value, number: value < number or _is_equal(value, number),
+    ">": operator.gt,
+    ">=": lambda value, number: value > number or _is_equal(value, number),
+}
+
+
+class Comparison(NamedTuple):
+    """A field of a message compared with a number, a constant of its type, or a text."""
+
+    path: str
+    operator: str
+    number: Optional[float]
+    constant: str
+    """Name of the constant that gives the number; empty: it is none."""
+    text: str
+    """A pattern in which * and ? match, if there is neither number nor constant."""
+
+    def holds(self, value: Any, number: float) -> bool:
+        """Returns whether it is true for the value of the field; `number` is that of the constant, if it is one."""
+        is_text, is_number = isinstance(value, str) and type(value) is not BadDatum, isinstance(value, (int, float))
+        if self.number is not None or self.constant:
+            return _COMPARE[self.operator](value, number) if is_number else is_text and self.operator == "!="
+        return (
+            matches_pattern(value, self.text) is (self.operator == "==")
+            if is_text
+            else (is_number and self.operator == "!=")
+        )
+
+
+def parse_where(where: str) -> List[Comparison]:
+    """Returns the comparisons of a condition, all of which must hold; raises ValueError if it is none."""
+    comparisons: List[Comparison] = []
+    rest = where.strip()
+    while True:
+        steps, behind = leading_path(rest)
+        found = _COMPARED.match(behind)
+        if not steps or found is None:
+            raise ValueError(f"expected a comparison such as level >= ERROR, got {describe(rest)}")
+        path, number, constant, text = (
+            rest[: len(rest) - len(behind)],
+            found["number"],
+            found["constant"],
+            found["text"],
+        )
+        if any(isinstance(step, Every) for step in steps):
+            raise ValueError(f"expected the path of one value, got {describe(path)}")
+        if text is not None and found["operator"] not in ("==", "!="):
+            raise ValueError(f"expected == or != before a text, got {describe(found['operator'])}")
+        if constant in _BOOLEANS:
+            number, constant = str(_BOOLEANS[constant]), None
+        exact = None if number is None else int(number) if number.lstrip("+-").isdigit() else float(number)
+        comparisons.append(Comparison(path, found["operator"], exact, constant or "", (text or "").replace('\\"', '"')))
+        rest = behind[found.end() :]
+        if not rest:
+            return comparisons
+        conjunction = _AND.match(rest)
+        if conjunction is None:
+            raise ValueError(f"expected `and` between two comparisons, got {describe(rest)}")
+        rest = rest[conjunction.end() :]
+
+
+def selection(field: str, where: str) -> Optional[str]:
+    """Returns what a subscription reads of each message; None: nothing, each is a sample of value 1."""
+    return f"{field}{_WHERE}{where}" if where else field or None
+
+
+def parse_selection(text: str) -> Tuple[str, Sequence[Comparison]]:
+    """Splits what `selection` returns into the path of the field and the comparisons; raises ValueError."""
+    _, rest = leading_path(text)
+    return (text[: -len(rest)], parse_where(rest[len(_WHERE) :])) if rest.startswith(_WHERE) else (text, ())
+
+
+def filtered(
+    comparisons: Sequence[Comparison],
+    read: Getter,
+    bind: Callable[[str], Getter],
+    constant: Callable[[str, str], Callable[[Any], float]],
+) -> Getter:
+    """Returns a function that reads a message as `read` does if all comparisons hold, and is ABSENT otherwise.
+
+    `bind` returns the getter of a path, `constant` that of a constant, by the path of the field and its name.
+    """
+
+    def number_of(comparison: Comparison) -> Callable[[Any], float]:
+        if comparison.constant:
+            return constant(comparison.path, comparison.constant)
+        return lambda message: comparison.number or 0
+
+    bound = [(each.holds, bind(each.path), number_of(each)) for each in comparisons]
+
+    def get(message: Any) -> Any:
+        for holds, value_of, number in bound:
+            if not holds(value_of(message), number(message)):
+                return ABSENT
+        return read(message)
+
+    return get

@@ -1,0 +1,82 @@
+"""Errors that rclpy logs are counted, and static transforms that were published before the monitor came."""
+
+from __future__ import annotations
+
+from typing import Any, List
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import TransformStamped
+from rclpy.qos import DurabilityPolicy, QoSProfile
+
+from robot_health_monitor.core.messages.native_fields import bind_path
+from robot_health_monitor.core.nodes import AlertSystem
+from robot_health_monitor.core.values.field_path import ABSENT, parse_field_path
+from robot_health_monitor.ros2 import messages
+
+
+def test_errors_in_the_log_are_counted(ros: Any) -> None:
+    signal = {
+        "topic": "/rosout", "where": 'level >= ERROR and name == "*planner"', "field": "", "statistic": "count",
+        "warn_above": 5.0,
+    }  # fmt: skip
+    said: List[Any] = []
+    system = AlertSystem(
+        ros.node("alert_system", parameters={"signals": {"errors": signal}}), {"test": said.append}, log_alerts=False
+    )
+    nodes = {name: rclpy.create_node(name, context=ros._me.context) for name in ("planner", "controller")}
+    try:
+        ros.wait_until(lambda: all(node.count_subscribers("/rosout") for node in nodes.values()))
+
+        def count() -> Any:
+            return system.read(lambda monitor, _: monitor.judged_value("errors"))
+
+        for number in range(6):
+            nodes["planner"].get_logger().warning(f"slow {number}")
+            nodes["controller"].get_logger().error(f"failed {number}")
+            if number % 2:
+                nodes["planner"].get_logger().error(f"failed {number}")
+            else:
+                nodes["planner"].get_logger().fatal(f"failed {number}")
+            ros.wait_until(lambda: count() == number + 1.0)  # noqa: B023 - it is called at once
+        assert [event.text.partition(" (")[0] for event in said] == ["errors WARN: 6 in 60 s is above 5"]
+    finally:
+        for node in nodes.values():
+            node.destroy_node()
+
+
+def test_static_frames_that_were_published_before_are_received(ros: Any) -> None:
+    """tf2_msgs is not among the wheels of ROS 2: a DiagnosticArray is published as static transforms are."""
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    for name in ("base_link", "camera"):
+        publisher = ros._me.create_publisher(DiagnosticArray, "/tf_static", latched)
+        publisher.publish(DiagnosticArray(status=[DiagnosticStatus(name=name, level=b"\1")]))
+    signal = {"topic": "/tf_static", "field": 'status["*"].level', "stale_after_s": 0.0}
+    system = AlertSystem(ros.node("alert_system", parameters={"signals": {"frames": signal}}))
+    names = {"frames", "frames[base_link]", "frames[camera]"}
+    ros.wait_until(lambda: system.read(lambda monitor, _: set(monitor.signals())) == names)
+
+
+class Tree:
+    """As rosidl describes a tf2_msgs/TFMessage."""
+
+    def __init__(self, transforms: List[TransformStamped]) -> None:
+        self.transforms = transforms
+
+    @staticmethod
+    def get_fields_and_field_types() -> Any:
+        return {"transforms": "sequence<geometry_msgs/TransformStamped>"}
+
+
+def test_frames_of_native_messages_are_selected_by_their_child_frame_id() -> None:
+    frames = [TransformStamped(child_frame_id=name) for name in ("base_link", "wheel_left")]
+    frames[1].header.stamp.sec = 5
+    message = Tree(frames)
+
+    def get(path: str) -> Any:
+        reader = messages.native._reader
+        return bind_path(messages.native._dialect, reader, Tree, parse_field_path(path))(message)
+
+    assert get('transforms["wheel_left"].header.stamp') == 5.0
+    assert get('transforms["map"].header.stamp') is ABSENT
+    assert get('transforms["*"].header.stamp') == [("base_link", 0.0), ("wheel_left", 5.0)]
