@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Dict, Iterator, List, Tuple
+from typing import Any, Dict, Iterable, Iterator, List, Tuple
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 from robot_health_monitor.core import Level, Monitor, Sample, Transition, load_config
@@ -21,17 +21,11 @@ CONFIG = {
     "robot_name": "robot1",
     "signals": {
         SIGNAL: {
-            "unit": "%",
-            "valid_min": 0.0,
-            "valid_max": 100.0,
-            "warn_below": 20.0,
-            "error_below": 10.0,
-            "hysteresis": 2.0,
-            "for_s": 5.0,
-            "stale_after_s": 5.0,
+            "unit": "%", "valid_min": 0.0, "valid_max": 100.0, "warn_below": 20.0, "error_below": 10.0,
+            "hysteresis": 2.0, "for_s": 5.0, "stale_after_s": 5.0,
         }
     },
-}
+}  # fmt: skip
 COLOURS = {Level.OK: "#7fbf7b", Level.WARN: "#fdc44f", Level.ERROR: "#e0584f", Level.STALE: "#9e9e9e"}
 CORNERS = [
     (0, 30.0), (20, 24.0), (21, 17.5), (24, 17.5), (25, 23.5), (35, 19.5), (50, 12.0), (58, 8.0), (68, 8.0),
@@ -41,6 +35,23 @@ CORNERS = [
 SILENT = range(112, 125)
 NOT_A_NUMBER = range(140, 146)
 END_S = 160
+
+
+def _figure(name: str, height: float) -> Any:
+    import matplotlib
+
+    matplotlib.use("svg")
+    from matplotlib import pyplot as plt
+
+    plt.rcParams.update({"svg.hashsalt": name, "font.family": "DejaVu Sans", "font.size": 9})
+    return plt.subplots(figsize=(10, height), layout="constrained")
+
+
+def _legend(axes: Any, levels: Iterable[Level], **options: Any) -> None:
+    from matplotlib.patches import Patch
+
+    handles = [Patch(color=COLOURS[level], alpha=0.5, label=level.name) for level in levels]
+    axes.legend(handles=handles, loc="upper left", ncols=len(handles), frameon=False, **options)
 
 
 def value_at(now_s: float) -> float:
@@ -71,35 +82,20 @@ def lines() -> List[str]:
 
 def draw(target: Path) -> None:
     """Writes the picture."""
-    import matplotlib
-
-    matplotlib.use("svg")
-    from matplotlib import pyplot as plt
-    from matplotlib.patches import Patch
-
-    plt.rcParams.update({"svg.hashsalt": "rules", "font.family": "DejaVu Sans", "font.size": 9})
-    figure, axes = plt.subplots(figsize=(10, 4.6), layout="constrained")
+    figure, axes = _figure("rules", 4.6)
     steps = list(run())
     for now_s, level, _ in steps[:-1]:
         axes.axvspan(now_s, now_s + 1, color=COLOURS[level], alpha=0.35, linewidth=0)
-    shown = [
-        float("nan") if now_s in SILENT or now_s in NOT_A_NUMBER else value_at(now_s) for now_s in range(END_S + 1)
-    ]
+    unknown = {*SILENT, *NOT_A_NUMBER}
+    shown = [float("nan") if now_s in unknown else value_at(now_s) for now_s in range(END_S + 1)]
     axes.plot(range(END_S + 1), shown, color="#1f2933", linewidth=1.6)
     settings = CONFIG["signals"][SIGNAL]
     for name, colour in (("warn_below", "#b07d00"), ("error_below", "#a32018")):
-        bound = settings[name]
+        bound, clears = settings[name], settings[name] + settings["hysteresis"]
         axes.axhline(bound, color=colour, linewidth=1.0)
-        axes.axhline(bound + settings["hysteresis"], color=colour, linewidth=0.8, linestyle=(0, (4, 3)))
+        axes.axhline(clears, color=colour, linewidth=0.8, linestyle=(0, (4, 3)))
         axes.text(END_S - 0.5, bound - 1.2, f"{name}: {bound:g} %", color=colour, ha="right", va="center")
-        axes.text(
-            END_S - 0.5,
-            bound + settings["hysteresis"] + 1.0,
-            "clears (hysteresis 2 %)",
-            color=colour,
-            ha="right",
-            va="center",
-        )
+        axes.text(END_S - 0.5, clears + 1.0, "clears (hysteresis 2 %)", color=colour, ha="right", va="center")
     axes.annotate(
         "sag: 4 s,\nless than for_s", (22.5, 17.5), (10.0, 15.0), arrowprops={"arrowstyle": "-", "lw": 0.7}, ha="center"
     )
@@ -110,21 +106,14 @@ def draw(target: Path) -> None:
         axes.axvline(now_s, color="#1f2933", linewidth=0.6, linestyle=":")
         axes.text(now_s, 41.2, str(number), ha="center", va="bottom", fontweight="bold")
     axes.set(xlim=(0, END_S), ylim=(5, 41), xlabel="time in s", ylabel="battery_level in %")
-    axes.legend(
-        handles=[Patch(color=colour, alpha=0.5, label=level.name) for level, colour in COLOURS.items()],
-        loc="upper left", ncols=4, frameon=False, bbox_to_anchor=(0.0, 0.97),
-    )  # fmt: skip
+    _legend(axes, COLOURS, bbox_to_anchor=(0.0, 0.97))
     figure.savefig(target, metadata={"Date": None, "Creator": None})
 
 
 NODE = {
-    "joint_left": "/joint_states",
-    "joint_right": "/joint_states",
-    "joint_lift": "/joint_states",
-    "scan": "/scan",
-    "imu": "/imu",
-    "odom": "/odom",
-}
+    "joint_left": "/joint_states", "joint_right": "/joint_states", "joint_lift": "/joint_states", "scan": "/scan",
+    "imu": "/imu", "odom": "/odom",
+}  # fmt: skip
 """The signals of the node that dies, with their topics."""
 DEAD = range(101, 130)
 NODE_END_S = 150
@@ -153,14 +142,7 @@ def node_lines() -> List[str]:
 
 def draw_node(target: Path) -> None:
     """Writes the picture of the node."""
-    import matplotlib
-
-    matplotlib.use("svg")
-    from matplotlib import pyplot as plt
-    from matplotlib.patches import Patch
-
-    plt.rcParams.update({"svg.hashsalt": "silence", "font.family": "DejaVu Sans", "font.size": 9})
-    figure, axes = plt.subplots(figsize=(10, 3.2), layout="constrained")
+    figure, axes = _figure("silence", 3.2)
     first_s, names = 90, list(NODE)
     for now_s, levels, transitions in run_node():
         if now_s < first_s or now_s == NODE_END_S:
@@ -175,8 +157,7 @@ def draw_node(target: Path) -> None:
     axes.text((DEAD.start + DEAD.stop) / 2, 5.85, "the node is dead", ha="center", color="#a32018")
     axes.set(xlim=(first_s, NODE_END_S), ylim=(6.25, -1.4), xlabel="time in s")
     axes.set_yticks(range(len(names)), [f"{name}  ({NODE[name]})" for name in names])
-    handles = [Patch(color=COLOURS[level], alpha=0.5, label=level.name) for level in (Level.OK, Level.STALE)]
-    axes.legend(handles=handles, loc="upper left", ncols=2, frameon=False)
+    _legend(axes, (Level.OK, Level.STALE))
     figure.savefig(target, metadata={"Date": None, "Creator": None})
 
 

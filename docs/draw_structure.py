@@ -27,29 +27,6 @@ SIGNAL = {"topic": "battery", "warn_below": 20.0, "flap_detection": True}
 
 _WIDTH, _BOX_WIDTH, _BOX_HEIGHT, _LAYER, _ROW, _COLUMNS = 960, 168, 44, 96, 70, 5
 _GAP = (_WIDTH - _COLUMNS * _BOX_WIDTH) / (_COLUMNS + 1)
-_HEAD = """<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" role="img">
-<title>The folders with their imports, and the way of one sample</title>
-<style>
-text {{ font: 14px sans-serif; fill: #1f2328; text-anchor: middle }}
-.small {{ font-size: 12px; fill: #59636e }}
-.head {{ font-weight: bold; text-anchor: start }}
-rect {{ fill: #ddf4ff; stroke: #0969da }}
-path {{ fill: none; stroke: #59636e; marker-end: url(#tip) }}
-polygon {{ fill: #59636e }}
-.page {{ fill: #ffffff; stroke: none }}
-@media (prefers-color-scheme: dark) {{
-text {{ fill: #f0f6fc }}
-.small {{ fill: #9198a1 }}
-rect {{ fill: #0c2d6b; stroke: #4493f8 }}
-path {{ stroke: #9198a1 }}
-polygon {{ fill: #9198a1 }}
-.page {{ fill: #131416 }}
-}}
-</style>
-<defs><marker id="tip" viewBox="0 0 8 8" refX="8" refY="4" markerWidth="7" markerHeight="7" orient="auto">
-<polygon points="0,0 8,4 0,8"/></marker></defs>
-<rect class="page" width="{width}" height="{height}"/>
-"""
 
 
 def folders_imported(folder: str) -> Set[str]:
@@ -100,7 +77,7 @@ def picture() -> str:
     steps = way_of_a_sample()
     height = top + -(-len(steps) // _COLUMNS) * _ROW + 30.0
     lines = [
-        _HEAD.format(width=_WIDTH, height=f"{height:g}"),
+        (ROOT / "docs/pictures/structure_head.svg").read_text("utf-8").format(width=_WIDTH, height=f"{height:g}"),
         '<text class="head" x="20" y="24">Folders: an arrow is an import</text>',
         *folders,
         f'<text class="head" x="20" y="{top - 4:g}">The way of a sample that changes the level, in core/</text>',

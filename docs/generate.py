@@ -18,6 +18,8 @@ from pathlib import Path
 from typing import Any, Callable, Dict, Iterable, Iterator, List, Mapping, Optional, Sequence
 from unittest import mock
 
+import yaml
+
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 from robot_health_monitor.__main__ import main
 from robot_health_monitor.cli.arguments import COMMANDS
@@ -233,115 +235,7 @@ def _texts(node: ast.AST) -> List[str]:
     return [str(node.value)] if isinstance(node, ast.Constant) else []
 
 
-API: Mapping[str, Mapping[str, str]] = {
-    "state": {
-        "version": "version of the monitor",
-        "now": "the monitor's wall clock",
-        "monitor": "the state of the monitor itself, see below",
-        "worst": "worst level of all robots",
-        "history": "whether `/api/history` works",
-        "silencing": "whether silences can be added",
-        "can_change": "whether this client may silence and reset",
-        "silences": "silences in force, see below",
-        "robots": "by name, in the order of the configuration",
-    },
-    "monitor": {
-        "level": "level of the worst fault; `OK` without one",
-        "message": "its text",
-        "faults": "all faults: `robot` (`null`: the whole process), `part`, `level`, `text`",
-    },
-    "robot": {
-        "level": "worst level of its signals",
-        "link": '`"up"`, `"down"`; `null`: the monitor runs on the robot, there is no link',
-        "signal": "name of the signal that causes the level, no effect of another if possible; `null` if OK",
-        "message": 'message of that signal; `""` if OK',
-        "since": "since when that signal has its level; `null` if OK",
-        "monitor": "`level` and `message` of the worst fault of the monitor that concerns this robot",
-        "show": "names of the main signals: `show` of the configuration, else the first three with a unit",
-        "signals": "by name, in the order of the configuration; `link` is one of them. Elements of arrays (`cells[7]`) "
-        "follow their template as they come and go",
-    },
-    "signal": {
-        "level": "the true level now, also while flapping; `STALE` while unknown",
-        "state": "one of the states below",
-        "value": "latest number, in the unit, valid or not; `null` without one or if it is not finite",
-        "unit": "unit of `value`; may be empty",
-        "message": "reason for the level",
-        "hint": "why there are no samples, such as `no publisher on /battery`, or why the statistic is questionable; "
-        "may be empty. Show `message [hint]`",
-        "since": "since when the level has lasted, by the present wall clock: a clock that is set moves it, so the age "
-        "is right",
-        "silenced": "`null`, or why and until when notifications are suppressed",
-        "bounds": "in the unit of the statistic: `level`, `side`, `value`; `clears`: where the alert ends (hysteresis)",
-        "window": "at most 300 samples of the window, extremes kept, oldest first. If the statistic is not `last`, its "
-        "values, in `judged_unit`",
-        "text": "the value to show, with unit: that of the statistic, else the latest datum; if invalid, as received",
-        "outlook": "when a forecast reaches the nearest bound ahead: `reaches 20 % in 24 min`; or empty",
-        "statistic": "what the bounds apply to: `last`, `mean`, ...",
-        "judged": "value of the statistic; `null` while undefined",
-        "judged_unit": "its unit",
-        "forecast": "value at the horizon, in the unit; `null` unless the statistic is `forecast`, defined, and the "
-        "latest value known, as the next three",
-        "forecast_s": "the horizon: seconds from the newest sample",
-        "trend_per_min": "slope of the line that gave the forecast, in the unit per minute",
-        "time_to_bound_s": "seconds from the newest sample until that line reaches the nearest bound ahead; `null` "
-        "also without one",
-        "flapping": "whether changes are withheld because there are too many",
-        "cause": "name of the alert whose effect it is: worse levels are not announced meanwhile; `null`: none",
-        "affects": "how many signals are worse than announced because of this one",
-        "latch": "whether an alert stays until it is reset",
-    },
-    "silence": {
-        "id": "for `POST /api/silence/expire`",
-        "matchers": "the alerts that it matches",
-        "reason": "why; may be empty",
-        "author": "who added it",
-        "since": "when it was added",
-        "until": "when it ends; `null`: when it is ended, see also `until_resolved`",
-        "until_resolved": "whether it ends when its alerts are resolved",
-        "every": "when it is in force each week, such as `mon-fri 22:00-06:00`; `null`: all the time",
-        "timezone": "the time zone of `every`; `null` without it",
-        "in_force": "whether it silences alerts now",
-    },
-    "alert": {
-        "id": "for `GET /api/history/ID`",
-        "time": "when the level changed",
-        "robot": "name of the robot",
-        "signal": "name of the signal",
-        "from_level": "level before",
-        "to_level": "level after",
-        "value": "value of the statistic; `null` without one",
-        "statistic": "what the bounds apply to",
-        "bound": "the bound that was crossed; `null`: none",
-        "since": "since when the level before had lasted",
-        "text": "the alert line",
-        "hint": "why there are no samples; may be empty",
-        "black_box": "name of the file that records it, for `GET /api/black_box/NAME`; empty: none",
-        "alert_id": "`id` of the transition that began the alert: the same for all of its levels and its end",
-        "cause": "name of the alert whose effect it was: worse levels were not announced; `null`: none",
-        "effects": "names of the signals that it kept from being announced, if it began an alert; others: empty",
-        "repeat": "whether it repeats an alert (`repeat_s`)",
-        "notes": "what people wrote on it, oldest first, see below",
-    },
-    "samples": {
-        "robot": "name of the robot",
-        "signal": "name of the signal",
-        "start": "begin of the period",
-        "seconds": "its length: 10, after two days 300, or as asked",
-        "min": "smallest value of the statistic; `null`: it was never defined, as in the next three",
-        "max": "largest value",
-        "mean": "mean of the values, one per good sample",
-        "last": "latest value",
-        "good": "number of samples",
-        "bad": "number of bad samples",
-        "level": "the worst level",
-    },
-    "note": {
-        "time": "when it was written",
-        "author": "who wrote it; may be empty",
-        "text": "one line",
-    },
-}
+API: Mapping[str, Mapping[str, str]] = yaml.safe_load((DOCS / "reference" / "api_fields.yaml").read_text("utf-8"))
 """Meaning of the keys of each object. The keys themselves are those that the code sends."""
 
 _MARKS = {

@@ -129,13 +129,8 @@ def _free_port() -> int:
 def _programs(commands: List[List[str]], variables: Dict[str, str]) -> Iterator[None]:
     with ExitStack() as stack:
         for command in commands:
-            program = subprocess.Popen(
-                [sys.executable, "-m", PACKAGE, *command],
-                env=variables,
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.DEVNULL,
-                stderr=subprocess.DEVNULL,
-            )
+            silent = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.DEVNULL)
+            program = subprocess.Popen([sys.executable, "-m", PACKAGE, *command], env=variables, **silent)
             stack.callback(program.wait, 20.0)
             stack.callback(program.terminate)
         yield
