@@ -83,11 +83,9 @@ class Operations:
 
             # Without a file, the history is in memory.
             self.history = History(config.history, wall_time_s, self.faults)
-            self.silences = Silences(self.history, self.faults, wall_time_s)
+            self.silences = Silences(self.history)
             public_url = "" if config.server is None else config.server.public_url
-            self.notifier = Notifier(
-                self.history, config.notify, self.silences, self.faults, wall_time_s, self.is_simulated, public_url
-            )
+            self.notifier = Notifier(self.history, config.notify, self.silences, self.is_simulated, public_url)
 
         if config.black_box is not None:
             from ..ops.black_box.black_box import BlackBox

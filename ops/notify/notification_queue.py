@@ -46,6 +46,7 @@ from ...core.config.signal_config import template_name
 from ...core.values.model import Level, Transition
 from ...core.values.patterns import matches_pattern
 from ..configuration import TargetSettings
+from ..store.active_silences import Silences
 from ..store.present_state import alert_json
 from ..store.rows import Rows, T, Values, records, skip
 from .sender import Notification, Notified, alert_line, annotations_of, group_of
@@ -182,21 +183,18 @@ class NotificationQueue:
     def __init__(
         self,
         targets: Sequence[TargetSettings],
-        is_silenced: Callable[[str, str], bool],
-        look: Callable[[Connection], object],
+        silences: Silences,
         is_simulated: Callable[[str, str], bool] = lambda robot, signal: False,
         wall_time_s: Callable[[], float] = time.time,
         public_url: str = "",
     ) -> None:
-        """Reads nothing yet; see `prepare`. `is_silenced` and `is_simulated`, of robot and signal, are called often.
+        """Reads nothing yet; see `prepare`. `is_simulated`, of robot and signal, is called often.
 
-        `look` reads silences that others have added; called in the transaction that decides what is sent. `public_url`
-        is the address of the web page, for links to the pages of alerts; empty if there is none.
+        `public_url` is the address of the web page, for links to the pages of alerts; empty if there is none.
         """
         self._targets = {target.name: target for target in targets}
-        self._is_silenced = is_silenced
+        self._silences = silences
         self._is_simulated = is_simulated
-        self._look = look
         self._wall_time_s = wall_time_s
         self._page = f"{public_url.rstrip('/')}/#alerts/" if public_url else ""
         self._wait_s: Dict[str, float] = {}
@@ -268,7 +266,7 @@ class NotificationQueue:
 
     def take(self, connection: Connection, target: str) -> Optional[Taken]:
         """Returns the next notification for a target and counts the attempt; None: nothing is to be sent now."""
-        self._look(connection)
+        self._silences.look(connection)
         self._wait_s.pop(target, None)
         settings = self._targets.get(target)
         if settings is None:  # it has just been removed
@@ -355,7 +353,7 @@ class NotificationQueue:
 
     def reconcile(self, connection: Connection) -> None:
         """Queues whatever a target does not know: after a start, or when a silence or a wait (`after_s`) is over."""
-        self._look(connection)
+        self._silences.look(connection)
         self._held.clear()
         now_s = self._wall_time_s()
         if any(target.after_s for target in self._targets.values()):
@@ -445,6 +443,9 @@ class NotificationQueue:
         is_known = known is not None and known.level is row.level
         is_again = row.attempts or (row.is_repeat and target.type != "alertmanager")
         return notification if is_again or not is_known else None
+
+    def _is_silenced(self, robot: str, signal: str) -> bool:
+        return self._silences.silence_of(robot, signal) is not None
 
     def _wants(self, target: TargetSettings, transition: Mapping[str, Any], level: Level) -> bool:
         """Returns whether a target is to know that an alert has a level."""

@@ -7,7 +7,6 @@ import time
 from sqlite3 import Connection
 from typing import Callable, Collection, Dict, List, Mapping, Optional, Sequence
 
-from ...core.values.faults import Faults
 from ...core.values.model import Transition
 from ..configuration import TargetSettings
 from ..store.active_silences import Silences
@@ -39,34 +38,23 @@ class Notifier:
         self,
         history: History,
         targets: Sequence[TargetSettings],
-        silences: Optional[Silences] = None,
-        faults: Optional[Faults] = None,
-        wall_time_s: Callable[[], float] = time.time,
+        silences: Silences,
         is_simulated: Callable[[str, str], bool] = lambda robot, signal: False,
         public_url: str = "",
     ) -> None:
         """Starts a thread per target. Call before the first AlertSystem starts, or its first transitions are missed.
 
-        `history` also stores the queue. `faults` receives failing targets, as `notify <name>`. `wall_time_s` returns
-        seconds since 1970. `is_simulated`, of a robot and its signal, must be cheap and may be called from any thread.
-        `public_url` is the address of the web page, for links; empty if there is none.
+        `history` also stores the queue; its faults have failing targets, as `notify <name>`. `is_simulated`, of a robot
+        and its signal, must be cheap and may be called from any thread. `public_url` is the address of the web page,
+        for links; empty if there is none.
         """
-        self._faults = faults = Faults() if faults is None else faults
         self._history = history
-        self._wall_time_s = wall_time_s
         self._is_up_to_date = self._has_news = False
         self._watched: Optional[Collection[str]] = None
         self._callers: Dict[str, Caller] = {}  # by name of the target
         self._changing = threading.Lock()
 
-        def is_silenced(robot: str, signal: str) -> bool:
-            return silences is not None and silences.silence_of(robot, signal) is not None
-
-        def look(connection: Connection) -> None:
-            if silences is not None:
-                silences.look(connection)
-
-        self._queue = NotificationQueue(_alerted(targets), is_silenced, look, is_simulated, wall_time_s, public_url)
+        self._queue = NotificationQueue(_alerted(targets), silences, is_simulated, history.wall_s, public_url)
         self._start(targets)
         history.on_record(self._note)
         history.on_second.append(self._follow)
@@ -128,10 +116,10 @@ class Notifier:
         """Starts new targets."""
         for settings in targets:
             if settings.type == "heartbeat":
-                caller: Caller = Heartbeat(settings, self._faults)
+                caller: Caller = Heartbeat(settings, self._history.faults)
             else:
-                sender = make_sender(settings, self._wall_time_s)
-                caller = Delivery(settings, sender, self._queue, self._history, self._faults)
+                sender = make_sender(settings, self._history.wall_s)
+                caller = Delivery(settings, sender, self._queue, self._history, self._history.faults)
             self._callers[settings.name] = caller
             caller.start()
 
@@ -178,7 +166,7 @@ class Notifier:
             self._history.state.keep_lines(connection)
             self._queue.prepare(connection, targets)
             if watched is not None:
-                self._queue.end_unwatched(connection, watched, self._wall_time_s())
+                self._queue.end_unwatched(connection, watched, self._history.wall_s())
             self._is_up_to_date = self._watched is watched
         self._has_news = True
 

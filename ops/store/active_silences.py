@@ -4,19 +4,16 @@ from __future__ import annotations
 
 import math
 import threading
-import time
 from dataclasses import replace
 from sqlite3 import Connection
-from typing import Callable, Dict, List, Mapping, Optional, Sequence, Tuple, TypeVar
+from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple, TypeVar
 
 from ...core.values.errors import ServiceError
-from ...core.values.faults import Faults
 from ...core.values.formatting import count_text, duration_text, printable
 from ...core.values.model import Level, Transition
 from . import schema
 from .history import History
 from .matchers import Matcher
-from .recurrence import Recurrence
 from .silences import (
     Alert,
     Silence,
@@ -43,16 +40,14 @@ class Silences:
     All methods but `look` may be called from any thread.
     """
 
-    def __init__(
-        self, history: History, faults: Optional[Faults] = None, wall_time_s: Callable[[], float] = time.time
-    ) -> None:
+    def __init__(self, history: History) -> None:
         """Reads the silences; from then on, the writer of the history looks each second whether others changed them.
 
         Those that are known stay in force if a new database is begun.
         """
         self._history = history
-        self._faults = Faults() if faults is None else faults
-        self._wall_time_s = wall_time_s
+        self._faults = history.faults
+        self._wall_time_s = history.wall_s
         self._lock = threading.Lock()
         self._active: Sequence[Silence] = ()
         self._found: Dict[Alert, Optional[Silence]] = {}
@@ -61,7 +56,7 @@ class Silences:
         self._stored: Sequence[Silence] = ()
         """As they were read last: one that is not active now may be so once the wall clock is set."""
         self._causes: Dict[str, Mapping[str, str]] = {}
-        self._followed_s = wall_time_s()
+        self._followed_s = history.wall_s()
         history.on_record(self._note_transition)
         history.on_second.append(self._follow)
         history.on_lost.append(self._restore)
@@ -114,29 +109,13 @@ class Silences:
             self._take_over(connection)
             self._seen = seen
 
-    def add(
-        self,
-        matchers: Sequence[Matcher],
-        *,
-        for_s: Optional[float] = None,
-        until_resolved: bool = False,
-        every: Optional[Recurrence] = None,
-        reason: str = "",
-        author: str = "",
-    ) -> Silence:
+    def add(self, matchers: Sequence[Matcher], **options: Any) -> Silence:
         """Adds a silence, as `add_silence`; a ServiceError says that the history failed or did not answer."""
-        texts = {"reason": reason, "author": author}
-        return self._change(
-            lambda connection, now_s: add_silence(
-                connection, matchers, now_s, for_s=for_s, until_resolved=until_resolved, every=every, **texts
-            )
-        )
+        return self._change(lambda connection, now_s: add_silence(connection, matchers, now_s, **options))
 
-    def expire(self, number: int, *, reason: str = "", author: str = "") -> Silence:
+    def expire(self, number: int, **texts: str) -> Silence:
         """Ends a silence, as `expire_silence`; a ServiceError says that the history failed or did not answer."""
-        return self._change(
-            lambda connection, now_s: expire_silence(connection, number, now_s, reason=reason, author=author)
-        )
+        return self._change(lambda connection, now_s: expire_silence(connection, number, now_s, **texts))
 
     def _follow(self, connection: Connection) -> None:
         """Looks whether others changed the silences, or the wall clock was set."""

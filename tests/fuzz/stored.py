@@ -60,7 +60,7 @@ class HistoryRows(Target):
         history = opened(self._file, faults, keep_days=30_000.0)
         try:
             robot = history.of_robot("r9")
-            Silences(history, faults)
+            Silences(history)
             robot.restore()
             robot.watched_until_s()
             robot.record(transition(77, robot="r9"), {"level": 1}, [])

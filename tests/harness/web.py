@@ -34,7 +34,7 @@ class Robots:
         self.wall_offset_s = START_S - 100.0
         if history_file:
             self.history = History(HistorySettings(history_file), self.wall_s)
-            self.silences = Silences(self.history, None, self.wall_s)
+            self.silences = Silences(self.history)
         self.all: List[AlertSystem] = [self.new(name, signals) for name in names or ("atlas",)]
 
     def new(self, name: str, signals: Mapping[str, Any] = BATTERY) -> AlertSystem:

@@ -8,7 +8,6 @@ from typing import Iterator
 import pytest
 from harness.silences import Clock
 
-from robot_health_monitor.core.values.faults import Faults
 from robot_health_monitor.ops.configuration import HistorySettings
 from robot_health_monitor.ops.store.active_silences import Silences
 from robot_health_monitor.ops.store.history import History
@@ -28,4 +27,4 @@ def history(tmp_path: Path, clock: Clock) -> Iterator[History]:
 
 @pytest.fixture
 def silences(history: History, clock: Clock) -> Silences:
-    return Silences(history, Faults(), wall_time_s=clock)
+    return Silences(history)

@@ -8,6 +8,7 @@ from typing import Any, Callable, Dict, List
 import pytest
 from harness.alertmanager import RunningAlertmanager, needs_alertmanager
 from harness.http_server import HttpServer, hanging, responding
+from harness.silences import FixedSilences
 from harness.transitions import StoredAlerts, transition
 
 from robot_health_monitor.core import Level
@@ -48,7 +49,7 @@ class Bench:
 
     def restart(self) -> None:
         """Starts again with the same database, as after kill -9."""
-        self.queue = NotificationQueue([self.settings], lambda robot, signal: False, lambda connection: None)
+        self.queue = NotificationQueue([self.settings], FixedSilences())
         self.queue.prepare(self.database.connection)
         self.delivery = Delivery(
             self.settings,

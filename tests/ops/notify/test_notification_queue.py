@@ -7,6 +7,7 @@ import sqlite3
 from typing import Any, Dict, List, Optional, Set, Tuple
 
 import pytest
+from harness.silences import FixedSilences
 from harness.transitions import StoredAlerts, transition
 
 from robot_health_monitor.core import Level, Status
@@ -27,7 +28,7 @@ class Bench:
         self.connection = sqlite3.connect(":memory:", isolation_level=None)
         schema.prepare(self.connection)
         self.alerts = StoredAlerts(self.connection)
-        self.silenced: Set[Tuple[str, str]] = set()
+        self.silences = FixedSilences()
         self.simulated: Set[Tuple[str, str]] = set()
         self.now_s = 1000.0
         self.restart(*targets)
@@ -37,8 +38,7 @@ class Bench:
         targets = targets or (TargetSettings("chat", "webhook"),)
         self.queue = NotificationQueue(
             targets,
-            lambda *alert: alert in self.silenced,
-            lambda _: None,
+            self.silences,
             lambda *alert: alert in self.simulated,
             lambda: self.now_s,
         )
@@ -243,7 +243,7 @@ def test_an_alert_whose_end_the_history_lost_is_resolved() -> None:
 
 def test_a_silenced_alert_is_sent_once_when_the_silence_expires() -> None:
     bench = Bench()
-    bench.silenced = {BATTERY}
+    bench.silences.alerts = {BATTERY}
     bench.change("WARN")
     assert bench.deliver() == [] and not bench.queue.is_reconciliation_due()
     bench.expire_silences()
@@ -254,7 +254,7 @@ def test_a_silenced_alert_is_sent_once_when_the_silence_expires() -> None:
 
 def test_a_silenced_alert_that_ends_during_the_silence_is_never_sent() -> None:
     bench = Bench()
-    bench.silenced = {BATTERY}
+    bench.silences.alerts = {BATTERY}
     bench.change("WARN")
     bench.deliver()
     bench.change("OK", "WARN")
@@ -267,7 +267,7 @@ def test_resolved_is_sent_for_what_was_sent_before_the_silence() -> None:
     bench = Bench()
     bench.change("WARN")
     bench.deliver()
-    bench.silenced = {BATTERY}
+    bench.silences.alerts = {BATTERY}
     bench.change("OK", "WARN")
     assert bench.deliver() == [("battery", "resolved", "WARN")]
     bench.change("WARN")
@@ -280,7 +280,7 @@ def test_an_alert_that_is_after_the_silence_as_it_was_before_is_not_sent_again()
     bench = Bench()
     bench.change("WARN")
     bench.deliver()
-    bench.silenced = {BATTERY}
+    bench.silences.alerts = {BATTERY}
     bench.change("ERROR", "WARN")
     bench.change("WARN", "ERROR")
     assert bench.deliver() == []
@@ -292,7 +292,7 @@ def test_a_level_that_changed_during_the_silence_is_sent_after_it() -> None:
     bench = Bench()
     bench.change("WARN")
     bench.deliver()
-    bench.silenced = {BATTERY}
+    bench.silences.alerts = {BATTERY}
     bench.change("ERROR", "WARN")
     assert bench.deliver() == []
     open_alerts = bench.queue.open_at(bench.connection, "chat")
@@ -303,17 +303,17 @@ def test_a_level_that_changed_during_the_silence_is_sent_after_it() -> None:
 
 def test_a_silence_that_expired_while_the_monitor_was_down() -> None:
     bench = Bench()
-    bench.silenced = {BATTERY}
+    bench.silences.alerts = {BATTERY}
     bench.change("WARN")
     bench.deliver()
-    bench.silenced = set()
+    bench.silences.alerts = set()
     bench.restart()
     assert bench.deliver() == [("battery", "WARN", None)]
 
 
 def test_a_silence_that_outlasts_a_restart() -> None:
     bench = Bench()
-    bench.silenced = {BATTERY}
+    bench.silences.alerts = {BATTERY}
     bench.change("WARN")
     bench.deliver()
     bench.restart()
@@ -325,7 +325,7 @@ def test_a_silence_that_outlasts_a_restart() -> None:
 def test_a_silence_also_holds_back_what_already_waits() -> None:
     bench = Bench()
     bench.change("WARN")  # the target is gone, and then the alert is silenced
-    bench.silenced = {BATTERY}
+    bench.silences.alerts = {BATTERY}
     assert bench.deliver() == []
 
 
@@ -333,7 +333,7 @@ def test_what_may_have_arrived_is_not_sent_again_during_a_silence_but_its_end_is
     bench = Bench()
     bench.change("WARN")
     assert bench.take() is not None  # no response
-    bench.silenced = {BATTERY}
+    bench.silences.alerts = {BATTERY}
     assert bench.deliver() == [] and bench.queue.waiting("chat") == 0
     assert bench.queue.open_at(bench.connection, "chat") == []  # not repeated either
     bench.change("ERROR", "WARN")
@@ -350,7 +350,7 @@ def test_what_may_have_arrived_is_sent_again_after_a_silence(restarts: bool) -> 
     bench = Bench()
     bench.change("WARN")
     assert bench.take() is not None  # no response
-    bench.silenced = {BATTERY}
+    bench.silences.alerts = {BATTERY}
     assert bench.deliver() == []
     if restarts:
         bench.restart()
@@ -365,7 +365,7 @@ def test_the_end_of_what_was_sent_is_tried_again_in_spite_of_a_silence() -> None
     bench = Bench()
     bench.change("WARN")
     bench.deliver()
-    bench.silenced = {BATTERY}
+    bench.silences.alerts = {BATTERY}
     bench.change("OK", "WARN")
     assert bench.take() is not None  # no response
     assert bench.deliver() == [("battery", "resolved", "WARN")]
@@ -377,7 +377,7 @@ def test_what_certainly_did_not_arrive_is_held_back_by_a_silence() -> None:
     taken = bench.take()
     assert taken is not None
     bench.queue.put_back(bench.connection, taken)
-    bench.silenced = {BATTERY}
+    bench.silences.alerts = {BATTERY}
     assert bench.deliver() == []
 
 
@@ -484,7 +484,7 @@ def test_taking_a_row_costs_the_same_however_many_names_wait() -> None:
 
 def test_names_that_a_silence_holds_back_are_forgotten_when_their_alerts_end() -> None:
     bench = Bench()
-    bench.silenced = {("r3", f"drivers[{number}]") for number in range(100)}
+    bench.silences.alerts = {("r3", f"drivers[{number}]") for number in range(100)}
     for number in range(100):
         bench.change("STALE", signal=f"drivers[{number}]")
         assert bench.take() is None
@@ -632,7 +632,7 @@ def test_silenced_time_does_not_count() -> None:
     bench.change("WARN")
     begun_s = bench.now_s
     for silenced, at_s in ((True, 100.0), (True, 400.0), (False, 700.0), (False, 1199.0)):
-        bench.silenced = {BATTERY} if silenced else set()
+        bench.silences.alerts = {BATTERY} if silenced else set()
         bench.now_s = begun_s + at_s
         bench.restart(LATE)
         assert bench.deliver() == []
@@ -644,9 +644,7 @@ def test_silenced_time_does_not_count() -> None:
 @pytest.mark.parametrize("public_url", ["https://health.example:9090", "https://health.example:9090/"])
 def test_every_notification_of_an_alert_links_to_its_page(public_url: str) -> None:
     bench = Bench()
-    bench.queue = NotificationQueue(
-        (TargetSettings("chat", "webhook"),), lambda *alert: False, lambda _: None, public_url=public_url
-    )
+    bench.queue = NotificationQueue((TargetSettings("chat", "webhook"),), FixedSilences(), public_url=public_url)
     bench.change("WARN", signal="other")
     for before, after in (("OK", "WARN"), ("WARN", "ERROR"), ("ERROR", "OK")):
         bench.change(after, before)
@@ -720,7 +718,7 @@ def test_many_silenced_notifications_are_discarded_a_few_at_a_time() -> None:
     for _ in range(60):
         bench.change("WARN")
         bench.change("OK", "WARN")
-    bench.silenced = {BATTERY}
+    bench.silences.alerts = {BATTERY}
     assert bench.take() is None and 0 < bench.queue.waiting("chat") < 120
     while bench.queue.waiting("chat"):
         assert bench.take() is None

@@ -12,11 +12,12 @@ import threading
 import time
 from contextlib import closing, contextmanager
 from pathlib import Path
-from typing import Any, Iterator, List, Sequence, Set, Tuple
+from typing import Any, Iterator, List, Sequence, Tuple
 
 import pytest
 from harness.http_server import HttpServer, hanging, responding
 from harness.seeds import new_seed
+from harness.silences import FixedSilences
 from harness.transitions import transition
 from harness.waiting import wait_for
 
@@ -34,28 +35,13 @@ DEADLINE_S = 30.0
 ROOT = Path(__file__).resolve().parents[3]
 
 
-class Silenced:
-    """Silences that a test sets."""
-
-    def __init__(self) -> None:
-        self.alerts: Set[Tuple[str, str]] = set()
-        self.asked = threading.Event()
-
-    def silence_of(self, robot: str, signal: str) -> Any:
-        self.asked.set()
-        return True if (robot, signal) in self.alerts else None
-
-    def look(self, connection: sqlite3.Connection) -> None:
-        """Nobody else changes these."""
-
-
 @contextmanager
 def running(
     targets: Sequence[TargetSettings], file: str = "", silences: Any = None, faults: Any = None
 ) -> Iterator[Tuple[Notifier, RobotHistory]]:
     """A history and a notifier."""
-    history = History(HistorySettings(file) if file else None)
-    notifier = Notifier(history, targets, silences, faults)
+    history = History(HistorySettings(file) if file else None, faults=faults)
+    notifier = Notifier(history, targets, silences or FixedSilences())
     try:
         yield notifier, history.of_robot("r3")
     finally:
@@ -115,13 +101,12 @@ def test_targets_that_hang_delay_neither_the_history_nor_the_others(server: Http
 
 
 def test_a_silence_holds_alerts_back_until_it_expires(server: HttpServer) -> None:
-    silences = Silenced()
-    silences.alerts = {("r3", "battery")}
+    silences = FixedSilences({("r3", "battery")})
     with running([TargetSettings("chat", "webhook", url=server.url)], silences=silences) as (_, history):
         record(history, "WARN")
         record(history, "WARN", "cpu")
         assert texts(server, 1) == ["cpu WARN"]
-        silences.alerts = set()
+        silences.alerts = ()
         assert texts(server, 1) == ["battery WARN"]
 
 
@@ -129,12 +114,12 @@ def test_the_first_target_is_sent_alerts_of_this_run_and_of_the_one_before(serve
     settings = HistorySettings(str(tmp_path / "history.db"))
     with closing(History(settings)) as history:
         record(history.of_robot("r3"), "WARN")
-    with closing(History(settings)) as history, closing(Notifier(history, [])) as notifier:
+    with closing(History(settings)) as history, closing(Notifier(history, [], FixedSilences())) as notifier:
         record(history.of_robot("r3"), "WARN", "cpu")
         notifier.use_targets([TargetSettings("chat", "webhook", url=server.url)])
         assert sorted(texts(server, 2)) == ["battery WARN", "cpu WARN"]
     with closing(History(settings)) as history, closing(
-        Notifier(history, [TargetSettings("other", "webhook", url=server.url)])
+        Notifier(history, [TargetSettings("other", "webhook", url=server.url)], FixedSilences())
     ):
         assert sorted(texts(server, 2)) == ["battery WARN", "cpu WARN"]
 
@@ -184,7 +169,7 @@ def test_nothing_is_lost_or_repeated_when_the_monitor_is_killed(server: HttpServ
         import time
         from test_notifier import *
         history = History(HistorySettings({file!r}))
-        notifier = Notifier(history, [TargetSettings("chat", "webhook", url={server.url!r})])
+        notifier = Notifier(history, [TargetSettings("chat", "webhook", url={server.url!r})], FixedSilences())
         for number in range(20):
             record(history.of_robot("r3"), "WARN", f"s{{number}}")
         print("recorded", flush=True)
@@ -221,7 +206,7 @@ def test_a_kill_within_both_waits_loses_repeats_and_prolongs_nothing(server: Htt
         from test_notifier import *
         history = History(HistorySettings({file!r}), lambda: 1000.0)
         targets = [TargetSettings(**each) for each in {settings!r}]
-        notifier = Notifier(history, targets, wall_time_s=lambda: 1000.0)
+        notifier = Notifier(history, targets, FixedSilences())
         for signal in ("battery", "fan"):
             record(history.of_robot("r3"), "WARN", signal)
         print("recorded", flush=True)
@@ -236,7 +221,7 @@ def test_a_kill_within_both_waits_loses_repeats_and_prolongs_nothing(server: Htt
             process.kill()
     clock = [1029.0]
     history = History(HistorySettings(file), lambda: clock[0])
-    notifier = Notifier(history, [TargetSettings(**each) for each in settings], wall_time_s=lambda: clock[0])
+    notifier = Notifier(history, [TargetSettings(**each) for each in settings], FixedSilences())
     history.of_robot("r3")
     wait_for(lambda: notifier.waiting > 0)
     assert server.all() == []
@@ -260,7 +245,7 @@ def test_whatever_the_moment_of_a_kill_what_is_in_the_history_is_sent_in_order(
         import itertools, time
         from test_notifier import *
         history = History(HistorySettings({file!r}))
-        notifier = Notifier(history, [TargetSettings("chat", "webhook", url={server.url!r})])
+        notifier = Notifier(history, [TargetSettings("chat", "webhook", url={server.url!r})], FixedSilences())
         robot = history.of_robot("r3")
         for number in itertools.count(int(sys.argv[1])):
             level = ("WARN", "ERROR", "OK")[number // 3 % 3]

@@ -53,9 +53,9 @@ def test_a_silence_that_was_made_in_the_future_ends_after_its_duration_with_one_
     tmp_path: Path, clock: Clock, in_file: bool
 ) -> None:
     settings = HistorySettings(str(tmp_path / "history.db")) if in_file else None
-    history = History(settings, wall_time_s=clock)
     faults = Faults()
-    silences = Silences(history, faults, wall_time_s=clock)
+    history = History(settings, clock, faults)
+    silences = Silences(history)
     clock.now_s = NOON_S + 300 * 86_400.0
     silences.add(parse_matchers("robot=r3"), for_s=600.0)
     clock.now_s = NOON_S
@@ -84,8 +84,9 @@ def test_a_restart_does_not_prolong_a_silence_that_was_made_in_the_future(tmp_pa
     lines = []
     for at_s, left_s in ((300 * 86_400.0, 600.0), (0.0, 600.0), (400.0, 200.0), (599.0, 1.0), (600.0, None)):
         clock.now_s = NOON_S + at_s
-        history, faults = History(settings, wall_time_s=clock), Faults()
-        silences = Silences(history, faults, wall_time_s=clock)
+        faults = Faults()
+        history = History(settings, clock, faults)
+        silences = Silences(history)
         if at_s == 300 * 86_400.0:
             silences.add(parse_matchers("robot=r3"), for_s=600.0)
         lines += [fault.text for part, fault in faults.current().items() if part == "wall clock"]
@@ -96,17 +97,18 @@ def test_a_restart_does_not_prolong_a_silence_that_was_made_in_the_future(tmp_pa
 
 
 def test_several_silences_that_were_made_in_the_future_are_one_line(tmp_path: Path, clock: Clock) -> None:
-    history, faults = History(HistorySettings(str(tmp_path / "history.db")), wall_time_s=clock), Faults()
+    faults = Faults()
+    history = History(HistorySettings(str(tmp_path / "history.db")), clock, faults)
     for _ in range(3):
         history.run(lambda file: add_silence(file, parse_matchers("robot=r3"), NOON_S + 1000.0, for_s=60.0))
-    Silences(history, faults, wall_time_s=clock)
+    Silences(history)
     text = faults.current()["wall clock"].text
     assert text.endswith("; so do 2 more silences, each after its duration")
     history.close()
 
 
 def test_what_another_process_writes_is_in_force_for_whoever_looks(history: History, clock: Clock) -> None:
-    silences = Silences(history, wall_time_s=clock)
+    silences = Silences(history)
     history.run(silences.look)
     on_file(history, lambda file: add_silence(file, parse_matchers("robot=r3"), clock.now_s, for_s=60.0))
     assert silences.silence_of("r3", "link") is None
@@ -118,7 +120,7 @@ def test_what_another_process_writes_is_in_force_for_whoever_looks(history: Hist
 
 
 def test_looking_reads_the_silences_only_if_another_process_has_written(history: History, clock: Clock) -> None:
-    silences = Silences(history, wall_time_s=clock)
+    silences = Silences(history)
     statements: List[str] = []
 
     def look(connection: sqlite3.Connection) -> List[str]:
@@ -204,16 +206,16 @@ def test_what_another_process_writes_is_in_force_soon(history: History, silences
 def test_silences_survive_a_restart(tmp_path: Path, clock: Clock) -> None:
     settings = HistorySettings(str(tmp_path / "history.db"))
     first = History(settings, wall_time_s=clock)
-    silence = Silences(first, wall_time_s=clock).add(parse_matchers("robot=r3"), for_s=60.0, reason="fan")
+    silence = Silences(first).add(parse_matchers("robot=r3"), for_s=60.0, reason="fan")
     first.close()
     second = History(settings, wall_time_s=clock)
-    assert Silences(second, wall_time_s=clock).silence_of("r3", "link") == silence
+    assert Silences(second).silence_of("r3", "link") == silence
     second.close()
 
 
 def test_silences_work_without_a_file(clock: Clock) -> None:
     history = History(None, wall_time_s=clock)
-    silences = Silences(history, wall_time_s=clock)
+    silences = Silences(history)
     silence = silences.add(parse_matchers("robot=r3"), for_s=60.0)
     assert silences.silence_of("r3", "link") == silence
     history.close()
@@ -223,7 +225,7 @@ def test_silences_work_without_a_file(clock: Clock) -> None:
 def test_known_silences_stay_in_force_when_their_table_is_altered(
     history: History, clock: Clock, statement: str
 ) -> None:
-    silences = Silences(history, wall_time_s=clock)
+    silences = Silences(history)
     announce(history, "r3", "link", Level.WARN)
     limited = silences.add(parse_matchers("robot=r4"), for_s=60.0)
     resolving = silences.add(parse_matchers("robot=r3"), until_resolved=True)

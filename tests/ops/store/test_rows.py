@@ -113,7 +113,7 @@ def test_an_odd_value_anywhere_stops_no_reader_and_no_monitor(file: Path, table:
         faults = Faults()
         history = opened(file, faults, keep_days=30_000.0)
         robot = history.of_robot("r9")
-        silences = Silences(history, faults)
+        silences = Silences(history)
         robot.restore()
         robot.watched_until_s()
         robot.record(transition(77, robot="r9"), {"level": 1}, [])

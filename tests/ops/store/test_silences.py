@@ -115,7 +115,7 @@ def test_the_number_of_active_silences_is_limited(history: History, clock: Clock
             )
 
     history.run(add_many)
-    silences = Silences(history, wall_time_s=clock)
+    silences = Silences(history)
     with pytest.raises(ConfigError, match=r"^there are 1000 active silences, the largest number; expire some first$"):
         silences.add(parse_matchers("robot=r3"), for_s=60.0)
     clock.now_s += 60.0

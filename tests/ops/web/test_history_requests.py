@@ -75,7 +75,7 @@ def test_a_file_that_cannot_be_read_is_not_the_fault_of_the_request() -> None:
 
 def test_a_silence_is_shown_with_its_times() -> None:
     history = History(None, lambda: 60.0)
-    silences = Silences(history, None, lambda: 60.0)
+    silences = Silences(history)
     try:
         silence = new_silence(silences, read_record(NewSilence, {"robot": "*", "for_s": 60, "reason": None}))
         assert silence_json(silence, 60.0) == {

@@ -956,7 +956,7 @@ def test_a_note_on_an_alert_is_added_and_shown(tmp_path: Path) -> None:
 def test_the_state_has_silences_that_recur_and_are_not_in_force() -> None:
     robots = low_battery()
     history = History(None, robots.wall_s)
-    silences = Silences(history, None, robots.wall_s)
+    silences = Silences(history)
     for begin in ("05:00", "06:00"):  # it is 05:06
         silences.add(parse_matchers("robot=atlas"), every=parse_recurrence(f"{begin}-07:00", "UTC"))
 
@@ -976,7 +976,7 @@ def test_the_state_has_silences_that_recur_and_are_not_in_force() -> None:
 def test_a_silence_is_added_shown_and_expired() -> None:
     robots = low_battery()
     history = History(None, robots.wall_s)
-    silences = Silences(history, None, robots.wall_s)
+    silences = Silences(history)
 
     async def use(site: Site) -> None:
         body = {"robot": "atlas", "signal": "battery*", "for_s": 3600, "reason": "<b>charging</b>", "author": "ana"}
