@@ -71,7 +71,7 @@ class Bench:
             sent.append(described(taken))
 
     def expire_silences(self) -> None:
-        self.silenced.clear()
+        self.silences.alerts = ()
         if self.queue.is_reconciliation_due():
             self.queue.reconcile(self.connection)
 
