@@ -96,11 +96,11 @@ setup(
     },
     data_files=data_files,
     cmdclass=commands,
-    install_requires=["PyYAML>=5.3", "aiohttp>=3.6", "cbor2", "prometheus-client>=0.7", "psutil>=5.5", "rich>=10.16"],
+    install_requires=["PyYAML>=5.3", "aiohttp>=3.6", "cbor2", "psutil>=5.5", "rich>=10.16"],
     extras_require={
         "apprise": ["apprise"],
         "recordings": ["lz4>=3.1", "mcap>=1.1", "numpy", "rosbags>=0.9.23", "zstandard>=0.18"],
-        "test": ["hypothesis>=6.82", "numpy", "pyte", "pytest>=7.2", "trustme"],
+        "test": ["hypothesis>=6.82", "numpy", "prometheus-client>=0.7", "pyte", "pytest>=7.2", "trustme"],
     },
     zip_safe=False,
     entry_points={

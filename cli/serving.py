@@ -177,15 +177,12 @@ class Served(Protocol):
 
 
 def _report_start(
-    server: Server, web: WebInterface, settings: ServerSettings, log: Callable[[Severity, str], None], subject: str = ""
+    server: Server, settings: ServerSettings, log: Callable[[Severity, str], None], subject: str = ""
 ) -> None:
-    """Logs the addresses of a server and its page, and what is missing."""
+    """Logs the addresses of a server and its page."""
     secure = "s" if settings.tls_certificate else ""
     log(Severity.INFO, f"{subject}serving on ws{secure}://{settings.address}:{server.port}")
     log(Severity.INFO, f"web page: {page_address(settings.address, server.port, f'http{secure}')}")
-    missing = web.missing()
-    if missing is not None:
-        log(Severity.WARN, missing)
 
 
 def page_address(address: str, port: int, scheme: str = "http") -> str:
@@ -227,7 +224,7 @@ async def serve(
     monitor.on_new_alert_system(web.watch)
     _show_log(monitor, server)
     operations.server = server
-    _report_start(server, web, settings, node.log)
+    _report_start(server, settings, node.log)
     return server
 
 
@@ -255,7 +252,7 @@ def serve_in_thread(
         settings = node_settings(alert_system.monitor.config, operations.config.server, tokens=tokens)
         node = create_node()
         given = {middleware.name: middleware.given_parameters()}
-        server, web = _make_server(
+        server, _ = _make_server(
             node, settings, middleware.name, lambda: [alert_system], operations, parameters=lambda: given, threads=True
         )
         thread = ServerThread(server)
@@ -265,7 +262,7 @@ def serve_in_thread(
         middleware.faults.report(_FAULT, f"{_OFF}: {_problem(error, settings)}")
         return None
     operations.server = server
-    _report_start(server, web, settings, node.log, "rosbridge: ")
+    _report_start(server, settings, node.log, "rosbridge: ")
     return thread
 
 

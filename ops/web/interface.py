@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import importlib.util
 import time
 from functools import partial
 from typing import (
@@ -53,7 +52,7 @@ from .history_requests import (  # fmt: skip
     past_samples,
     silence_json,
 )
-from .metrics import METRICS_LIBRARY, PROFILES, Metrics
+from .metrics import CONTENT_TYPE, PROFILES, Metrics
 from .requests import (
     API_HEADERS,
     WITH_TOKEN,
@@ -172,12 +171,6 @@ class WebInterface:
             get(r"/{name:[\w-]+\.\w+}", serve_page_file),
         ]
 
-    def missing(self) -> Optional[str]:
-        """Returns which function is missing because a library is not installed; None: none is."""
-        if importlib.util.find_spec(METRICS_LIBRARY) is None:
-            return f"no /metrics: the Python package {METRICS_LIBRARY} is not installed"
-        return None
-
     def close(self) -> None:
         """Disconnects every page. Call in the server's loop."""
         self.updates.close()
@@ -273,35 +266,29 @@ class WebInterface:
         """Returns the state. What was `before` counts for most robots of a large fleet: to read all costs too much."""
         announced, self._announced = self._announced, set()
         readers = self._current_readers()
-        if before is None or len(readers) <= MOST_READ:
-            return await self._state_of(readers, {})
-        begin = self._next_read % len(readers)
-        self._next_read = begin + MOST_READ
-        in_turn = set((readers * 2)[begin : begin + MOST_READ])
-        known = {
-            reader.alert_system.robot: before.robots[reader.alert_system.robot]
-            for reader in readers
-            if reader not in in_turn
-            and reader.alert_system not in announced
-            and reader.alert_system.robot not in plotted
-            and reader.alert_system.robot in before.robots
-        }
+        known: Dict[str, RobotState] = {}
+        if before is not None and len(readers) > MOST_READ:
+            begin = self._next_read % len(readers)
+            self._next_read = begin + MOST_READ
+            in_turn = (readers * 2)[begin : begin + MOST_READ]
+            read = {reader.alert_system for reader in in_turn} | announced
+            known = {name: state for name, state in before.robots.items() if name not in plotted}
+            for robot in read:
+                known.pop(robot.robot, None)
         return await self._state_of(readers, known)
 
     async def _read_state(self, robot: str = "", window: bool = False) -> State:
-        readers = [reader for reader in self._current_readers() if robot in ("", reader.alert_system.robot)]
+        readers = [reader for reader in self._current_readers() if robot in ("", reader.robot)]
         return await self._state_of(readers, {}, window)
 
     async def _state_of(
         self, readers: Sequence[RobotReader], known: Mapping[str, RobotState], window: bool = False
     ) -> State:
-        names = [reader.alert_system.robot for reader in readers]
-        unknown = [reader for name, reader in zip(names, readers) if name not in known]
+        unknown = [reader for reader in readers if reader.robot not in known]
         states = await self._read_each(unknown, lambda reader: RobotState.of(reader.state(window=window)))
-        read = {reader.alert_system.robot: state for reader, state in zip(unknown, states)}
-        robots = {name: read[name] if name in read else known[name] for name in names}
+        read = {**known, **{reader.robot: state for reader, state in zip(unknown, states)}}
+        robots = {reader.robot: read[reader.robot] for reader in readers}
         active = [] if self._silences is None else self._silences.active()
-        silences = [silence_json(silence, self._wall_time_s()) for silence in active]
         common = {
             "version": package_version(),
             "now": iso_time(self._wall_time_s()),
@@ -310,7 +297,7 @@ class WebInterface:
             "history": self._history is not None,
             "silencing": self._silences is not None,
             "can_change": True,  # every client that may read
-            "silences": silences,
+            "silences": [silence_json(silence, self._wall_time_s()) for silence in active],
         }
         return State(common, robots)
 
@@ -328,7 +315,7 @@ class WebInterface:
         return list(self._readers.values())
 
     def _reader(self, robot: str) -> Optional[RobotReader]:
-        return next((reader for reader in self._current_readers() if reader.alert_system.robot == robot), None)
+        return next((reader for reader in self._current_readers() if reader.robot == robot), None)
 
     def _require_reader(self, robot: str) -> RobotReader:
         return _required(self._reader(robot), f"there is no robot {robot}")
@@ -386,18 +373,11 @@ class WebInterface:
     # Metrics and health
 
     async def _get_metrics(self, request: web.Request) -> web.StreamResponse:
-        missing = self.missing()
-        if missing is not None:
-            raise ApiError(501, missing)
         profile = request.query.get("profile", PROFILES[0])
         if profile not in PROFILES:
             raise ApiError(400, f"profile: expected {' or '.join(PROFILES)}, got {profile[:40]!r}")
         robots = await self._read_each(self._robots(), self._metrics.read)
-        try:
-            parts, content_type = self._metrics.render(robots, profile)
-        except ImportError as error:
-            raise ApiError(501, f"no metrics: {METRICS_LIBRARY} cannot be imported: {error}") from None
-        return await _streamed(request, parts, content_type)
+        return await _streamed(request, self._metrics.render(robots, profile), CONTENT_TYPE)
 
     async def _get_health(self, request: web.Request) -> web.StreamResponse:
         late = [robot for robot in self._robots() if robot.tick_age_s > LATEST_TICK_S]

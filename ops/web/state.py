@@ -107,6 +107,7 @@ class RobotReader:
     ) -> None:
         """Reads nothing yet; `wall_time_s` returns seconds since 1970, `steady_s` monotonic seconds."""
         self.alert_system = alert_system
+        self.robot = alert_system.robot
         self._own_state = own_state
         self._wall_time_s = wall_time_s
         self._steady_s = steady_s

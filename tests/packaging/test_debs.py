@@ -18,7 +18,6 @@ from robot_health_monitor.cli.arguments import COMMANDS
 
 FOCAL = {
     "python3-aiohttp": (3, 6, 2),
-    "python3-prometheus-client": (0, 7, 1),
     "python3-psutil": (5, 5, 1),
     "python3-yaml": (5, 3, 1),
 }
@@ -51,7 +50,6 @@ def test_the_package_needs_what_the_nodes_need_and_recommends_the_rest(debian: P
         "${misc:Depends}",
         "python3-yaml (>= 5.3)",
         "python3-aiohttp (>= 3.6)",
-        "python3-prometheus-client (>= 0.7)",
         "python3-psutil (>= 5.5)",
     ]
     assert package["Recommends"].split(", ") == ["python3-cbor2", "python3-rich (>= 10.16)"]

@@ -28,13 +28,13 @@ ALLOWED = {
     "rosbridge": {"aiohttp", "cbor2"},
     "foxglove": {"aiohttp"},
     "recordings": {"yaml"} | RECORDINGS,
-    "ops": {"aiohttp", "mcap", "numpy", "prometheus_client", "yaml", "zstandard"},
+    "ops": {"aiohttp", "mcap", "numpy", "yaml", "zstandard"},
     "cli": {"numpy", "rich"},
     NAME: set(),
 }
 """Packages that a folder may import, in addition to the standard library and this package."""
 
-PIP_NAMES = {"yaml": "PyYAML", "prometheus_client": "prometheus-client"}
+PIP_NAMES = {"yaml": "PyYAML"}
 """Modules that pip knows by another name."""
 
 OPTIONAL = {"cbor2", "rich"}

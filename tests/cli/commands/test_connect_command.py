@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import importlib.util
 import json
 import os
 import re
@@ -151,8 +150,7 @@ def test_faults_of_the_process_are_shown_everywhere(robot_health: Start, thresho
     assert [robot["monitor"] for robot in state["robots"].values()] == [{"level": "ERROR", "message": history}] * 2
     health = json.loads(get("healthz"))
     assert health["ok"] is True and health["faults"][0] == history and len(health["faults"]) == 2
-    if importlib.util.find_spec("prometheus_client"):
-        assert "\nrobot_health_faults 2.0\n" in get("metrics")
+    assert "\nrobot_health_faults 2.0\n" in get("metrics")
 
 
 def test_each_of_several_robots_has_its_own_link_and_name(robot_health: Start, calm: Path, thresholds: Path) -> None:

@@ -8,7 +8,7 @@ from typing import Any, Dict, List, Mapping
 
 import pytest
 
-pytest.importorskip("prometheus_client", reason="prometheus_client, which renders the metrics, is not installed")
+pytest.importorskip("prometheus_client", reason="prometheus_client, whose parser reads the metrics, is not installed")
 pytest.importorskip("aiohttp", reason="aiohttp, which serves the page, is not installed")
 
 from harness.web import Robots
@@ -38,7 +38,7 @@ def report(robots: Robots, **levels: int) -> None:
 
 def series(metrics: Metrics, robots: Robots) -> Dict[str, List[str]]:
     """Returns the names of the signals by metric."""
-    body = b"".join(metrics.render([metrics.read(robot) for robot in robots.all])[0])
+    body = b"".join(metrics.render([metrics.read(robot) for robot in robots.all]))
     found: Dict[str, List[str]] = {}
     for family in text_string_to_metric_families(body.decode("utf-8")):
         for sample in family.samples:

@@ -1091,18 +1091,6 @@ def test_a_profile_of_metrics_that_does_not_exist_is_an_error() -> None:
     with_site(scenario)
 
 
-def test_without_the_library_only_the_metrics_are_missing(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("robot_health_monitor.ops.web.interface.METRICS_LIBRARY", "no_such_library")
-
-    async def use(site: Site) -> None:
-        missing = "no /metrics: the Python package no_such_library is not installed"
-        assert site.web.missing() == missing
-        assert await site.get("/metrics") == (501, {"error": missing})
-        assert (await site.get("/api/state"))[0] == 200
-
-    with_site(use)
-
-
 # --- black boxes ------------------------------------------------------------------------------------------------------
 
 

@@ -10,7 +10,7 @@ from typing import Any, Dict
 
 import pytest
 
-pytest.importorskip("prometheus_client", reason="prometheus_client, which renders the metrics, is not installed")
+pytest.importorskip("prometheus_client", reason="prometheus_client, whose parser reads the metrics, is not installed")
 pytest.importorskip("aiohttp", reason="aiohttp, which serves them, is not installed")
 
 from harness.parameters import set_parameter
@@ -32,9 +32,8 @@ def watched(robots: Robots, metrics: Metrics) -> None:
 
 def samples(metrics: Metrics, robots: Robots) -> Dict[str, Dict[Any, float]]:
     """Returns the values by metric and labels, as prometheus_client's own parser reads them."""
-    parts, content_type = metrics.render([metrics.read(robot) for robot in robots.all])
+    parts = metrics.render([metrics.read(robot) for robot in robots.all])
     body = b"".join(parts)
-    assert content_type.startswith("text/plain")
     found: Dict[str, Dict[Any, float]] = {}
     for family in text_string_to_metric_families(body.decode("utf-8")):
         for sample in family.samples:
@@ -137,7 +136,7 @@ def test_the_profile_of_fleets_has_six_series_per_signal_and_the_robot_in_every_
     read = [metrics.read(robot) for robot in robots.all]
     found: Dict[Any, int] = {}
     ticks: Dict[str, float] = {}
-    for family in text_string_to_metric_families(b"".join(metrics.render(read, "fleet")[0]).decode()):
+    for family in text_string_to_metric_families(b"".join(metrics.render(read, "fleet")).decode()):
         for sample in family.samples:
             key = (sample.name, sample.labels["robot"], sample.labels.get("signal"))
             found[key] = found.get(key, 0) + 1
@@ -155,7 +154,7 @@ def test_the_profile_of_fleets_has_six_series_per_signal_and_the_robot_in_every_
         "robot_health_last_tick_timestamp_seconds",
     }
     assert ticks == {"atlas": robots.wall_s(), "spot": pytest.approx(robots.wall_s() - 5.0, abs=1.0)}
-    assert b"robot_health_transitions_total" in b"".join(metrics.render(read)[0])  # the full profile is as before
+    assert b"robot_health_transitions_total" in b"".join(metrics.render(read))  # the full profile is as before
 
 
 def test_the_age_of_the_oldest_tick_is_seen() -> None:
@@ -216,7 +215,7 @@ def test_promtool_finds_nothing() -> None:
     robots.observe(50.0)
     robots.all[0].observe_link(True)
     metrics = Metrics(wall_time_s=robots.wall_s)
-    body = b"".join(metrics.render([metrics.read(robot) for robot in robots.all])[0])
+    body = b"".join(metrics.render([metrics.read(robot) for robot in robots.all]))
     checked = subprocess.run(
         [str(PROMTOOL), "check", "metrics"], input=body, stdout=subprocess.PIPE, stderr=subprocess.STDOUT
     )
@@ -261,7 +260,7 @@ def test_the_announced_level_is_a_series_that_differs_from_the_true_one() -> Non
     robots.observe(15.0, "battery")
     robots.all[0].observe_link(False)
     robots.at(101.0)
-    parts, _ = metrics.render([metrics.read(robots.all[0])])
+    parts = metrics.render([metrics.read(robots.all[0])])
     levels = {
         (sample.name.replace("robot_health_", ""), sample.labels["signal"]): sample.value
         for family in text_string_to_metric_families(b"".join(parts).decode())
