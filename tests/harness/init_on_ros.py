@@ -50,7 +50,7 @@ class InitOnRos:
         self, start: Any, init: Any, tmp_path: Path
     ) -> None:
         start("-c", self.robot, str(ROOT / "tests")).wait_for_text("ready")
-        process = init("--seconds", "25")
+        process = init("--seconds", "15")  # a rate needs 20 messages, and the slowest come three times a second
         assert process.wait(90.0) == 0, process.text
         file = tmp_path / "thresholds.yaml"
         file.write_text("\n".join(line.text for line in process.lines if line.stream == "out"))

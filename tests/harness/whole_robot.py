@@ -14,7 +14,8 @@ DRIVERS = ("motor_driver: left", "motor_driver: right", "laser")
 class WholeRobot:
     """Publishes until its node is closed. `fault` is the present fault, empty for none; see `FAULTS`."""
 
-    def __init__(self, node: Middleware) -> None:
+    def __init__(self, node: Middleware, speed: float = 1.0) -> None:
+        """Starts; `speed` multiplies all rates."""
         self.fault = ""
         self._node = node
         self._chance = random.Random(7)
@@ -30,7 +31,7 @@ class WholeRobot:
             ("/diagnostics", "diagnostic_msgs/DiagnosticArray", 1.0, self._drivers),
         ):
             node.advertise(topic, type_name)
-            node.create_timer(1.0 / rate_hz, self._publisher(topic, make))
+            node.create_timer(1.0 / (rate_hz * speed), self._publisher(topic, make))
         node.advertise("event", "std_msgs/String")
         node.create_timer(0.1, self._maybe_event)
 
