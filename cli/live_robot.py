@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import asyncio
 import importlib.util
+import math
 import os
 import time
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from functools import partial
-from typing import Any, Callable, Container, Iterator, List, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Callable, Container, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 from ..core.messages.definitions import Definitions, parse_definition
 from ..core.messages.standard_messages import definition
-from ..core.port.middleware import ServedMiddleware
+from ..core.port.middleware import NodeInfo, ServedMiddleware
 from ..core.proposal.candidates import Topic
+from ..core.proposal.nodes import Nodes
 from ..core.proposal.proposal import Proposal
 from ..core.values.errors import ConfigError, LinkError, ServiceError
 from ..core.values.names import canonical_type
@@ -21,6 +23,8 @@ from ..runtime.interrupts import Interrupts
 
 _LIST_PERIOD_S = 2.0
 """Topics are listed again: discovery takes its time, and nodes may start late."""
+_ASK_PERIOD_S = 15.0
+"""Nodes are asked for again over a bridge: it is a call for each topic."""
 _CONNECT_S = 10.0
 _NAME = "robot_health_init"
 
@@ -58,14 +62,15 @@ class Robot(NamedTuple):
 
     node: Any
     """The node that listens."""
-    topics: Callable[[Container[str]], List[Topic]]
-    """Returns the topics that are not known yet; raises LinkError or ServiceError if the robot does not answer."""
+    look: Callable[[Container[str]], Tuple[List[Topic], Mapping[str, NodeInfo]]]
+    """Returns the topics that are not known yet, and the nodes. Raises LinkError or ServiceError if the robot does not
+    answer."""
     run: Callable[[Callable[[], object]], object]
     """Calls a function while no callback of the node runs."""
 
 
 def listen(
-    robot: Robot, proposal: Proposal, seconds: float, interrupts: Interrupts, on_progress: OnProgress
+    robot: Robot, proposal: Proposal, nodes: Nodes, seconds: float, interrupts: Interrupts, on_progress: OnProgress
 ) -> Tuple[float, bool]:
     """Listens to a robot; returns for how long, in s, and whether it was not interrupted.
 
@@ -74,9 +79,12 @@ def listen(
     start_s: Optional[float] = None
     try:
         while True:
-            topics = robot.topics(proposal.topics)
-            start_s = start_s or time.monotonic()
+            topics, of_graph = robot.look(proposal.topics)
+            if start_s is None:
+                start_s = time.monotonic()
+                robot.run(partial(nodes.begin, robot.node))
             robot.run(partial(_take, proposal, robot.node, topics))
+            robot.run(partial(nodes.take, of_graph))
             listened_s = time.monotonic() - start_s
             if listened_s >= seconds:
                 if robot.node.now_s() == 0.0:
@@ -111,16 +119,18 @@ def ros_robot(ros: str, interrupts: Interrupts) -> Iterator[Robot]:
         process.start()
         node = process.create_listener(name)
 
-        def topics(known: Container[str]) -> List[Topic]:
+        def look(known: Container[str]) -> Tuple[List[Topic], Mapping[str, NodeInfo]]:
+            graph = node.graph()
             new = {
                 topic: canonical_type(found)
-                for topic, found in node.graph().topics.items()
+                for topic, found in graph.topics.items()
                 if topic not in known and not topic.startswith(f"/{name}/")  # its own
             }
             texts = {found: _definition(node, found) for found in set(new.values())}
-            return [Topic(topic, found, _parsed(found, texts[found], byte)) for topic, found in new.items()]
+            topics = [Topic(topic, found, _parsed(found, texts[found], byte)) for topic, found in new.items()]
+            return topics, {each: info for each, info in graph.nodes.items() if each != node.name}
 
-        yield Robot(node, topics, node.exclusively)
+        yield Robot(node, look, node.exclusively)
 
 
 @contextmanager
@@ -132,6 +142,7 @@ def bridged_robot(url: str, interrupts: Interrupts, **options: Any) -> Iterator[
 
     interrupts.defer()
     links: List[Tuple[bool, Cause]] = []
+    asked = [-math.inf]
     loop = LoopThread(_NAME)
 
     async def connect() -> Tuple[Any, Any, Any]:
@@ -146,21 +157,28 @@ def bridged_robot(url: str, interrupts: Interrupts, **options: Any) -> Iterator[
 
     client, node, running = loop.call(connect())
 
-    def topics(known: Container[str]) -> List[Topic]:
+    def look(known: Container[str]) -> Tuple[List[Topic], Mapping[str, NodeInfo]]:
         if not links:
             late_s = time.monotonic() + _CONNECT_S
             interrupts.wait_until(lambda: bool(links) or _is_past(late_s))
         if not links or not links[-1][0]:
             cause = links[-1][1].text if links else f"no answer within {_CONNECT_S:g} s"
             raise LinkError(f"no connection to {client.connection.address}: {cause}")
-        found = [each for each in loop.call(client.known_topics()) if each.topic not in known]
-        return [
+        listed = loop.call(client.known_topics())
+        topics = [
             Topic(each.topic, each.type_name, _parsed(each.type_name, each.definition, "uint8", each.form))
-            for each in found
+            for each in listed
+            if each.topic not in known
         ]
+        nodes: Mapping[str, NodeInfo] = {}
+        if _is_past(asked[-1] + _ASK_PERIOD_S):
+            asked.append(time.monotonic())
+            with suppress(ServiceError):  # an old rosapi
+                nodes = loop.call(client.known_nodes([each.topic for each in listed]))
+        return topics, nodes
 
     try:
-        yield Robot(node, topics, lambda function: loop.call(call(function)))
+        yield Robot(node, look, lambda function: loop.call(call(function)))
     finally:
         loop.call(call(client.close))
         running.cancel()

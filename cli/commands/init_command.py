@@ -15,14 +15,18 @@ from ..exit_codes import ExitCode
 
 _SHORTEST_S = 1.0
 _USUAL_S = 60.0
+_COMMENTED = (
+    "Numbers without a rule get bounds after 10 minutes (`--seconds 660`): until then, what was seen is a comment."
+)
 
 
 def add_arguments(parser: Parser) -> None:
     """Adds the arguments of the command."""
     parser.description = (
         "Listens to a live robot, and writes a commented thresholds.yaml to stdout: for the arrivals of every periodic "
-        "topic, the age of stamps, batteries, temperatures and /diagnostics. Started with the result, the same robot "
-        "raises no alert. Nothing is published on the robot. An interrupt ends the listening early."
+        "topic, the age of stamps, batteries, temperatures, /diagnostics, frames, errors in the log, and the nodes "
+        "that publish all that. Started with the result, the same robot raises no alert. Nothing is published on the "
+        "robot. An interrupt ends the listening early."
     )
     add(
         parser,
@@ -49,14 +53,17 @@ def _check(arguments: argparse.Namespace) -> str:
 
 def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
     """Writes the thresholds; returns the exit code. Raises ServiceError if there is nothing to watch."""
+    from ...core.proposal.nodes import Nodes
     from ...core.proposal.proposal import PUBLISHED_HERE, Proposal
+    from ...core.proposal.suggestion import LEAST_RANGE_S
     from ...core.proposal.thresholds_file import thresholds_text
     from ...core.values.formatting import count_text, duration_text, printable
 
     namespace = arguments.namespace.strip("/")
     watched = _Watched(arguments.against, namespace) if arguments.against else None
     proposal = Proposal(namespace, ages_of_bulk=not arguments.url, taken=watched.names if watched else ())
-    robot, listened_s, is_complete = _listen(arguments, proposal, interrupts)
+    nodes = Nodes()
+    robot, listened_s, is_complete = _listen(arguments, proposal, nodes, interrupts)
     for problem in proposal.problems:
         sys.stderr.write(f"{printable(f'WARN: {problem}')}\n")
     proposed = proposal.result()
@@ -68,32 +75,32 @@ def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
         more = f" ({reasons[0][0]}: {reasons[0][1]})" if reasons else ""
         if reasons and reasons[0][1].startswith(dull) and proposal.own_topics:
             more = ": only this monitor publishes there; start the robot's drivers"
-        elif proposal.samples and listened_s < _USUAL_S:
-            more += f"; --seconds {max(_USUAL_S, proposal.needed_s):.0f} listens longer"
+        elif proposal.samples:
+            longer_s = max(_USUAL_S, proposal.needed_s(("rate", "number", "elements")))
+            more += f"; --seconds {longer_s:.0f} listens longer" if longer_s > listened_s else ""
         raise ServiceError(f"nothing to watch on {robot}: {heard} in {duration_text(listened_s)}{more}")
+    nodes.add_to(proposed, proposal)
     if watched is not None:
         watched.remove_from(proposed)
         if not proposed.signals:
             sys.stderr.write(f"{printable(f'{arguments.against} watches everything on {robot} that can be watched')}\n")
             return ExitCode.SUCCESS
-    needed_s = proposal.needed_s
+    needed_s = proposal.needed_s()
     lasted = f"{duration_text(listened_s)}{'' if is_complete else ', interrupted'}"
     heading = [
         f"Written by `robot-health init` after listening to {robot} for {lasted}: {heard}.",
         *([f"Only what {arguments.against} does not watch."] if watched else []),
-        "A range that was seen for less than 10 minutes is no bound: such lines are comments.",
-        *(
-            [f"Some values came too rarely for a range: `--seconds {needed_s:.0f}` listens for long enough."]
-            if needed_s
-            else []
-        ),
+        *([_COMMENTED] if listened_s < LEAST_RANGE_S else []),
+        *([f"Some numbers came too rarely even for that: `--seconds {needed_s:.0f}` is enough."] if needed_s else []),
         "docs/statistics.md explains how each value is computed. Review before use.",
     ]
     sys.stdout.write(thresholds_text(heading, {}, proposed))
     return ExitCode.SUCCESS
 
 
-def _listen(arguments: argparse.Namespace, proposal: Any, interrupts: Interrupts) -> Tuple[str, float, bool]:
+def _listen(
+    arguments: argparse.Namespace, proposal: Any, nodes: Any, interrupts: Interrupts
+) -> Tuple[str, float, bool]:
     """Returns the robot's name, for how long it was listened to, in s, and whether that was not interrupted."""
     from ..live_robot import bridged_robot, choose_ros, listen, ros_robot
 
@@ -114,7 +121,7 @@ def _listen(arguments: argparse.Namespace, proposal: Any, interrupts: Interrupts
         name, opened = f"ROS {ros[-1]}", ros_robot(ros, interrupts)
     try:
         with opened as found:
-            return (name, *listen(found, proposal, arguments.seconds, interrupts, progress.show))
+            return (name, *listen(found, proposal, nodes, arguments.seconds, interrupts, progress.show))
     finally:
         progress.clear()
 
@@ -157,13 +164,20 @@ class _Watched:
         for signal in config.signals.values():
             for topic in signal.topics:
                 self._topics.setdefault(resolve_name(topic, node), set()).add(signal.field)
+            if signal.graph is not None:
+                key, name = signal.graph
+                self._topics.setdefault(f"{key} {resolve_name(name, node)}", set()).add(signal.field)
 
     def remove_from(self, proposed: Any) -> None:
         """Removes the signals whose topic and field are watched, and the remarks about topics that are."""
+        from ...core.values.patterns import matches_pattern
+
         proposed.signals = [
             signal
             for signal in proposed.signals
-            if signal.given.get("field", "data") not in self._topics.get(signal.topic, ())
+            if not any(
+                matches_pattern(signal.given.get("field", "data"), each) for each in self._topics.get(signal.topic, ())
+            )
         ]
         proposed.not_watched = {
             topic: reason for topic, reason in proposed.not_watched.items() if topic not in self._topics

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from functools import lru_cache
 from typing import Any, Collection, Dict, Iterable, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple
 
 from ..config.signal_config import LINK
@@ -12,6 +13,8 @@ from ..values.formatting import list_text
 from ..values.goals import STATUS_TOPICS, STATUS_TYPES
 from .suggestion import NO_RULES, Rules
 
+OF_MIDDLEWARE = "a topic of the middleware"
+"""Why topics that every robot has are not watched."""
 MOST_SIGNALS = 300
 """Signals that are looked at: arrivals of all topics first, then batteries, temperatures and ages, then numbers."""
 MOST_FIELDS = 100
@@ -23,7 +26,7 @@ _MOST_WALKED = 2_000
 _NUMBER = 2
 """Lowest priority of signals."""
 _DEEPEST = 16
-_OF_MIDDLEWARE = ("/clock", "/rosout", "/rosout_agg", "/parameter_events", "/client_count", "/connected_clients")
+_OF_MIDDLEWARE = ("/clock", "/rosout_agg", "/parameter_events", "/client_count", "/connected_clients")
 _ENDINGS_OF_MIDDLEWARE = ("/_action/feedback", "/_executor_probe")
 _NAME = re.compile(r"/[A-Za-z_]\w*(/\w+)*\Z", re.ASCII)
 _DIAGNOSTICS = "diagnostic_msgs/DiagnosticArray"
@@ -31,6 +34,8 @@ _HEADER = "std_msgs/Header"
 _BATTERY = "sensor_msgs/BatteryState"
 _TEMPERATURE = "sensor_msgs/Temperature"
 _CLOUDS = ("sensor_msgs/PointCloud",)
+_FRAMES = ("tf2_msgs/TFMessage", "tf/tfMessage")
+_LOGS = ("rosgraph_msgs/Log", "rcl_interfaces/Log")
 
 _TIMES = (*TIME_TYPES, "builtin_interfaces/Duration")
 
@@ -39,35 +44,22 @@ _ENDS = ("min", "max")
 """What an array of numbers is reduced to: two signals."""
 _OF_ITS_FIELDS = "a message, whose fields are looked at"
 
-_XYZ = "xyz"
-_UNITS: Mapping[str, Mapping[str, str]] = {
-    _BATTERY: {
-        "voltage": "V", "temperature": "degC", "current": "A", "charge": "Ah", "capacity": "Ah", "design_capacity": "Ah"
-    },
-    _TEMPERATURE: {"temperature": "degC"},
-    "sensor_msgs/FluidPressure": {"fluid_pressure": "Pa"},
-    "sensor_msgs/Illuminance": {"illuminance": "lx"},
-    "sensor_msgs/Range": {"range": "m", "min_range": "m", "max_range": "m", "field_of_view": "rad"},
-    "sensor_msgs/NavSatFix": {"latitude": "deg", "longitude": "deg", "altitude": "m"},
-    "sensor_msgs/Imu": {
-        f"{field}.{axis}": unit
-        for field, unit in (("angular_velocity", "rad/s"), ("linear_acceleration", "m/s^2"))
-        for axis in _XYZ
-    },
-    "sensor_msgs/MagneticField": {f"magnetic_field.{axis}": "T" for axis in _XYZ},
-    "geometry_msgs/Twist": {
-        f"{field}.{axis}": unit for field, unit in (("linear", "m/s"), ("angular", "rad/s")) for axis in _XYZ
-    },
-    "geometry_msgs/Pose": {f"position.{axis}": "m" for axis in _XYZ},
-    "geometry_msgs/Transform": {f"translation.{axis}": "m" for axis in _XYZ},
-    "geometry_msgs/Accel": {
-        f"{field}.{axis}": unit for field, unit in (("linear", "m/s^2"), ("angular", "rad/s^2")) for axis in _XYZ
-    },
-    "geometry_msgs/Wrench": {
-        f"{field}.{axis}": unit for field, unit in (("force", "N"), ("torque", "Nm")) for axis in _XYZ
-    },
-}  # fmt: skip
-"""Units that the definitions of the messages state, and REP-103 for geometry_msgs."""
+_UNITS = """
+sensor_msgs/BatteryState voltage=V temperature=degC current=A charge=Ah capacity=Ah design_capacity=Ah
+sensor_msgs/Temperature temperature=degC
+sensor_msgs/FluidPressure fluid_pressure=Pa
+sensor_msgs/Illuminance illuminance=lx
+sensor_msgs/Range range=m min_range=m max_range=m field_of_view=rad
+sensor_msgs/NavSatFix latitude=deg longitude=deg altitude=m
+sensor_msgs/Imu angular_velocity.xyz=rad/s linear_acceleration.xyz=m/s^2
+sensor_msgs/MagneticField magnetic_field.xyz=T
+geometry_msgs/Twist linear.xyz=m/s angular.xyz=rad/s
+geometry_msgs/Pose position.xyz=m
+geometry_msgs/Transform translation.xyz=m
+geometry_msgs/Accel linear.xyz=m/s^2 angular.xyz=rad/s^2
+geometry_msgs/Wrench force.xyz=N torque.xyz=Nm
+"""
+"""Units that the definitions of the messages state, and REP-103 for geometry_msgs; `.xyz` stands for three fields."""
 
 FRACTIONS = ((_BATTERY, "percentage"), ("sensor_msgs/RelativeHumidity", "relative_humidity"))
 """Fields that are 0 to 1 by definition, shown in %."""
@@ -113,7 +105,7 @@ class Candidate(NamedTuple):
     topic: str
     """The absolute name."""
     kind: str
-    """`rate`, `age`, `statuses`, `action`, `elements` (each is measured by itself) or `number`."""
+    """`rate`, `age`, `statuses`, `action`, `log`, `frames` and `elements` (each is measured by itself) or `number`."""
     settings: Mapping[str, Any]
     """Topic relative to the namespace, type, field, statistic and, where the definition has one, unit."""
     rules: Rules = NO_RULES
@@ -174,7 +166,7 @@ def list_candidates(
     known: Dict[str, Topic] = {}
     for each in sorted(topics, key=lambda each: each.topic):
         if each.topic in _OF_MIDDLEWARE or each.topic.endswith(_ENDINGS_OF_MIDDLEWARE):
-            left_out[each.topic] = "a topic of the middleware"
+            left_out[each.topic] = OF_MIDDLEWARE
         elif not _NAME.match(each.topic):
             left_out[each.topic] = "its name is not valid in ROS"
         elif each.topic in known:
@@ -210,36 +202,36 @@ def list_candidates(
     return Listing([each for _, _, each in kept], left_out, fields, problems)
 
 
+def relative(name: str, namespace: str) -> str:
+    """Returns an absolute name as it is written in a namespace, which has no slashes at its ends."""
+    prefix = f"/{namespace}/" if namespace else "/"
+    return name[len(prefix) :] if name.startswith(prefix) else name
+
+
 def _priority(candidate: Candidate) -> int:
-    return 0 if candidate.kind in ("rate", "statuses", "action") else 1 if candidate.rules else _NUMBER
+    return 0 if candidate.kind in ("rate", "statuses", "action", "log") else 1 if candidate.rules else _NUMBER
 
 
 def _of_topic(
     topic: Topic, namespace: str, names: Names, others: Dict[str, List[str]], *, ages_of_bulk: bool
 ) -> Iterator[Candidate]:
     """Yields the signals of one topic; `others` receives its other fields by the reasons."""
-    prefix = f"/{namespace}/" if namespace else "/"
-    short = topic.topic[len(prefix) :] if topic.topic.startswith(prefix) else topic.topic
-    short = topic.topic if short[0].isdigit() or topic.type_name == _DIAGNOSTICS else short  # `2d` is no name
+    only = _only_signal(topic, relative(topic.topic, namespace), names)
+    if only is not None:
+        yield only
+        return
+    short = relative(topic.topic, namespace)
+    short = topic.topic if short[0].isdigit() else short  # `2d` is no name
 
     def candidate(kind: str, field: str, *words: str, rules: Rules = NO_RULES, **settings: Any) -> Candidate:
         base = {"topic": short, "type": topic.type_name, "field": field, **settings}
         return Candidate(names.new(short, *words), topic.topic, kind, base, rules)
 
-    if topic.type_name in STATUS_TYPES:
-        action = next((short[: -len(end)] for end in STATUS_TOPICS if short.endswith(end)), "")
-        settings = {"action": action, "statistic": "mean", "window_s": 1200.0, "window_min_s": 0.0}
-        if action:
-            yield Candidate(names.new(action, "goals"), topic.topic, "action", settings)
-            return
-    if topic.type_name == _DIAGNOSTICS:
-        yield candidate("statuses", 'status["*"]')
-        return
     definitions = topic.definitions
     fields = list(_walk(definitions, topic.type_name)) if definitions is not None else []
     is_bulk = _is_bulk(topic.type_name, fields)
-    named = list(_named_arrays(fields))
-    watched = [*named, "cell_voltage"] if topic.type_name == _BATTERY else named  # by the spread of the cells
+    named = _named_arrays(topic, fields)
+    watched = [*named, "cell_voltage"] if topic.type_name == _BATTERY else list(named)  # by the spread of the cells
     numbers = _numbers(topic, fields, watched, others, is_bulk=is_bulk)
     yield candidate("rate", "", "rate", statistic="frequency_hz")
     has_header = any(path == "header" and field.kind == _HEADER for path, field, _ in fields)
@@ -255,12 +247,31 @@ def _of_topic(
     if topic.type_name == _BATTERY:
         settings = {"reduce": "spread", "unit": "V"}
         yield candidate("number", "cell_voltage[*]", "cell_spread", rules=_SPREAD_RULES, **settings)
-    for path in named:
-        yield candidate("elements", f'{path}["*"]', path)
+    for path, kind in named.items():
+        if kind == "frames":
+            yield candidate(kind, f'{path}["*"].header.stamp', rules=AGE_RULES, unit="s")
+        else:
+            yield candidate(kind, f'{path}["*"]', path)
     for path, unit, reduce in [(path, unit, each) for path, field, unit in numbers if field.size for each in _ENDS]:
         ends = (reduce,) if path == "data" else (path, reduce)
         ends_of: Dict[str, Any] = {"reduce": reduce, **({"unit": unit} if unit else {})}
         yield candidate("number", f"{path}[*]", *ends, **ends_of)
+
+
+def _only_signal(topic: Topic, short: str, names: Names) -> Optional[Candidate]:
+    """Returns the signal of a topic that has no other one: the goals of an action, the drivers' statuses, the log."""
+    settings: Dict[str, Any] = {"topic": topic.topic, "type": topic.type_name}
+    action = next((short[: -len(end)] for end in STATUS_TOPICS if short.endswith(end)), "")
+    if topic.type_name in STATUS_TYPES and action:
+        settings = {"action": action, "statistic": "mean", "window_s": 1200.0, "window_min_s": 0.0}
+        return Candidate(names.new(action, "goals"), topic.topic, "action", settings)
+    if topic.type_name == _DIAGNOSTICS:
+        settings["field"] = 'status["*"]'
+        return Candidate(names.new(topic.topic), topic.topic, "statuses", settings)
+    if topic.type_name in _LOGS:
+        settings.update(field="", where="level >= ERROR", statistic="count", window_s=60.0)
+        return Candidate(names.new(topic.topic, "errors"), topic.topic, "log", settings)
+    return None
 
 
 def _numbers(
@@ -298,12 +309,22 @@ def _walk(definitions: Definitions, type_name: str) -> Iterator[Tuple[str, Field
         for field in definition.fields if definition else ():
             walked += 1
             path = f"{prefix}{field.name}"
-            unit = next((_UNITS[each][path[at:]] for each, at in above if path[at:] in _UNITS.get(each, {})), "")
+            unit = next(filter(None, (_units().get((each, path[at:]), "") for each, at in above)), "")
             yield path, field, unit
             is_message = "/" in field.kind and field.size is None
             if is_message and field.kind != _HEADER and field.kind not in _TIMES and len(above) < _DEEPEST:
                 nested.append((f"{path}.", field.kind, above))
         waiting[:0] = nested
+
+
+@lru_cache(maxsize=None)
+def _units() -> Mapping[Tuple[str, str], str]:
+    """Returns the units by type and field."""
+    units: Dict[Tuple[str, str], str] = {}
+    for type_name, *fields in filter(None, map(str.split, _UNITS.splitlines())):
+        for path, _, unit in (field.partition("=") for field in fields):
+            units.update({(type_name, path.replace(".xyz", f".{axis}")): unit for axis in "xyz"})
+    return units
 
 
 def _why_no_number(type_name: str, field: Field, *, is_bulk: bool) -> str:
@@ -326,10 +347,15 @@ def _is_bulk(type_name: str, fields: Sequence[Tuple[str, Field, str]]) -> bool:
     return type_name in _CLOUDS or any(field.kind in _EIGHT_BITS and field.size == SEQUENCE for _, field, _ in fields)
 
 
-def _named_arrays(fields: Sequence[Tuple[str, Field, str]]) -> Iterator[str]:
-    """Yields the arrays of numbers whose elements have names in an array beside them, as in a JointState."""
+def _named_arrays(topic: Topic, fields: Sequence[Tuple[str, Field, str]]) -> Mapping[str, str]:
+    """Returns the kind of the arrays whose elements have names: transforms by their frames, if these are not static.
+
+    Otherwise arrays of numbers that have names in an array beside them, as in a JointState.
+    """
+    if topic.type_name in _FRAMES and not topic.topic.endswith("_static"):
+        return {"transforms": "frames"}
     top = {path: field for path, field, _ in fields if "." not in path}
-    if any(name in top and top[name].kind in TEXTS and top[name].size is not None for name in NAME_ARRAYS):
-        for name, field in top.items():
-            if field.size == SEQUENCE and field.kind in ("float32", "float64"):
-                yield name
+    if not any(name in top and top[name].kind in TEXTS and top[name].size is not None for name in NAME_ARRAYS):
+        return {}
+    arrays = [name for name, field in top.items() if field.size == SEQUENCE and field.kind in ("float32", "float64")]
+    return dict.fromkeys(arrays, "elements")

@@ -12,6 +12,8 @@ from .quantiles import Quantiles
 
 MOST_CODES = 10
 """A signal with at most this many different values, all whole numbers, is taken for a code."""
+LEAST_MESSAGES = 20
+"""Messages below which no rate is suggested."""
 _LEAST_SAMPLES = 100
 """Valid samples below which no bound is suggested."""
 _LEAST_DURATION_S = 30.0
@@ -110,15 +112,19 @@ class Measured:
 
     @property
     def needed_s(self) -> float:
-        """Time in which there are enough samples for a range, in whole minutes; 0 if there were, or if none came."""
-        if not self.values.count or not self.duration_s or self.values.count >= _LEAST_SAMPLES:
+        """Time in which enough samples come for a bound, in whole minutes, as s; 0 if enough came, or none."""
+        is_rate = self.config.statistic == "frequency_hz"
+        count, least = (self.samples, LEAST_MESSAGES) if is_rate else (self.values.count, _LEAST_SAMPLES)
+        if not count or not self.duration_s or count >= least:
             return 0.0
-        needed_s = max(_LEAST_DURATION_S, self.duration_s * _LEAST_SAMPLES / self.values.count)
+        needed_s = max(_LEAST_DURATION_S, self.duration_s * least / count)
         return 60.0 * math.ceil(1.05 * needed_s / 60.0)
 
     def unsuitable(self) -> str:
         """Returns why no bound can be derived from the values; empty if one can."""
         values = self.values
+        if not values.count:
+            return "no valid value"
         if values.count < _LEAST_SAMPLES:
             takes = f", which takes about {duration_text(self.needed_s)}" if self.needed_s else ""
             seen = f"only {count_text(values.count, 'valid sample')} in {duration_text(self.duration_s)}"

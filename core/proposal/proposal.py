@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import math
 from dataclasses import dataclass, field
-from typing import Any, Container, Dict, Iterable, List, Mapping, Optional, Set
+from typing import Any, Container, Dict, Iterable, List, Mapping, Optional, Set, Tuple
 
 from ..config.signal_config import BOUNDS, read_signal
 from ..port.middleware import Middleware
@@ -14,12 +14,12 @@ from ..values.errors import ConfigError
 from ..values.field_path import element_path
 from ..values.formatting import duration_text, list_text
 from ..values.model import Level
-from .candidates import FRACTIONS, Candidate, Names, Topic, list_candidates
+from .candidates import AGE_RULES, FRACTIONS, OF_MIDDLEWARE, Candidate, Names, Topic, list_candidates
 from .measured import Measured
-from .suggestion import LEAST_RANGE_S, Setting, Suggestion, rounded, suggest
+from .suggestion import LEAST_RANGE_S, MOST_IRREGULAR, Setting, Suggestion, rounded, suggest
 from .survey import MOST_ELEMENTS, Survey
 
-ORDER = (*BOUNDS, "hysteresis", "for_s", "stale_after_s")
+ORDER = (*BOUNDS, "hysteresis", "for_s", "stale_after_s", "depends_on")
 """Keys that are proposed, in the order in which they are written."""
 OLDEST_S = 1.0
 """Largest age of stamps, in s, that is taken for a delay: older ones are of another clock, or of other times."""
@@ -32,6 +32,8 @@ EARLIEST_S = 0.001
 
 PUBLISHED_HERE = "published by this monitor"
 """Why the topics of this package's own nodes are not watched."""
+LEAST_ERRORS = 5
+"""Smallest bound of errors in the log within a minute."""
 _MORE_ELEMENTS = f"more than {MOST_ELEMENTS} elements: the others are left out"
 
 _OF_BOUNDS = ("hysteresis", "for_s")
@@ -44,7 +46,7 @@ class Signal:
 
     name: str
     topic: str
-    """The absolute name of its topic."""
+    """The absolute name of its topic; of the graph such as `node /lidar`."""
     given: Dict[str, Any]
     """Settings apart from those that are proposed."""
     suggestion: Suggestion
@@ -72,7 +74,7 @@ class Proposed:
     signals: List[Signal]
     """Sorted by topic."""
     not_watched: Dict[str, str] = field(default_factory=dict)
-    """Why topics are not watched, by their absolute names."""
+    """Why topics and nodes are not watched, by their absolute names."""
     fields: Dict[str, Dict[str, List[str]]] = field(default_factory=dict)
     """Numbers that are not watched, by the topics and the reasons."""
 
@@ -85,9 +87,10 @@ class Proposal:
         self.topics: Dict[str, str] = {}
         """Types of the topics that are listened to, by their absolute names."""
         self.problems: List[str] = []
-        self._namespace = namespace
+        self.namespace = namespace
         self._ages_of_bulk = ages_of_bulk
-        self._names = Names(taken)
+        self.names = Names(taken)
+        self._names_used: Dict[Tuple[str, ...], str] = {}
         self._survey = Survey()
         self._candidates: Dict[str, Candidate] = {}
         self._left_out: Dict[str, str] = {}
@@ -99,7 +102,7 @@ class Proposal:
         """Adds topics, for `listen`; those that were added before are ignored."""
         new = [each for each in topics if each.topic not in self.topics]
         before = self._candidates.values()
-        listing = list_candidates(new, self._namespace, self._names, ages_of_bulk=self._ages_of_bulk, before=before)
+        listing = list_candidates(new, self.namespace, self.names, ages_of_bulk=self._ages_of_bulk, before=before)
         self.problems += listing.problems
         self._left_out.update(listing.left_out)
         for topic, reasons in listing.fields.items():
@@ -116,7 +119,8 @@ class Proposal:
         for name, candidate in list(self._candidates.items()):
             if candidate.topic in topics and candidate.kind != "action":
                 try:
-                    self._survey.listen(node, {name: read_signal(name, candidate.settings)})
+                    settings = {**candidate.settings, "topic": candidate.topic}  # `node` is in any namespace
+                    self._survey.listen(node, {name: read_signal(name, settings)})
                     if candidate.kind == "statuses":
                         node.subscribe(candidate.topic, ARRAY_TYPE, self._note_own_topics)
                 except ConfigError as error:
@@ -146,8 +150,9 @@ class Proposal:
                 proposed.not_watched[candidate.topic] = PUBLISHED_HERE
                 proposed.fields.pop(candidate.topic, None)
                 continue
-            if candidate.kind == "action":
-                proposed.signals.append(_action(candidate))
+            if candidate.kind in ("action", "log"):
+                make = _action if candidate.kind == "action" else self._log
+                proposed.signals.append(make(candidate))
                 continue
             if measured is None or not measured.samples:
                 if candidate.kind in ("rate", "statuses"):
@@ -166,12 +171,20 @@ class Proposal:
                 proposed.signals[at:at] = [rate, *_gap(rate)]
             elif not others:
                 proposed.not_watched[topic] = rate.suggestion.left_out[0].replace("no bounds: ", "")
+        if all(signal.given.get("statistic") == "count" for signal in proposed.signals):
+            proposed.not_watched.update((signal.topic, OF_MIDDLEWARE) for signal in proposed.signals)
+            proposed.signals = []  # a log alone is no robot
         return proposed
 
     @property
-    def needed_s(self) -> float:
-        """How long to listen, in s, so that everything that came has enough samples for a range; 0 if it has."""
-        names = [each.name for each in self._candidates.values() if each.kind in ("number", "elements")]
+    def statuses(self) -> List[Tuple[str, str]]:
+        """The drivers' statuses that are watched: the name of a signal, and the name of the status."""
+        watched = [each for each in self._candidates.values() if each.kind == "statuses"]
+        return [(each.name, status) for each in watched for status in self._survey.elements.get(each.name, ())]
+
+    def needed_s(self, kinds: Container[str] = ("number", "elements")) -> float:
+        """Returns how long to listen, in s, so that everything that came has enough samples for bounds; 0 if it has."""
+        names = [each.name for each in self._candidates.values() if each.kind in kinds]
         measured = [self._survey.measured[name] for name in names if name in self._survey.measured]
         measured += [each for name in names for each in self._survey.elements.get(name, {}).values()]
         return max((each.needed_s for each in measured), default=0.0)
@@ -186,26 +199,29 @@ class Proposal:
         if candidate.kind == "rate":
             rates[signal.topic] = signal
             return
-        if candidate.kind == "statuses" or signal.suggestion.has_bounds or signal.is_shown_only:
+        suggestion = signal.suggestion
+        is_watched = candidate.kind == "statuses" or (candidate.kind == "frames" and bool(suggestion.settings))
+        if is_watched or suggestion.has_bounds or signal.is_shown_only:
             proposed.signals.append(signal)
             return
-        reason = (signal.suggestion.left_out or ["no bounds"])[0]
-        proposed.fields.setdefault(signal.topic, {}).setdefault(reason, []).append(signal.given["field"])
+        reason = (suggestion.left_out or ["no bounds"])[0]
+        fields = proposed.fields.setdefault(signal.topic, {}).setdefault(reason, [])
+        if signal.given["field"] not in fields:  # minimum and maximum of an array
+            fields.append(signal.given["field"])
 
     def _signals(self, candidate: Candidate, measured: Measured, longest_s: Mapping[str, float]) -> Iterable[Signal]:
         given = dict(candidate.settings)
         if candidate.kind == "statuses":
             yield self._statuses(candidate, measured, given)
             return
-        if candidate.kind == "elements":
+        if candidate.kind in ("elements", "frames"):
             elements = self._survey.elements.get(candidate.name, {})
             if candidate.name in self._survey.cut:
                 yield Signal(candidate.name, candidate.topic, given, Suggestion({}, {}, [_MORE_ELEMENTS]), measured)
             for element, found in elements.items():
-                name = f"{candidate.name}_{element}"
                 path = element_path(given["field"], element)
                 of_element = {**given, "field": path}
-                yield self._signal(candidate, _plain(name), of_element, found, longest_s)
+                yield self._signal(candidate, self._name_of(candidate.name, element), of_element, found, longest_s)
             return
         yield self._signal(candidate, candidate.name, given, measured, longest_s)
 
@@ -215,12 +231,32 @@ class Proposal:
         note = ""
         if (given["type"], given["field"]) in FRACTIONS:
             note = _as_percentage(given, measured)
-        if candidate.kind == "age":
-            reason = _not_a_delay(measured)
-            if reason:
-                return Signal(name, candidate.topic, given, Suggestion({}, {}, [reason]), measured)
+        reason = _not_a_delay(measured) if candidate.rules is AGE_RULES else ""
+        if reason and candidate.kind == "age":
+            return Signal(name, candidate.topic, given, Suggestion({}, {}, [reason]), measured)
         found = suggest(measured, longest_s.get(name), candidate.rules)
+        if candidate.kind == "frames":
+            found = _of_frame(measured, found, reason)
         return Signal(name, candidate.topic, given, checked(name, given, found), measured, note)
+
+    def _log(self, candidate: Candidate) -> Signal:
+        """Returns the signal of the errors in the log, with a bound of three times as many as were seen in a minute."""
+        measured = self._survey.measured[candidate.name]
+        lasted_s = max(each.duration_s for each in self._survey.measured.values())
+        most = measured.values.max if measured.values.count else 0.0
+        bound = max(LEAST_ERRORS, 3 * round(most * max(1.0, 60.0 / max(1.0, lasted_s))))
+        seen = f"at most {most:.0f} in a minute" if most else "none"
+        settings = {"warn_above": Setting(float(bound), f"seen {seen}; three times that, at least {LEAST_ERRORS}")}
+        given = dict(candidate.settings)
+        return Signal(
+            candidate.name, candidate.topic, given, Suggestion(settings, {}, []), measured, "errors in the log"
+        )
+
+    def _name_of(self, *words: str) -> str:
+        """Returns the name of the signal of an element, each time the same."""
+        if words not in self._names_used:
+            self._names_used[words] = self.names.new(*words)
+        return self._names_used[words]
 
     def _statuses(self, candidate: Candidate, measured: Measured, given: Dict[str, Any]) -> Signal:
         """Returns the signal of all statuses, with the longest time that one of them needs."""
@@ -287,6 +323,17 @@ def _not_a_delay(measured: Measured) -> str:
     return ""
 
 
+def _of_frame(measured: Measured, found: Suggestion, reason: str) -> Suggestion:
+    """Returns how the transform of a frame is watched: by its silence, and by the age of its stamps if that is one."""
+    settings = dict(found.settings)
+    if not measured.irregularity < MOST_IRREGULAR:
+        settings["stale_after_s"] = Setting(0.0, "0: never; its transforms are not periodic")
+    if not reason:
+        return found._replace(settings=settings)
+    stale = settings["stale_after_s"]
+    return Suggestion({"stale_after_s": stale} if stale.value else {}, {}, [f"no bounds: {reason}"])
+
+
 def _forecast(signal: Signal, forecasts: Optional[Mapping[str, int]]) -> List[Signal]:
     """Returns the forecast of a charge or a temperature, towards the bound of its WARN; none if there is no such."""
     name = f"{signal.name}_soon"
@@ -317,10 +364,6 @@ def _gap(rate: Signal) -> List[Signal]:
     given = {**rate.given, "statistic": "largest_gap_s"}
     name = f"{rate.name[: -len('_rate')]}_gap"
     return [Signal(name, rate.topic, given, Suggestion(settings, {}, []), measured)]
-
-
-def _plain(name: str) -> str:
-    return "".join(letter if letter.isascii() and letter.isalnum() else "_" for letter in name)[:200]
 
 
 def _action(candidate: Candidate) -> Signal:

@@ -7,15 +7,14 @@ are replayed with them.
 from __future__ import annotations
 
 import math
-from typing import Callable, Dict, List, Mapping, NamedTuple, Optional, Tuple
+from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Tuple
 
 from ..config.signal_config import BOUNDS, SignalConfig
 from ..values.formatting import bound_text, count_text, duration_text, with_unit
-from .measured import Measured
+from .measured import LEAST_MESSAGES, Measured
 from .quantiles import Quantiles
 
 LEAST_RANGE_S = 600.0  # time of samples, in s, below which a range is no bound: it is shown as a comment
-LEAST_MESSAGES = 20  # messages below which no rate is suggested
 RATE_MARGIN, SHORT_RATE_MARGIN = 0.2, 0.3
 """Margin of a rate, as a fraction; the second one if it was seen for less than `SHORT_S`."""
 SHORT_S = 300.0
@@ -47,7 +46,7 @@ NO_RULES: Rules = {}
 class Setting(NamedTuple):
     """One suggested key of a signal."""
 
-    value: float
+    value: Any  # a number; of `depends_on` names
     evidence: str  # why, in one line
 
 

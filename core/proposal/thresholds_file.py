@@ -80,13 +80,15 @@ def _signal(signal: Signal, alerts: Alerts) -> List[str]:
     measured, settings, suggestion = signal.measured, signal.given, signal.suggestion
     invalid = f", {measured.bad_samples:,} of them invalid" if _counts_bad(signal) else ""
     samples = f"{count_text(measured.samples, 'sample')} in {duration_text(measured.duration_s)}{invalid}"
-    lines = [f"      {signal.name}:", *([] if "action" in settings else [f"        # {samples}"])]
+    lines = [f"      {signal.name}:"]
+    if measured.samples or not signal.note:
+        lines.append(f"        # {samples}")
     if signal.note:
         lines.append(f"        # {signal.note}")
 
     def add(text: str, key: str, comment: str) -> None:
-        unit = "s" if key.endswith("_s") else _unit(settings)
-        lines.append(f"        {text}".ljust(_COLUMN) + "# " + "; ".join(filter(None, [unit, comment])))
+        unit = "s" if key.endswith("_s") else "" if key == "depends_on" else _unit(settings)
+        lines.append(f"        {text} ".ljust(_COLUMN) + "# " + "; ".join(filter(None, [unit, comment])))
 
     for key, value in settings.items():
         evidence = alerts(signal.name, key, value).rstrip("; ")
@@ -144,4 +146,6 @@ def yaml_text(value: Any) -> str:
         return f"[{', '.join(map(yaml_text, value))}]"
     if isinstance(value, str) and _PLAIN.match(value) and value.lower() not in _NOT_TEXT:
         return value
+    if isinstance(value, str) and '"' in value and "'" not in value and value.isprintable():
+        return f"'{value}'"
     return json.dumps(value, default=str)

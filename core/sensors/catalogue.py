@@ -20,8 +20,6 @@ from .host import Battery, HostCpuUsage, fan_rpm, rail_volts, read_cpu_ticks, se
 from .processes import ProcessSource
 from .source import Source
 
-__all__ = ["HOST_SOURCES", "HostReading", "HostSource"]
-
 Options = Dict[str, Any]
 
 
@@ -132,11 +130,16 @@ _WIFI = Parameter("interface", str, "", "Wi-Fi interface; left out: the first")
 _CAN = Parameter("interface", str, "", "CAN interface; left out: all together")
 _DISK = Parameter("device", str, "", "disk, such as sda; left out: the slowest")
 _GPU = Parameter("device", int, 0, "number of the graphics processor", 0, 63)
-_PROCESS = (
-    Parameter("command", str, "", "pattern of the whole command line, with * and ?"),
-    Parameter("node", str, "", "name of a ROS node: of __node:= or __name:=, or the executable"),
-)
 _REDUCE = Parameter("reduce", str, "sum", "of several processes", choices=tuple(processes.REDUCTIONS))
+
+
+def _process(metric: str, unit: str, description: str, *options: Parameter) -> HostSource:
+    selecting = (
+        Parameter("command", str, "", "pattern of the whole command line, with * and ?"),
+        Parameter("node", str, "", "name of a ROS node: of __node:= or __name:=, or the executable"),
+    )
+    make = partial(ProcessSource, metric)
+    return HostSource(unit, description, make, (*selecting, *options), _nodes, ("command", "node"))
 
 
 def _rate(fields: Tuple[str, ...], scale: float = 1.0) -> Callable[..., Source]:
@@ -248,28 +251,11 @@ HOST_SOURCES: Mapping[str, HostSource] = {
     "systemd_failed": HostSource(
         "", "failed units of systemd", _asked("systemd", daemons.failed_units, every_s=10.0)
     ),
-    "process_cpu_percent": HostSource(
-        "%", "CPU time, in % of one core", partial(ProcessSource, "process_cpu_percent"), (*_PROCESS, _REDUCE), _nodes,
-        ("command", "node"),
-    ),
-    "process_memory": HostSource(
-        "MB", "resident memory", partial(ProcessSource, "process_memory"), (*_PROCESS, _REDUCE), _nodes,
-        ("command", "node"),
-    ),
-    "process_threads": HostSource(
-        "", "threads", partial(ProcessSource, "process_threads"), (*_PROCESS, _REDUCE), _nodes, ("command", "node")
-    ),
-    "process_files": HostSource(
-        "", "open files and sockets", partial(ProcessSource, "process_files"), (*_PROCESS, _REDUCE), _nodes,
-        ("command", "node"),
-    ),
-    "process_restarts": HostSource(
-        "", "starts again since the monitor began", partial(ProcessSource, "process_restarts"), _PROCESS, _nodes,
-        ("command", "node"),
-    ),
-    "process_running": HostSource(
-        "", "1 while at least one runs, else 0", partial(ProcessSource, "process_running"), _PROCESS, _nodes,
-        ("command", "node"),
-    ),
+    "process_cpu_percent": _process("process_cpu_percent", "%", "CPU time, in % of one core", _REDUCE),
+    "process_memory": _process("process_memory", "MB", "resident memory", _REDUCE),
+    "process_threads": _process("process_threads", "", "threads", _REDUCE),
+    "process_files": _process("process_files", "", "open files and sockets", _REDUCE),
+    "process_restarts": _process("process_restarts", "", "starts again since the monitor began"),
+    "process_running": _process("process_running", "", "1 while at least one runs, else 0"),
 }  # fmt: skip
 """Allowed values of `source` in the section `host` of battery_sensor."""

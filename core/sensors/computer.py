@@ -17,20 +17,6 @@ from ..values.errors import ServiceError
 from ..values.formatting import printable
 from .source import NoSuchSensor, NotMeasuredYet, SensorError
 
-__all__ = [
-    "HOST_PATHS",
-    "Background",
-    "Computer",
-    "HostPaths",
-    "call_psutil",
-    "load_psutil",
-    "read_bytes",
-    "read_float",
-    "read_line",
-    "read_text",
-    "sorted_paths",
-]
-
 Result = TypeVar("Result")
 
 LATE_S = 5.0

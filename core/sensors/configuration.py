@@ -12,6 +12,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Dict, Mapping, Optional, Tuple
 
 from ..config.parameters import Parameter, read_parameters, require_mapping
+from ..config.schema import parameters
 from ..values.errors import ConfigError, Path, Problems
 from .computer import Computer
 from .simulated import SimulatedBattery, SimulatedCpuUsage, SimulatedTemperature
@@ -62,25 +63,12 @@ _SOURCE = Parameter(
     choices=("simulated", "host", "none"),
 )
 
+_SIMULATED: Mapping[str, Any] = {
+    "battery_level": SimulatedBattery, "temperature": SimulatedTemperature, "cpu_usage": SimulatedCpuUsage
+}  # fmt: skip
+
 METRIC_PARAMETERS: Mapping[str, Tuple[Parameter, ...]] = {
-    "battery_level": (
-        _SOURCE,
-        Parameter("discharge_rate", float, 1.0, "simulated: discharge in % per second", minimum=0.0),
-        Parameter("charge_rate", float, 4.0, "simulated: charge in % per second", minimum=0.0),
-        Parameter("charge_at", float, 5.0, "simulated: level in % at which charging starts", minimum=0.0, maximum=99.0),
-    ),
-    "temperature": (
-        _SOURCE,
-        Parameter("mean", float, 60.0, "simulated: mean in degrees C"),
-        Parameter("spread", float, 4.0, "simulated: largest deviation from the mean in degrees C", minimum=0.0),
-        Parameter("spike", float, 30.0, "simulated: height in degrees C of a hot spell of 30 s; 0: none", minimum=0.0),
-        Parameter("spike_every_s", float, 120.0, "simulated: period in s with one hot spell each", minimum=1.0),
-    ),
-    "cpu_usage": (
-        _SOURCE,
-        Parameter("mean", float, 35.0, "simulated: mean in %", minimum=0.0, maximum=100.0),
-        Parameter("spread", float, 30.0, "simulated: largest deviation from the mean in %", minimum=0.0),
-    ),
+    metric: (_SOURCE, *parameters(simulated)) for metric, simulated in _SIMULATED.items()
 }
 """Parameters of the standard metrics, each in the section of its name; the first is `source`."""
 
@@ -124,22 +112,22 @@ def read_sources(tree: Mapping[str, Any], path: Path = (), computer: Optional[Co
 def settings_of(tree: Mapping[str, Any], metric: str) -> Mapping[str, Any]:
     """Returns the settings of one metric in a valid configuration, defaults included; empty if it is not there."""
     if metric in METRICS:
-        section, parameters = _section(tree, metric, ()), METRIC_PARAMETERS[metric]
+        section, table = _section(tree, metric, ()), METRIC_PARAMETERS[metric]
     else:
         section = _host_sections(tree, ()).get(metric, {})
-        parameters = _host_parameters(section["source"]) if section else ()
-    return {**{parameter.name: parameter.default for parameter in parameters}, **section}
+        table = _host_parameters(section["source"]) if section else ()
+    return {**{parameter.name: parameter.default for parameter in table}, **section}
 
 
 def declared_parameters(tree: Mapping[str, Any]) -> Tuple[Parameter, ...]:
     """Returns the parameters of every metric in a valid configuration, by their dotted names."""
     # A middleware that fills in defaults must not fill in another source than `sensors` does.
     source = replace(_SOURCE, default=tree.get("sensors") or _SOURCE.default)
-    sections = {metric: (source, *parameters[1:]) for metric, parameters in METRIC_PARAMETERS.items()}
+    sections = {metric: (source, *table[1:]) for metric, table in METRIC_PARAMETERS.items()}
     for metric, found in _host_sections(tree, ()).items():
-        parameters = _host_parameters(found["source"])
-        sections[f"{HOST_SECTION}.{metric}"] = (replace(parameters[0], default=found["source"]), *parameters[1:])
-    return tuple(parameter.below(section) for section, parameters in sections.items() for parameter in parameters)
+        first, *options = _host_parameters(found["source"])
+        sections[f"{HOST_SECTION}.{metric}"] = (replace(first, default=found["source"]), *options)
+    return tuple(parameter.below(section) for section, table in sections.items() for parameter in table)
 
 
 def _section(tree: Mapping[str, Any], metric: str, path: Path) -> Mapping[str, Any]:
@@ -199,8 +187,6 @@ def _read_source(metric: str, tree: Mapping[str, Any], seed: str, path: Path, co
         return None
     if kind == "host":
         return _host_sources()[_HOST_METRICS[metric]].make(computer)
-    if metric == "battery_level":
-        return SimulatedBattery(**values)
-    if metric == "temperature":
-        return SimulatedTemperature(**values, seed=seed)
-    return SimulatedCpuUsage(**values, seed=seed)
+    seeds = {} if metric == "battery_level" else {"seed": seed}
+    source: Source = _SIMULATED[metric](**values, **seeds)
+    return source

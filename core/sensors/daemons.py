@@ -16,8 +16,6 @@ from ..values.formatting import printable
 from .computer import HostPaths
 from .source import NoSuchSensor, SensorError
 
-__all__ = ["Clock", "clock_offset_ms", "failed_units", "read_chrony", "read_clock"]
-
 _TIMEOUT_S = 2.0
 _CHRONY = "127.0.0.1", 323
 

@@ -14,8 +14,6 @@ from typing import Dict, List, NamedTuple, Tuple
 from .computer import Computer, HostPaths, call_psutil, read_bytes
 from .source import NoSuchSensor, NotMeasuredYet, SensorError
 
-__all__ = ["DiskLatency", "Space", "devices", "inodes_percent", "mount_points", "read_space"]
-
 _NO_DISK = re.compile(r"(loop|ram|zram|fd|sr|dm-|md)\d+\Z")
 """Devices without a latency of their own, and those that consist of others; they can be selected by their names."""
 

@@ -11,8 +11,6 @@ from typing import Any, NamedTuple, Optional
 from .computer import HostPaths, read_float, read_text, sorted_paths
 from .source import NoSuchSensor, SensorError
 
-__all__ = ["Gpu", "gpu_value", "gpus", "read_gpu"]
-
 _LOADS = ("devices/gpu.0/load", "devices/platform/gpu.0/load", "class/devfreq/*gpu*/device/load",
           "class/devfreq/*.g*1*b/device/load")  # fmt: skip
 """Where a Jetson's kernel has the load in thousandths: L4T 28 to 32, and Orin."""

@@ -14,8 +14,6 @@ from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple
 from .computer import Computer, HostPaths, call_psutil, read_bytes, read_text
 from .source import NoSuchSensor, NotMeasuredYet, SensorError
 
-__all__ = ["CounterRate", "bitrate", "can_interfaces", "carrier", "interfaces", "signal_dbm", "wifi_interfaces"]
-
 _CAN_TYPE = "280"
 """ARPHRD_CAN of if_arp.h."""
 _GET_RATE = 0x8B21

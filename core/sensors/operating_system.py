@@ -11,14 +11,6 @@ from typing import Any
 from .computer import HostPaths, read_bytes, read_text
 from .source import NoSuchSensor, SensorError
 
-__all__ = [
-    "memory_percent",
-    "oom_kills",
-    "pressure_percent",
-    "swap_percent",
-    "throttled",
-]
-
 
 def memory_percent(memory: Any) -> float:
     """Returns the memory that programs can no longer get, in %, of `psutil.virtual_memory()`."""

@@ -34,8 +34,6 @@ from ..values.patterns import matches_pattern
 from .computer import Computer, HostPaths, load_psutil, read_line
 from .source import NotMeasuredYet, SensorError
 
-__all__ = ["REDUCTIONS", "ProcessSource", "Selection", "node_names"]
-
 MOST_MATCHES = 200
 """Processes that one source may select."""
 MOST_LETTERS = 1 << 14
@@ -66,6 +64,7 @@ class Reading(NamedTuple):
 
     @property
     def identity(self) -> Identity:
+        """Which process it is."""
         return self.process.pid, self.process.create_time()  # which psutil has read before
 
 

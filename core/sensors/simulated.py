@@ -11,6 +11,8 @@ import random
 from dataclasses import dataclass
 from typing import Optional
 
+from ..config.schema import declared
+
 _SPELL_S = 30.0
 """Duration of a hot spell: visible, and slow enough to cross a threshold only once while it rises."""
 
@@ -33,12 +35,12 @@ class _Simulated:
 class SimulatedBattery(_Simulated):
     """A battery that discharges at a constant rate from 100 % and is charged when it is nearly empty."""
 
-    discharge_rate: float = 1.0
-    """% per second; 0 keeps it full."""
-    charge_rate: float = 4.0
-    """% per second; 0 leaves it empty."""
-    charge_at: float = 5.0
-    """Level in % at which charging starts; it ends at 100 %."""
+    discharge_rate: float = declared(1.0, "simulated: discharge in % per second", 0.0)
+    """0 keeps it full."""
+    charge_rate: float = declared(4.0, "simulated: charge in % per second", 0.0)
+    """0 leaves it empty."""
+    charge_at: float = declared(5.0, "simulated: level in % at which charging starts", 0.0, 99.0)
+    """It ends at 100 %."""
 
     def read(self, now_s: float) -> float:
         """Returns the charge in %."""
@@ -57,14 +59,10 @@ class SimulatedBattery(_Simulated):
 class SimulatedTemperature(_Simulated):
     """A temperature that varies slowly around its mean, with occasional hot spells."""
 
-    mean: float = 60.0
-    """In degrees C, as `spread` and `spike`."""
-    spread: float = 4.0
-    """Largest deviation from the mean."""
-    spike: float = 30.0
-    """Height of a hot spell; 0: no hot spells."""
-    spike_every_s: float = 120.0
-    """Period in s with one hot spell each, of at most 30 s."""
+    mean: float = declared(60.0, "simulated: mean in degrees C")
+    spread: float = declared(4.0, "simulated: largest deviation from the mean in degrees C", 0.0)
+    spike: float = declared(30.0, "simulated: height in degrees C of a hot spell of 30 s; 0: none", 0.0)
+    spike_every_s: float = declared(120.0, "simulated: period in s with one hot spell each", 1.0)
     seed: object = 0
     """Selects the series of values."""
 
@@ -87,10 +85,9 @@ class SimulatedTemperature(_Simulated):
 class SimulatedCpuUsage(_Simulated):
     """A CPU load from 0 to 100 %: a slow and a fast variation around its mean."""
 
-    mean: float = 35.0
-    """In %."""
-    spread: float = 30.0
-    """Largest deviation from the mean, in %; the result is limited to 0 to 100."""
+    mean: float = declared(35.0, "simulated: mean in %", 0.0, 100.0)
+    spread: float = declared(30.0, "simulated: largest deviation from the mean in %", 0.0)
+    """The result is limited to 0 to 100."""
     seed: object = 0
     """Selects the series of values."""
 

@@ -13,15 +13,32 @@ from typing import Any, Callable, Collection, Dict, List, Mapping, Optional, Set
 
 from ...core.port.graph import NOT_COUNTED, Counts, GraphCallback, Unread, Wanted, count, is_pattern, matching, state_of
 from ...core.port.mapping_node import MappingNode
+from ...core.port.middleware import NodeInfo
 from ...core.values.errors import LinkError, ServiceError
 from ...runtime.sockets import ignore_result
 from ..protocol.operations import Subscribe, Unsubscribe
 from .connection import ServerConnection
-from .services import names_of
+from .services import Call, names_of
 
 _PERIOD_S = 2.0
 _STATE_TIMEOUT_S = 60.0
 """A server may wait for a node that hangs, in a thread for each call: it is not called again before."""
+
+
+async def list_nodes(call: Call, topics: Collection[str]) -> Mapping[str, NodeInfo]:
+    """Returns the nodes with those of these topics that they publish, and the service of lifecycle nodes.
+
+    Raises as `ServiceCalls.call`.
+    """
+    publishes: Dict[str, List[str]] = {name: [] for name in await names_of(call, "nodes")}
+    services = set(await names_of(call, "services"))
+    for topic in topics:
+        for name in await names_of(call, "publishers", topic=topic):
+            publishes.setdefault(name, []).append(topic)
+    return {
+        name: NodeInfo(of_node, (), [each for each in (f"{name}/get_state",) if each in services])
+        for name, of_node in publishes.items()
+    }
 
 
 class GraphReader:

@@ -10,13 +10,13 @@ from ...core.messages.dialect import Message
 from ...core.port.graph import GraphCallback, Wanted
 from ...core.port.hints import Answer
 from ...core.port.mapping_node import CLOCK, CLOCK_TYPE
-from ...core.port.middleware import Callback, RawCallback, RawFormat
+from ...core.port.middleware import Callback, NodeInfo, RawCallback, RawFormat
 from ...core.values.errors import LinkError, ServiceError
 from ...runtime.bridge.node import BridgeClient, BridgeNode, KnownTopic
 from ..protocol import Limits
 from ..protocol.operations import Publish
 from .connection import ServerConnection
-from .graph import GraphReader
+from .graph import GraphReader, list_nodes
 from .receivers import CaptureReceiver, ClockReceiver, FieldReceiver
 from .services import Call, PublisherLookup, find_types
 from .topics import list_topics
@@ -59,6 +59,9 @@ class RosbridgeClient(BridgeClient["RosbridgeMiddleware"]):
             await super().run()
         finally:
             remembering.cancel()
+
+    async def known_nodes(self, topics: Collection[str]) -> Mapping[str, NodeInfo]:
+        return await list_nodes(self.connection.calls.call, topics)
 
     def run_and_wait(self, ask: Callable[[Call], Coroutine[Any, Any, T]]) -> T:
         """Returns what a coroutine function finds out by calling the server's services. Called in another thread.

@@ -10,13 +10,26 @@ import asyncio
 import contextlib
 import math
 import time
-from typing import Any, Callable, ClassVar, Generic, List, Mapping, NamedTuple, Optional, Protocol, Type, TypeVar
+from typing import (
+    Any,
+    Callable,
+    ClassVar,
+    Collection,
+    Generic,
+    List,
+    Mapping,
+    NamedTuple,
+    Optional,
+    Protocol,
+    Type,
+    TypeVar,
+)
 
 from ...core.messages.dialect import Message
 from ...core.messages.standard_messages import check_type, complete
 from ...core.port.local import LogLine
 from ...core.port.mapping_node import MappingNode
-from ...core.port.middleware import Callback, Middleware, RawCallback, Severity
+from ...core.port.middleware import Callback, Middleware, NodeInfo, RawCallback, Severity
 from ...core.port.timers import ClockTimer
 from ...core.values.errors import ConfigError
 from ...core.values.names import split_type_name
@@ -99,6 +112,13 @@ class BridgeClient(abc.ABC, Generic[Node]):
     @abc.abstractmethod
     async def known_topics(self) -> List[KnownTopic]:
         """Returns the topics that the server knows. Raises ServiceError if it does not say, LinkError if it is down."""
+
+    async def known_nodes(self, topics: Collection[str]) -> Mapping[str, NodeInfo]:
+        """Returns the nodes that the server knows, with those of these topics that they publish.
+
+        Raises as `known_topics`.
+        """
+        return {}
 
     def node(
         self,

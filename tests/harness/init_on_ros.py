@@ -50,7 +50,7 @@ class InitOnRos:
         self, start: Any, init: Any, tmp_path: Path
     ) -> None:
         start("-c", self.robot, str(ROOT / "tests")).wait_for_text("ready")
-        process = init("--seconds", "25")
+        process = init("--seconds", "15")  # a rate needs 20 messages, and the slowest come three times a second
         assert process.wait(90.0) == 0, process.text
         file = tmp_path / "thresholds.yaml"
         file.write_text("\n".join(line.text for line in process.lines if line.stream == "out"))
@@ -59,10 +59,14 @@ class InitOnRos:
             "battery_state_rate", "battery_state_age", "battery_state_percentage", "battery_state_cell_spread",
             "camera_image_rate", "camera_image_age", "scan_rate", "scan_age", "imu_rate", "imu_age",
             "joint_states_rate", "joint_states_age", "motor_temperature_temperature", "diagnostics",
+            "whole_robot_node", "rosout_errors",
         }  # fmt: skip
         assert not wanted - set(signals), file.read_text()
         assert signals["diagnostics"].field == 'status["*"]'
-        assert not any(signal.topic in ("rosout", "event") for signal in signals.values())
+        assert signals["whole_robot_node"].graph == ("node", "whole_robot")
+        assert "/scan" in signals["whole_robot_node"].depends_on
+        assert signals["rosout_errors"].where == "level >= ERROR"
+        assert not any(signal.topic == "event" for signal in signals.values())
         assert re.search(r'^      # /joint_states, .*effort\["', file.read_text(), re.MULTILINE)
         assert "robot_health_init" not in file.read_text()
 

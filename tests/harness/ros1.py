@@ -6,7 +6,7 @@ import base64
 import functools
 import itertools
 import threading
-from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence
+from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Set
 
 import genpy
 import rosgraph
@@ -75,6 +75,10 @@ class Ros1Harness:
         genpy.message.fill_message_args(native, [_as_genpy_wants(cls, message)])
         self._wait_for_connections(topic)
         self._publishers[topic].publish(native)
+
+    def services(self) -> Set[str]:
+        """Returns the names of all services that there are."""
+        return {name for name, _ in self._master.getSystemState()[2]}
 
     def listen(self, topic: str, type_name: str) -> List[Mapping[str, Any]]:
         messages: List[Mapping[str, Any]] = []

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import random
-from typing import Any, Callable, Dict, List, Mapping
+from typing import Any, Callable, Container, Dict, List, Mapping
 
 from robot_health_monitor.core.port.middleware import Middleware
 
@@ -14,7 +14,8 @@ DRIVERS = ("motor_driver: left", "motor_driver: right", "laser")
 class WholeRobot:
     """Publishes until its node is closed. `fault` is the present fault, empty for none; see `FAULTS`."""
 
-    def __init__(self, node: Middleware) -> None:
+    def __init__(self, node: Middleware, speed: float = 1.0) -> None:
+        """Starts; `speed` multiplies all rates."""
         self.fault = ""
         self._node = node
         self._chance = random.Random(7)
@@ -30,7 +31,7 @@ class WholeRobot:
             ("/diagnostics", "diagnostic_msgs/DiagnosticArray", 1.0, self._drivers),
         ):
             node.advertise(topic, type_name)
-            node.create_timer(1.0 / rate_hz, self._publisher(topic, make))
+            node.create_timer(1.0 / (rate_hz * speed), self._publisher(topic, make))
         node.advertise("event", "std_msgs/String")
         node.create_timer(0.1, self._maybe_event)
 
@@ -94,6 +95,35 @@ class WholeRobot:
             for name in names
         ]
         return {"status": statuses}
+
+
+def send_frames(node: Middleware, ages_s: Mapping[str, float], stopped: Container[str]) -> None:
+    """Publishes transforms at 10 Hz, each frame with the age of its stamps; those that are `stopped` are left out."""
+
+    def send(now_s: float) -> None:
+        transforms = []
+        for frame, age_s in ages_s.items():
+            stamp_s = node.stamp_s() - age_s
+            stamp = {"secs": int(stamp_s), "nsecs": int(stamp_s % 1.0 * 1e9)}
+            if frame not in stopped:
+                transforms.append({"header": {"stamp": stamp, "frame_id": "map"}, "child_frame_id": frame})
+        node.publish("/tf", {"transforms": transforms})
+
+    node.advertise("/tf", "tf2_msgs/TFMessage")
+    node.create_timer(0.1, send)
+
+
+def send_log(node: Middleware, error_every_s: float = 20.0) -> None:
+    """Publishes a line of the log each second, some of them errors, as healthy robots do."""
+
+    def sender(level: int, text: str) -> Callable[[float], None]:
+        line = {"level": level, "name": "/base", "msg": text, "file": "", "function": "", "line": 1, "topics": []}
+        header = {"seq": 0, "stamp": {"secs": 1, "nsecs": 0}, "frame_id": ""}
+        return lambda now_s: node.publish("/rosout", {"header": header, **line})
+
+    node.advertise("/rosout", "rosgraph_msgs/Log")
+    node.create_timer(1.0, sender(4, "slips"))
+    node.create_timer(error_every_s, sender(8, "lost"))
 
 
 FAULTS: Mapping[str, str] = {

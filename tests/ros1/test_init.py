@@ -17,7 +17,7 @@ sys.path.insert(0, sys.argv[1])
 from harness.whole_robot import WholeRobot
 from robot_health_monitor.ros1.middleware import Ros1Middleware
 rospy.init_node("whole_robot")
-robot = WholeRobot(Ros1Middleware())
+robot = WholeRobot(Ros1Middleware(), 3.0)
 print("ready", flush=True)
 rospy.spin()
 """

@@ -18,7 +18,7 @@ from harness.whole_robot import WholeRobot
 from robot_health_monitor.ros2.middleware import Ros2Middleware
 rclpy.init()
 node = Ros2Middleware("whole_robot")
-robot = WholeRobot(node)
+robot = WholeRobot(node, 3.0)
 print("ready", flush=True)
 rclpy.spin(node.node)
 """

@@ -23,7 +23,7 @@ from robot_health_monitor.runtime.event_loops import LoopThread
 
 Start = Callable[..., LineProcess]
 
-OWN = ["_simulated_sensors", "alerts", "battery_level", "cpu_usage", "system_health", "temperature"]
+OWN = ["_simulated_sensors", "alerts", "battery_level", "cpu_usage", "rosout", "system_health", "temperature"]
 """Topics of the nodes that `robot-health run` starts."""
 
 
@@ -76,6 +76,7 @@ def test_a_robot_behind_rosbridge_gets_a_file_that_check_accepts(
     file.write_text("\n".join(out(process)))
     signals = load_config(file).signals
     assert list(signals) == ["charge_rate"]
+    assert "    #   node /rosbridge: a tool, or an anonymous node: these come and go" in out(process)
     rate = signals["charge_rate"]
     assert (rate.field, rate.statistic, rate.bounds) == ("", "frequency_hz", rate.bounds)
     assert 10.0 < rate.bounds["warn_below"] < 20.0 < rate.bounds["warn_above"] < 30.0

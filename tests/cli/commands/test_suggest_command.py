@@ -179,9 +179,9 @@ def test_the_output_is_the_same_in_every_run(robot_health: Start, tmp_path: Path
             "no signal is recorded: expected one of arm, ",
         ),
         (
-            [("/rosout", "Byte", [0] * 3, 1.0)],
+            [("/rosout_agg", "Byte", [0] * 3, 1.0)],
             [],
-            "nothing to watch: /rosout: a topic of the middleware",
+            "nothing to watch: /rosout_agg: a topic of the middleware",
         ),
     ],
 )

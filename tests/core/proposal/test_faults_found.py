@@ -7,7 +7,7 @@ from typing import Dict, List, Tuple
 
 import pytest
 import yaml
-from harness.whole_robot import FAULTS, WholeRobot
+from harness.whole_robot import FAULTS, WholeRobot, send_frames, send_log
 
 from robot_health_monitor.core.messages.definitions import parse_definition
 from robot_health_monitor.core.messages.standard_messages import definition
@@ -15,6 +15,7 @@ from robot_health_monitor.core.nodes import AlertSystem
 from robot_health_monitor.core.nodes.outlets import Event
 from robot_health_monitor.core.port.local import LocalBus
 from robot_health_monitor.core.proposal.candidates import Topic
+from robot_health_monitor.core.proposal.nodes import Nodes
 from robot_health_monitor.core.proposal.proposal import Proposal
 from robot_health_monitor.core.proposal.thresholds_file import thresholds_text
 from robot_health_monitor.core.values.model import Level, Transition
@@ -29,14 +30,23 @@ Lines = List[Tuple[str, str]]
 def listened(lasts_s: float) -> Tuple[LocalBus, WholeRobot, str]:
     """Returns the robot and the proposed file after some virtual time."""
     bus = LocalBus(wall_time_s=lambda: 1.7e9 + bus.now_s)
-    robot, proposal = WholeRobot(bus.node("robot")), Proposal()
+    robot, proposal, nodes = WholeRobot(bus.node("robot")), Proposal(), Nodes()
+    send_frames(bus.node("localization"), {"odom": 0.02, "base_link": -0.5}, ())
+    send_log(bus.node("talkative"))
+    bus.node("planner").advertise_service(
+        "/planner/get_state", "lifecycle_msgs/GetState", lambda request: {"current_state": {"id": 3}}
+    )
     for topic, type_name in bus.graph().topics.items():
         proposal.take([Topic(topic, type_name, parse_definition(type_name, definition(type_name), "msg"))])
+    nodes.take(bus.graph().nodes)
     listener = bus.node("init")
+    nodes.begin(listener)
     proposal.listen(listener, proposal.topics)
     bus.run_until(lasts_s)
     listener.close()
-    return bus, robot, thresholds_text(["Test."], {}, proposal.result())
+    proposed = proposal.result()
+    nodes.add_to(proposed, proposal)
+    return bus, robot, thresholds_text(["Test."], {}, proposed)
 
 
 def watched(bus: LocalBus, text: str) -> List[Transition]:
@@ -85,6 +95,15 @@ def test_a_file_after_one_minute_is_silent_for_ten_minutes_too() -> None:
     assert [each.text for each in heard] == []
     assert "# joint_states_effort_elbow: {" in text
     assert "    #   /event: " in text
+    for proposed in (
+        "tf_odom:",
+        "tf_base_link:",
+        "rosout_errors:",
+        "planner_lifecycle:",
+        "robot_node:",
+        "localization_node:",
+    ):
+        assert f"      {proposed}\n" in text
 
 
 @pytest.mark.parametrize("fault", FAULTS)

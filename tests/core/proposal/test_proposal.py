@@ -143,11 +143,11 @@ def test_how_long_to_listen_is_known_of_what_came_too_rarely() -> None:
     rare: Publisher = ("/a", "std_msgs/Float32", 1.0, lambda now_s: {"data": now_s})
     often: Publisher = ("/b", "std_msgs/Float32", 5.0, lambda now_s: {"data": now_s})
     proposal = proposal_of([rare, often], 60.0)
-    assert proposal.needed_s == 120.0
+    assert proposal.needed_s() == 120.0
     ((reason, fields),) = proposal.result().fields["/a"].items()
     assert fields == ["data"]
     assert reason == "no bounds: only 60 valid samples in 59 s; a range needs 100, which takes about 120 s"
-    assert proposal_of([often], 60.0).needed_s == proposal_of([rare], 120.0).needed_s == 0.0
+    assert proposal_of([often], 60.0).needed_s() == proposal_of([rare], 120.0).needed_s() == 0.0
 
 
 def test_an_array_of_numbers_gets_lines_like_a_number() -> None:

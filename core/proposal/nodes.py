@@ -1,0 +1,152 @@
+"""The nodes of a live robot: those that publish what is watched, and lifecycle nodes that are active."""
+
+from __future__ import annotations
+
+import re
+from typing import Any, Dict, List, Mapping, Sequence, Set, Tuple, Union
+
+from ..config.signal_config import ACTIVE, is_element_name, read_signal, template_name
+from ..port.graph import Counts, Unread, Wanted
+from ..port.middleware import Middleware, NodeInfo
+from ..values.errors import ConfigError, ServiceError
+from ..values.formatting import list_text
+from .candidates import relative
+from .measured import Measured
+from .proposal import PUBLISHED_HERE, Proposal, Proposed, Signal
+from .suggestion import Setting, Suggestion
+
+_GET_STATE = "/get_state"
+"""Ending of the service that every lifecycle node has."""
+_AFTER_S = 2.0
+"""How much later than the silence of its topics a node is an alert, in s: there is one alert, that of the silence."""
+_TOOLS = re.compile(
+    r".*/(_[^/]*|rosout|(rosbag2?|rostopic|launch_ros|rosbridge|foxglove_bridge|rqt|rviz2?|plotjuggler)(_[^/]*)?|[^/]*_\d{5,})\Z",
+    re.ASCII | re.IGNORECASE,
+)
+"""Names of tools, bridges and hidden nodes, and anonymous names, which end with the number of a process or a time."""
+
+
+class Nodes:
+    """Counts nodes by the same code as the monitor, while the robot is listened to."""
+
+    def __init__(self) -> None:
+        """Knows no node."""
+        self.problem = ""
+        """Why the graph is not known; empty if it is."""
+        self._publishers: Dict[str, Set[str]] = {}
+        """Names of the nodes that publish each topic."""
+        self._has_lifecycle = True
+        self._wanted: Tuple[Wanted, ...] = ()
+        self._seen: Dict[Wanted, Set[float]] = {}
+        """The numbers that were counted; of lifecycle nodes their states."""
+
+    def begin(self, node: Middleware) -> None:
+        """Begins to count what `take` adds, if the middleware knows the graph."""
+        try:
+            node.graph_name("node", "any")
+            node.follow_graph(lambda: self._wanted, self._note)
+            node.graph_name("lifecycle", "any")
+        except ConfigError:
+            self._has_lifecycle = False
+        except ServiceError as error:
+            self.problem = str(error)
+
+    def take(self, nodes: Mapping[str, NodeInfo]) -> None:
+        """Adds the nodes of one reading of the graph."""
+        for name, info in nodes.items():
+            for topic in info.publishes:
+                self._publishers.setdefault(topic, set()).add(name)
+            wanted = [("node", name)]
+            if self._has_lifecycle and name + _GET_STATE in info.services:
+                wanted.append(("lifecycle", name))
+            self._wanted += tuple(each for each in wanted if each not in self._wanted)
+
+    def add_to(self, proposed: Proposed, proposal: Proposal) -> None:
+        """Adds the nodes to what is proposed, and what depends on what where the names make that certain."""
+        watched: Dict[str, List[Signal]] = {}
+        for signal in proposed.signals:
+            if not signal.is_shown_only:
+                watched.setdefault(signal.topic, []).append(signal)
+        own = {node for topic in proposal.own_topics for node in self._publishers.get(topic, ())}
+        for topic in [signal.topic for signal in proposed.signals if signal.given.get("statistic") == "count"]:
+            if not self.problem and all(map(_TOOLS.match, self._publishers.get(topic, own) - own)):
+                proposed.signals = [signal for signal in proposed.signals if signal.topic != topic]
+                proposed.not_watched[topic] = PUBLISHED_HERE
+        statuses = self._statuses(proposal)
+        others: List[str] = []
+        for node in sorted(name for key, name in self._wanted if key == "node" and name not in own):
+            published = [topic for topic in watched if node in self._publishers.get(topic, ())]
+            alone = [topic for topic in published if len(self._publishers[topic]) == 1]
+            of_driver = statuses.get(node, [])
+            for signal in [signal for topic in alone for signal in watched[topic] if of_driver]:
+                _depend_on_driver(signal, of_driver)
+            key = "lifecycle" if ("lifecycle", node) in self._wanted else "node"
+            reason = self._why_not(key, node)
+            if not published and (reason or key == "node"):
+                others += [] if _TOOLS.match(node) else [node]
+            elif reason:
+                proposed.not_watched[f"{key} {node}"] = reason
+            else:
+                short = relative(node, proposal.namespace)
+                given: Dict[str, Any] = {key: short}
+                settings: Dict[str, Setting] = {}
+                silent_s = [_silent_after_s(watched[topic]) for topic in alone]
+                if key == "node" and any(silent_s):
+                    causes = [f"/{watched[topic][0].given['topic'].lstrip('/')}" for topic in alone]
+                    settings["for_s"] = Setting(max(silent_s) + _AFTER_S, "longer than its topics may be silent")
+                    settings["depends_on"] = Setting(causes, "their silence is the alert")
+                name = proposal.names.new(short, key)
+                measured = Measured(read_signal(name, given))
+                note = f"publishes {list_text(published, most=5)}" if published else "a lifecycle node that is active"
+                proposed.signals.append(
+                    Signal(name, f"{key} {node}", given, Suggestion(settings, {}, []), measured, note)
+                )
+        if self.problem or others:
+            proposed.not_watched["nodes"] = self.problem or f"{list_text(others)} publish nothing that is watched"
+
+    def _statuses(self, proposal: Proposal) -> Mapping[str, List[str]]:
+        """Returns the signals of the statuses of each node, by whose name they begin: `laser: scan` of `/laser`."""
+        by_name: Dict[str, List[str]] = {}
+        for _, node in self._wanted:
+            for name in {node.lstrip("/"), node.rpartition("/")[2]}:
+                by_name.setdefault(name, []).append(node)
+        statuses: Dict[str, List[str]] = {}
+        for template, status in proposal.statuses:
+            nodes = set(by_name.get(status.partition(":")[0].strip().lstrip("/"), ()))
+            name = f"{template}[{status}]"
+            if len(nodes) == 1 and is_element_name(name):
+                statuses.setdefault(nodes.pop(), []).append(name)
+        return statuses
+
+    def _why_not(self, key: str, name: str) -> str:
+        """Returns why a node, or the state of a lifecycle node, is not watched; empty if it is."""
+        seen = self._seen.get((key, name))
+        if _TOOLS.match(name):
+            return "a tool, or an anonymous node: these come and go"
+        if not seen:
+            return "seen too late to be counted"
+        if key == "node":
+            return "" if min(seen) >= 1.0 else "not there all the time"
+        return "" if seen == {ACTIVE} else "not active all the time"
+
+    def _note(self, numbers: Union[Counts, Unread], now_s: float) -> None:
+        if isinstance(numbers, Unread):
+            self.problem = "" if self._seen else numbers.reason
+            return
+        self.problem = ""
+        for wanted, number in numbers.items():
+            self._seen.setdefault(wanted, set()).add(number)
+
+
+def _depend_on_driver(signal: Signal, statuses: Sequence[str]) -> None:
+    """Lets a signal depend on the status of its driver; of several, which one is a guess."""
+    suggestion, is_certain = signal.suggestion, len(statuses) == 1
+    if signal.name not in map(template_name, statuses) and (is_certain or suggestion.has_bounds):
+        why = "its driver's own status" if is_certain else "a guess: its driver's own statuses"
+        (suggestion.settings if is_certain else suggestion.seen)["depends_on"] = Setting(list(statuses), why)
+
+
+def _silent_after_s(signals: Sequence[Signal]) -> float:
+    """Returns after which time without a message a topic is an alert; 0: never."""
+    limits = [signal.settings.get("stale_after_s", 0.0) for signal in signals]
+    return min(filter(None, limits), default=0.0)
