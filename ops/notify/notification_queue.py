@@ -82,8 +82,8 @@ _INSERT_IF_CONCERNED = """
         OR EXISTS (SELECT 1 FROM notifications WHERE target = :target AND fingerprint = :fingerprint)
 """
 _STORE_NOTIFIED = """
-    INSERT INTO notified (target, fingerprint, level, since_s, transition_json) VALUES (?, ?, ?, ?, ?)
-    ON CONFLICT (target, fingerprint) DO UPDATE SET level = excluded.level, since_s = excluded.since_s,
+    INSERT INTO notified (target, fingerprint, level, at_s, transition_json) VALUES (?, ?, ?, ?, ?)
+    ON CONFLICT (target, fingerprint) DO UPDATE SET level = excluded.level, at_s = excluded.at_s,
         transition_json = excluded.transition_json
 """
 _DROP_SUPERSEDED = """
@@ -105,10 +105,18 @@ _DROP_ENDED = """
 
 
 class _Alert(NamedTuple):
+    """An alert to queue, or a row of `notified`: what a target was last sent about it."""
+
     fingerprint: str
     level: Level
     at_s: float  # wall time in s since 1970
     transition_json: Mapping[str, Any]
+
+    def notified(self) -> Notified:
+        transition = self.transition_json
+        level = Level[transition["to_level"]] if self.level is _UNCONFIRMED else self.level
+        text, annotations = alert_line(transition), annotations_of(transition)
+        return Notified(transition["robot"], transition["signal"], level, self.at_s, text, annotations)
 
 
 class OpenAlert(NamedTuple):
@@ -139,21 +147,6 @@ class Waiting(NamedTuple):
     transition_json: Mapping[str, Any]
     attempts: int
     is_repeat: bool
-
-
-class _Known(NamedTuple):
-    """A row of `notified`."""
-
-    fingerprint: str
-    level: Level
-    since_s: float
-    transition_json: Mapping[str, Any]
-
-    def notified(self) -> Notified:
-        transition = self.transition_json
-        level = Level[transition["to_level"]] if self.level is _UNCONFIRMED else self.level
-        text, annotations = alert_line(transition), annotations_of(transition)
-        return Notified(transition["robot"], transition["signal"], level, self.since_s, text, annotations)
 
 
 class Part(NamedTuple):
@@ -419,7 +412,7 @@ class NotificationQueue:
                 elif before is not None or now_s - alert.begun_s - alert.silenced_s >= target.after_s:
                     yield alert.as_alert()
         for row in known.values():  # the history lost its end
-            yield _Alert(row.fingerprint, Level.OK, row.since_s, _no_longer_watched(row.transition_json))
+            yield row._replace(level=Level.OK, transition_json=_no_longer_watched(row.transition_json))
 
     def _decide(self, connection: Connection, target: TargetSettings, row: Waiting) -> Optional[Notification]:
         """Returns what a row means for a target now; None: nothing."""
@@ -505,10 +498,10 @@ def _open_alerts(connection: Connection) -> Rows[OpenAlert]:
     return _read(connection, "open_alerts", OpenAlert, "")
 
 
-def _known_at(connection: Connection, target: str, *fingerprint: str) -> Dict[str, _Known]:
+def _known_at(connection: Connection, target: str, *fingerprint: str) -> Dict[str, _Alert]:
     """Returns what a target was last sent about an alert, or about each, by fingerprint."""
     tail = f"WHERE target = ? {'AND fingerprint = ?' if fingerprint else ''}"
-    return {row.fingerprint: row for row in _read(connection, "notified", _Known, tail, (target, *fingerprint))}
+    return {row.fingerprint: row for row in _read(connection, "notified", _Alert, tail, (target, *fingerprint))}
 
 
 def _store_notified(connection: Connection, target: str, alert: _Alert) -> None:

@@ -121,7 +121,7 @@ CREATE TABLE open_alerts (
     begun_s REAL NOT NULL,
     at_s REAL NOT NULL,                  -- of its present level
     fingerprint TEXT NOT NULL,
-    transition_json TEXT NOT NULL,       -- empty: there are no notifications yet
+    transition_json TEXT NOT NULL,       -- what --json has, for notifications
     silenced_s REAL NOT NULL DEFAULT 0,  -- for how long it has been silenced
     silenced_from_s REAL,                -- since when it has been silenced now
     PRIMARY KEY (robot, signal)
@@ -170,7 +170,7 @@ CREATE TABLE notified (
     target TEXT NOT NULL,
     fingerprint TEXT NOT NULL,
     level INTEGER NOT NULL,
-    since_s REAL NOT NULL,               -- when the alert reached this level
+    at_s REAL NOT NULL,                  -- when the alert reached this level
     transition_json TEXT NOT NULL,
     PRIMARY KEY (target, fingerprint)
 );

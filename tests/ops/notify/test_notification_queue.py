@@ -670,7 +670,7 @@ ODD = ("'text'", "9e999", "x'ff00'", "'{}'", "'[1]'")
     ("table", "column"),
     [
         *(("open_alerts", name) for name in ("robot", "level", "at_s", "transition_json")),
-        *(("notified", name) for name in ("level", "since_s", "transition_json")),
+        *(("notified", name) for name in ("level", "at_s", "transition_json")),
         *(("notifications", name) for name in ("level", "at_s", "transition_json", "attempts", "is_repeat", "place")),
     ],
 )
