@@ -11,7 +11,7 @@ from typing import Any, Dict, List, Optional, Sequence, TextIO
 
 from ...core.judge.sources import is_source
 from ...core.values.formatting import printable
-from ...ops.store.matchers import matchers_text, parse_matchers
+from ...ops.store.matchers import parse_matchers
 from ...ops.store.queries import configuration
 from ...ops.store.recurrence import parse_recurrence
 from ...ops.store.silences import (
@@ -134,14 +134,14 @@ def _add(connection: sqlite3.Connection, arguments: argparse.Namespace, now_s: f
     )
     is_in_force = added.in_force(now_s)
     covered = [alert for alert in open_alerts(connection) if is_in_force and added.covers(*alert)]
-    lines = [f"silence {added.id}: {matchers_text(added.matchers)}, {_state(added, now_s)}; {_open_text(covered)}"]
+    lines = [f"silence {added.id}: {added.matchers}, {_state(added, now_s)}; {_open_text(covered)}"]
     for robot, signal in covered[:_MOST_NAMED]:
         kept = configuration(connection, robot, now_s) or {}
         if is_source(signal) or any(signal in each.get("depends_on", ()) for each in kept.values()):
             lines.append(f"{robot} {signal}: covers the signals that it affects, as long as it lasts")
     known = connection.execute("SELECT robot, signal FROM signal_states")
     if not covered and not any(added.matches(*row) for row in known):
-        lines.append(f"so far, no signal in this history matches {matchers_text(added.matchers)}")
+        lines.append(f"so far, no signal in this history matches {added.matchers}")
     return lines
 
 
@@ -162,7 +162,7 @@ def _list(connection: sqlite3.Connection, arguments: argparse.Namespace, now_s: 
         return ["no silences" if arguments.all else "no active silences"]
     shown = [
         (
-            str(each.id), _state(each, now_s), str(is_open), str(alerts), matchers_text(each.matchers), each.reason,
+            str(each.id), _state(each, now_s), str(is_open), str(alerts), each.matchers, each.reason,
             each.author,
         )
         for each, is_open, alerts in rows
@@ -174,7 +174,7 @@ def _expire(connection: sqlite3.Connection, arguments: argparse.Namespace, now_s
     lines = []
     for number in arguments.ids:
         expired = expire_silence(connection, number, now_s, reason=arguments.reason, author=author_of(arguments))
-        lines.append(f"silence {number} ended: {matchers_text(expired.matchers)}")
+        lines.append(f"silence {number} ended: {expired.matchers}")
     return lines
 
 
@@ -197,14 +197,14 @@ def _as_json(each: Silence, now_s: float, is_open: int, alerts: int) -> Dict[str
     return {
         "id": each.id,
         "state": "active" if active else "ended",
-        "matchers": matchers_text(each.matchers),
+        "matchers": each.matchers,
         "reason": each.reason,
         "author": each.author,
         "since": iso_time(each.created_s),
         "until": None if each.until_s is None else iso_time(each.until_s),
         "until_resolved": each.until_resolved,
-        "every": None if each.every is None else each.every.text,
-        "timezone": None if each.every is None else each.every.zone,
+        "every": each.every or None,
+        "timezone": each.timezone or None,
         "in_force": each.in_force(now_s),
         "ended": None if active else iso_time(each.end_s(now_s)),
         "ended_by": each.ended_by,

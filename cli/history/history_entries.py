@@ -9,7 +9,6 @@ from typing import Dict, Iterator, List, NamedTuple, Sequence, TextIO, Tuple, Un
 from ...core.nodes.outlets import json_line
 from ...core.values.formatting import duration_text, list_text, printable, with_hint
 from ...core.values.model import Level
-from ...ops.store.matchers import matchers_text
 from ...ops.store.notes import Note
 from ...ops.store.queries import MonitorEvent
 from ...ops.store.rows import StoredTransition
@@ -100,7 +99,7 @@ def entry_json(entry: Union[NotedAlert, SilenceEvent], **more: object) -> str:
         return json_line(alert, **own, notes=notes, **more)
     fields = {"id": entry.silence.id, "time": iso_time(entry.wall_s), **_silence_fields(entry)}
     every = entry.silence.every
-    rule = {} if every is None else {"every": every.text, "timezone": every.zone}
+    rule = {"every": every, "timezone": entry.silence.timezone} if every else {}
     return json.dumps({**fields, "until_resolved": entry.silence.until_resolved, **rule})
 
 
@@ -138,7 +137,7 @@ def csv_cell(value: object) -> object:
 def _silence_text(event: SilenceEvent) -> str:
     silence = event.silence
     author, reason = _author_and_reason(event)
-    text = f"silence {silence.id} {event.kind}{f' by {author}' if author else ''}: {matchers_text(silence.matchers)}"
+    text = f"silence {silence.id} {event.kind}{f' by {author}' if author else ''}: {silence.matchers}"
     if event.kind == "added":
         text += f", {silence.end_text(time_text)}"
     return f"{text} ({reason})" if reason else text
@@ -157,7 +156,7 @@ def _silence_fields(event: SilenceEvent) -> Dict[str, object]:
     return {
         "text": _silence_text(event),
         "event": f"silence {event.kind}",
-        "matchers": matchers_text(event.silence.matchers),
+        "matchers": event.silence.matchers,
         "author": author,
         "reason": reason,
         "until": None if until_s is None else iso_time(until_s),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import threading
-from dataclasses import replace
 from sqlite3 import Connection
 from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple, TypeVar
 
@@ -197,7 +196,5 @@ def _end_order(silence: Silence) -> float:
 
 
 def _without(silence: Silence, alert: Alert, now_s: float) -> Silence:
-    if silence.alerts is None:
-        return silence
     alerts = silence.alerts - {alert}
-    return replace(silence, alerts=alerts, ended_s=silence.ended_s if alerts else now_s)
+    return silence._replace(alerts=alerts, ended_s=now_s if silence.until_resolved and not alerts else silence.ended_s)

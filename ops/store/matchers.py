@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from functools import lru_cache
 from typing import List, NamedTuple, Sequence, Tuple
 
 from ...core.values.errors import ConfigError
@@ -38,6 +39,7 @@ class Matcher(NamedTuple):
         return matches_pattern(text, self.pattern) is self.equal
 
 
+@lru_cache(maxsize=2000)
 def parse_matchers(text: str) -> Tuple[Matcher, ...]:
     """Reads matchers: `robot=r3,signal=battery*`.
 

@@ -60,6 +60,7 @@ class Recurrence:
         return self.state_at(wall_s)[0]
 
 
+@lru_cache(maxsize=2000)
 def parse_recurrence(text: str, zone: str = "") -> Recurrence:
     """Reads a rule: days from `mon` to `sun`, as lists and ranges, which may wrap, and times; no days are all days.
 

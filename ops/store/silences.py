@@ -9,9 +9,8 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass, replace
 from sqlite3 import Connection
-from typing import Callable, Dict, FrozenSet, List, NamedTuple, Optional, Sequence, Set, Tuple
+from typing import Callable, Dict, FrozenSet, List, NamedTuple, Optional, Sequence, Set, Tuple, get_type_hints
 
 from ...core.values.errors import ConfigError
 from ...core.values.formatting import duration_text, printable
@@ -34,10 +33,6 @@ _MOST_KEPT = 10_000
 _RESOLVED = "its alerts are resolved"
 _CLOCK_WAS_WRONG = "it was made by a clock that was wrong"
 
-_TYPES = (
-    int, str, str, str, float, Optional[float], bool, Optional[float], Optional[float], str, str, str, str,
-)  # fmt: skip
-
 _DURATION = re.compile(r"(?:(\d{1,6})w)?(?:(\d{1,6})d)?(?:(\d{1,6})h)?(?:(\d{1,8})m)?(?:(\d{1,9})s)?\Z", re.ASCII)
 _UNITS_S = (604_800, 86_400, 3600, 60, 1)
 
@@ -45,22 +40,20 @@ Alert = Tuple[str, str]
 """An alert: the names of its robot and its signal."""
 
 
-@dataclass(frozen=True)
-class Silence:
-    """One silence."""
+class Silence(NamedTuple):
+    """One silence. The fields but the last one are the columns of the table `silences`; times are in s since 1970."""
 
     id: int
-    matchers: Tuple[Matcher, ...]
-    """An alert must fulfil all of them."""
+    matchers: str
+    """An alert must fulfil all of them; see `parse_matchers`."""
     reason: str
     author: str
     created_s: float
-    """In s since 1970, as all times here."""
-    until_s: Optional[float]
+    until_s: Optional[float] = None
     """When it expires; None: without a time limit."""
-    alerts: Optional[FrozenSet[Alert]]
-    """For a silence until they resolve: the alerts that are still open. None: every alert that matches."""
-    ended_s: Optional[float]
+    until_resolved: bool = False
+    """Whether it ends when the alerts that were open at its begin have resolved."""
+    ended_s: Optional[float] = None
     """When it was ended, or its last alert resolved; None: not yet."""
     noticed_s: Optional[float] = None
     """When a monitor noticed that it was made in the future, by a clock that was wrong; None: it was not."""
@@ -68,13 +61,17 @@ class Silence:
     """Who ended it; empty: it was not ended, or this is unknown."""
     ended_reason: str = ""
     """Why it was ended."""
-    every: Optional[Recurrence] = None
-    """When it is in force, while it is active; None: all the time."""
+    every: str = ""
+    """When it is in force, while it is active; empty: all the time."""
+    timezone: str = ""
+    """The time zone of `every`."""
+    alerts: FrozenSet[Alert] = frozenset()
+    """For a silence until they resolve: the alerts that are still open."""
 
     @property
-    def until_resolved(self) -> bool:
-        """Whether it ends when the alerts that were open at its begin have resolved."""
-        return self.alerts is not None
+    def rule(self) -> Optional[Recurrence]:
+        """When it is in force; None: all the time."""
+        return parse_recurrence(self.every, self.timezone) if self.every else None
 
     def is_active(self, now_s: float) -> bool:
         """Returns whether it has neither ended nor expired; one that recurs need not be in force."""
@@ -83,21 +80,21 @@ class Silence:
 
     def in_force(self, now_s: float) -> bool:
         """Returns whether it suppresses notifications at a time."""
-        return self.is_active(now_s) and (self.every is None or self.every.contains(now_s))
+        return self.is_active(now_s) and (self.rule is None or self.rule.contains(now_s))
 
     def change_s(self, now_s: float) -> float:
         """Returns when an active silence comes into force, ends or expires next; infinity if that is open."""
         until_s = self.seen_at(now_s).until_s
         return min(
-            math.inf if until_s is None else until_s, math.inf if self.every is None else self.every.state_at(now_s)[1]
+            math.inf if until_s is None else until_s, math.inf if self.rule is None else self.rule.state_at(now_s)[1]
         )
 
     def was_in_force(self, from_s: float, to_s: float, now_s: float) -> bool:
         """Returns whether it was in force at some time of a span, of which the end does not count."""
         begin_s, end_s = max(from_s, self.created_s), min(to_s, self.end_s(now_s))
-        if begin_s >= end_s or self.every is None:
+        if begin_s >= end_s or self.rule is None:
             return begin_s < end_s
-        is_in_force, change_s = self.every.state_at(begin_s)
+        is_in_force, change_s = self.rule.state_at(begin_s)
         return is_in_force or change_s < end_s
 
     def end_s(self, now_s: float) -> float:
@@ -116,13 +113,11 @@ class Silence:
         if self.until_s is None or not self.is_in_future(now_s):
             return self
         begin_s = now_s if self.noticed_s is None else min(self.noticed_s, now_s)
-        return replace(self, created_s=begin_s, until_s=begin_s + self.until_s - self.created_s)
+        return self._replace(created_s=begin_s, until_s=begin_s + self.until_s - self.created_s)
 
     def covers(self, robot: str, signal: str) -> bool:
         """Returns whether it applies to an alert."""
-        if self.alerts is not None and (robot, signal) not in self.alerts:
-            return False
-        return self.matches(robot, signal)
+        return self.matches(robot, signal) and (not self.until_resolved or (robot, signal) in self.alerts)
 
     def matches(self, robot: str, signal: str) -> bool:
         """Returns whether an alert fulfils all matchers."""
@@ -130,7 +125,7 @@ class Silence:
 
     def allows(self, label: str, name: str) -> bool:
         """Returns whether the name of a robot or a signal fulfils the matchers of that label."""
-        return all(matcher.matches(name) for matcher in self.matchers if matcher.label == label)
+        return all(matcher.matches(name) for matcher in parse_matchers(self.matchers) if matcher.label == label)
 
     def end_text(self, time_text: Callable[[float], str]) -> str:
         """Returns when it ends, with a function that writes times: `until 2026-11-22 06:00 UTC or resolved`.
@@ -139,7 +134,7 @@ class Silence:
         """
         ends = [] if self.until_s is None else [time_text(self.until_s)]
         end = "until " + " or ".join([*ends, "resolved"] if self.until_resolved else ends)
-        return end if self.every is None else f"{self.every}{f', {end}' if ends else ''}"
+        return end if self.rule is None else f"{self.rule}{f', {end}' if ends else ''}"
 
     @property
     def text(self) -> str:
@@ -214,11 +209,13 @@ def add_silence(
     if len(read_silences(connection, active_at_s=now_s)) >= MOST_ACTIVE:
         raise ConfigError(f"there are {MOST_ACTIVE} active silences, the largest number; expire some first")
     until_s = None if for_s is None else now_s + for_s
-    silence = Silence(0, tuple(matchers), reason, author, now_s, until_s, None, None, every=every)
+    rule = ("", "") if every is None else (every.text, every.zone)
+    silence = Silence(0, text, reason, author, now_s, until_s, until_resolved, None, None, "", "", *rule)
     if until_resolved:
-        alerts = frozenset(alert for alert in open_alerts(connection) if silence.matches(*alert))
-        silence = replace(silence, alerts=alerts)
-        if not alerts:
+        silence = silence._replace(
+            alerts=frozenset(filter(lambda alert: silence.matches(*alert), open_alerts(connection)))
+        )
+        if not silence.alerts:
             raise ConfigError(f"no open alert matches {text}")
     number = insert_silence(connection, silence, None)
     # Ended ones are kept for `list`, in a bounded number.
@@ -228,25 +225,19 @@ def add_silence(
         f"DELETE FROM silenced_alerts WHERE silence_id IN (SELECT id FROM silences WHERE {ended})", (oldest, now_s)
     )
     connection.execute(f"DELETE FROM silences WHERE {ended}", (oldest, now_s))
-    return replace(silence, id=number)
+    return silence._replace(id=number)
 
 
 def insert_silence(connection: Connection, silence: Silence, number: Optional[int]) -> int:
     """Inserts a silence that has not ended, under a number or a new one (None); returns its number."""
-    columns = "id, matchers, reason, author, created_s, until_s, until_resolved, noticed_s, every, timezone"
-    rule = ("", "") if silence.every is None else (silence.every.text, silence.every.zone)
-    text = matchers_text(silence.matchers)
+    columns = ", ".join(Silence._fields[:-1])
     number = connection.execute(
-        f"INSERT OR REPLACE INTO silences ({columns}) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
-        (
-            number, text, silence.reason, silence.author, silence.created_s, silence.until_s,
-            int(silence.until_resolved), silence.noticed_s, *rule,
-        ),
-    ).lastrowid  # fmt: skip
+        f"INSERT OR REPLACE INTO silences ({columns}) VALUES ({', '.join('?' * 13)})", (number, *silence[1:-1])
+    ).lastrowid
     assert number is not None
     connection.executemany(
         "INSERT OR REPLACE INTO silenced_alerts (silence_id, robot, signal) VALUES (?, ?, ?)",
-        [(number, *alert) for alert in sorted(silence.alerts or ())],
+        [(number, *alert) for alert in sorted(silence.alerts)],
     )
     return number
 
@@ -283,30 +274,23 @@ def read_silences(connection: Connection, active_at_s: Optional[float] = None) -
     condition, values = "1", []
     if active_at_s is not None:
         condition, values = "ended_s IS NULL AND (until_s IS NULL OR until_s > ?)", [active_at_s]
-    query = (
-        "SELECT id, matchers, reason, author, created_s, until_s, until_resolved, ended_s, noticed_s, ended_by, "
-        f"ended_reason, every, timezone FROM silences WHERE {condition} ORDER BY id"
-    )
-    found = select(connection, "silences", _TYPES, query, values)
+    query = f"SELECT {', '.join(Silence._fields[:-1])} FROM silences WHERE {condition} ORDER BY id"
+    rows = select(connection, "silences", [*get_type_hints(Silence).values()][:-1], query, values)
     alerts: Dict[int, Set[Alert]] = {}
-    if any(row[6] for row in found):
-        query = "SELECT silence_id, robot, signal FROM silenced_alerts WHERE resolved_s IS NULL"
-        for number, *alert in select(connection, "silenced_alerts", (int, str, str), query):
-            alerts.setdefault(number, set()).add((alert[0], alert[1]))
+    query = "SELECT silence_id, robot, signal FROM silenced_alerts WHERE resolved_s IS NULL"
+    for number, *alert in select(connection, "silenced_alerts", (int, str, str), query):
+        alerts.setdefault(number, set()).add((alert[0], alert[1]))
     silences = []
-    for number, text, reason, author, created_s, until_s, until_resolved, ended_s, noticed_s, by, why, *rule in found:
+    for row in rows:
         try:
-            matchers = parse_matchers(text)
-            every = parse_recurrence(*rule) if rule[0] else None
+            parse_matchers(row[1])
+            if row[-2]:
+                parse_recurrence(*row[-2:])
         except ConfigError:  # of a newer version, or edited by hand
-            skip(connection, "silences", number)
-            continue
-        of_silence = frozenset(alerts.get(number, ())) if until_resolved else None
-        silence = Silence(
-            number, matchers, printable(reason), printable(author), created_s, until_s, of_silence, ended_s, noticed_s,
-            printable(by), printable(why), every,
-        )  # fmt: skip
-        silences.append(silence)
+            skip(connection, "silences", row[0])
+        else:
+            shown = [printable(value) if isinstance(value, str) else value for value in row]
+            silences.append(Silence._make([*shown, frozenset(alerts.get(row[0], ()))]))
     return silences
 
 
@@ -405,7 +389,7 @@ def silenced_transitions(connection: Connection, silence: Silence, now_s: float)
             AND (NOT ? OR (robot, signal) IN (SELECT robot, signal FROM silenced_alerts WHERE silence_id = ?))
         GROUP BY robot, signal
     """
-    every, begin_s = silence.every, silence.created_s
+    every, begin_s = silence.rule, silence.created_s
     connection.create_function("in_force", 1, lambda wall_s: every is None or every.contains(wall_s))
     values = (*number_range(connection, begin_s), begin_s, silence.end_s(now_s), silence.until_resolved, silence.id)
     counts = select(connection, "transitions", (str, str, int), query, values)

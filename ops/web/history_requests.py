@@ -17,7 +17,7 @@ from ...runtime.times import iso_time
 from ..store import queries, samples
 from ..store.active_silences import Silences
 from ..store.history import History
-from ..store.matchers import Matcher, matchers_text
+from ..store.matchers import Matcher
 from ..store.notes import MOST_TEXT, Note, add_note, notes_of
 from ..store.rows import StoredTransition
 from ..store.samples import StoredSamples, samples_fields
@@ -283,17 +283,16 @@ def new_note(history: History, new: NewNote) -> Json:
 
 def silence_json(silence: Silence, now_s: float) -> Json:
     """Returns a silence as docs/reference/api.md describes it, at a time in s since 1970."""
-    every = silence.every
     return {
         "id": str(silence.id),
-        "matchers": matchers_text(silence.matchers),
+        "matchers": silence.matchers,
         "reason": silence.reason,
         "author": silence.author,
         "since": iso_time(silence.created_s),
         "until": None if silence.until_s is None else iso_time(silence.until_s),
         "until_resolved": silence.until_resolved,
-        "every": None if every is None else every.text,
-        "timezone": None if every is None else every.zone,
+        "every": silence.every or None,
+        "timezone": silence.timezone or None,
         "in_force": silence.in_force(now_s),
     }
 
