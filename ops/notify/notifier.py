@@ -56,7 +56,7 @@ class Notifier:
 
         self._queue = NotificationQueue(_alerted(targets), silences, is_simulated, history.wall_s, public_url)
         self._start(targets)
-        history.on_record(self._note)
+        history.on_record.append(self._note)
         history.on_second.append(self._follow)
         history.on_batch.append(self._wake_for_news)
         history.on_lost.append(self._prepare_again)

@@ -56,7 +56,7 @@ class Silences:
         """As they were read last: one that is not active now may be so once the wall clock is set."""
         self._causes: Dict[str, Mapping[str, str]] = {}
         self._followed_s = history.wall_s()
-        history.on_record(self._note_transition)
+        history.on_record.append(self._note_transition)
         history.on_second.append(self._follow)
         history.on_lost.append(self._restore)
         try:
@@ -89,7 +89,9 @@ class Silences:
                 if len(self._found) >= _MOST_CACHED:
                     self._found.clear()
                 covering = [each for each in self._active if each.covers(*key) and each.in_force(now_s)]
-                self._found[key] = max(covering, key=_end_order, default=None)
+                self._found[key] = max(
+                    covering, key=lambda each: math.inf if each.until_s is None else each.until_s, default=None
+                )
             silence = self._found[key]
         return silence.seen_at(now_s) if silence is not None and silence.is_active(now_s) else None
 
@@ -189,10 +191,6 @@ def _limit_text(silences: Sequence[Silence], now_s: float) -> str:
     if len(silences) > 1:
         text += f"; so do {count_text(len(silences) - 1, 'more silence')}, each after its duration"
     return text
-
-
-def _end_order(silence: Silence) -> float:
-    return float("inf") if silence.until_s is None else silence.until_s
 
 
 def _without(silence: Silence, alert: Alert, now_s: float) -> Silence:

@@ -68,16 +68,13 @@ class History(Database):
         self._samples_lock = threading.Lock()
         self._open_samples: Optional[Deque[StoredSamples]] = None
         """Those that wait for the writer; None: none."""
-        self._on_record: List[OnRecord] = []
-        self._lost = 0
+        self.on_record: List[OnRecord] = []
+        """Called inside the transaction that stores a transition, in the writer's thread.
 
-    def on_record(self, hook: OnRecord) -> None:
-        """Calls a function inside the transaction that stores a transition, in the writer's thread.
-
-        It may run again for the same transition if the database has to be replaced: its effects belong into the
+        One may run again for the same transition if the database has to be replaced: its effects belong into the
         database.
         """
-        self._on_record.append(hook)
+        self._lost = 0
 
     def of_robot(self, robot: str) -> RobotHistory:
         """Returns the history of one robot, for its AlertSystem: the only one until that is closed."""
@@ -111,7 +108,7 @@ class History(Database):
         self.note_transition(row[1], row[2])
         self.state.note_transition(connection, number, began, transition, wall_s)
         self.state.note_alive(connection)
-        for hook in self._on_record:
+        for hook in self.on_record:
             # Their mistakes do not affect the transition.
             connection.execute("SAVEPOINT hook")
             try:

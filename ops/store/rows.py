@@ -13,7 +13,6 @@ import struct
 from sqlite3 import Connection
 from typing import (
     Any,
-    Callable,
     Dict,
     Iterable,
     List,
@@ -80,7 +79,17 @@ def select(
 
     The first column identifies a row, the table names it.
     """
-    return _select(connection, table, types, query, values, tuple)
+    cursor = connection.execute(query, values)
+    read = row_reader([column[0] for column in cursor.description], types)
+    rows: Rows[Tuple[Any, ...]] = Rows()
+    rows.found = cursor.fetchall()
+    for row in rows.found:
+        found = read(row)
+        if found is None:
+            skip(connection, table, row[0])
+        else:
+            rows.append(tuple(found))
+    return rows
 
 
 def records(
@@ -89,28 +98,10 @@ def records(
     """Returns rows of a table as a NamedTuple whose fields are its `columns`, as `select`; `tail` follows the table."""
     types = get_type_hints(record)
     query = f"SELECT {columns or ', '.join(types)} FROM {table} {tail}"
-    return _select(connection, table, [*types.values()], query, values, lambda row: record(*row))
-
-
-def _select(
-    connection: Connection,
-    table: str,
-    types: Iterable[Any],
-    query: str,
-    values: Values,
-    make: Callable[[List[Any]], T],
-) -> Rows[T]:
-    cursor = connection.execute(query, values)
-    read = row_reader([column[0] for column in cursor.description], types)
-    rows: Rows[T] = Rows()
-    rows.found = cursor.fetchall()
-    for row in rows.found:
-        found = read(row)
-        if found is None:
-            skip(connection, table, row[0])
-        else:
-            rows.append(make(found))
-    return rows
+    rows = select(connection, table, types.values(), query, values)
+    made: Rows[T] = Rows(record(*row) for row in rows)
+    made.found = rows.found
+    return made
 
 
 class StoredTransition(NamedTuple):

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import functools
-import gzip
 import hashlib
 import json
 from pathlib import Path
-from typing import Any, Dict, Mapping, NamedTuple, Optional, Protocol
+from typing import Any, Dict, Mapping, NamedTuple, Optional, Protocol, Tuple
 
 from aiohttp import web
 
@@ -135,29 +134,24 @@ def _refuse(constant: str) -> None:
     raise ValueError(constant)
 
 
-class _File(NamedTuple):
-    content: bytes
-    compressed: bytes
-    """The same with gzip, which takes a third."""
-    content_type: str
-    etag: str
-
-
 async def serve_page_file(request: web.Request) -> web.Response:
     """Answers a request for `/` or `/NAME`: a file of the page, from memory."""
     name = request.match_info.get("name", "index.html")
     file = _page_files().get(name)
     if file is None:
         return ApiError(404, f"there is no path {request.path}").response()
-    headers = {**_PAGE_HEADERS, "ETag": file.etag, "Vary": "Accept-Encoding"}
+    content, etag = file
+    headers = {**_PAGE_HEADERS, "ETag": etag, "Vary": "Accept-Encoding"}
     if name == "index.html":
         headers["Link"] = _modules()
-    if file.etag in request.headers.get("If-None-Match", ""):
+    if etag in request.headers.get("If-None-Match", ""):
         return web.Response(status=304, headers=headers)
-    charset, body = "utf-8" if file.content_type.startswith("text/") else None, file.content
+    kind = _TYPES[Path(name).suffix]
+    charset = "utf-8" if kind.startswith("text/") else None
+    response = web.Response(body=content, content_type=kind, charset=charset, headers=headers)
     if "gzip" in request.headers.get("Accept-Encoding", ""):
-        headers, body = {**headers, "Content-Encoding": "gzip"}, file.compressed
-    return web.Response(body=body, content_type=file.content_type, charset=charset, headers=headers)
+        response.enable_compression(web.ContentCoding.gzip)
+    return response
 
 
 @functools.lru_cache(maxsize=None)
@@ -168,13 +162,8 @@ def _modules() -> str:
 
 
 @functools.lru_cache(maxsize=None)
-def _page_files() -> Mapping[str, _File]:
-    """Reads the files in `page/`, and the plot, by their names."""
+def _page_files() -> Mapping[str, Tuple[bytes, str]]:
+    """Reads the files in `page/`, and the plot, by their names; each with its ETag."""
     contents = {file.name: file.read_bytes() for file in sorted(_PAGE.iterdir()) if file.suffix in _TYPES}
     contents.update({"plot.js": plot_script().encode("utf-8"), "plot.css": plot_style().encode("utf-8")})
-    return {
-        name: _File(
-            content, gzip.compress(content), _TYPES[Path(name).suffix], f'"{hashlib.sha256(content).hexdigest()[:32]}"'
-        )
-        for name, content in contents.items()
-    }
+    return {name: (content, f'"{hashlib.sha256(content).hexdigest()[:32]}"') for name, content in contents.items()}

@@ -146,7 +146,9 @@ def test_only_a_history_in_a_file_is_kept(in_file: bool, tmp_path: Path) -> None
 
 def test_hooks_store_rows_in_the_transaction_of_the_transition(history: History) -> None:
     seen: List[object] = []
-    history.on_record(lambda connection, alert, transition, wall_s: seen.append((alert, transition.signal, wall_s)))
+    history.on_record.append(
+        lambda connection, alert, transition, wall_s: seen.append((alert, transition.signal, wall_s))
+    )
     history.of_robot("r1").record(low_battery(), {}, [])
     assert seen == [(1, "battery_level", 1_000_000.0)]
 
@@ -156,7 +158,7 @@ def test_a_hook_that_fails_is_a_fault_and_does_not_affect_the_transition(history
         connection.execute("INSERT INTO resets (wall_s, robot) VALUES (1.0, 'r1')")
         connection.execute("INSERT INTO missing VALUES (1)")
 
-    history.on_record(fail)
+    history.on_record.append(fail)
     history.of_robot("r1").record(low_battery(), {}, [])
     counts = "SELECT (SELECT count(*) FROM transitions), (SELECT count(*) FROM resets)"
     assert history.run(lambda connection: connection.execute(counts).fetchone()) == (1, 0)
@@ -165,7 +167,7 @@ def test_a_hook_that_fails_is_a_fault_and_does_not_affect_the_transition(history
 
 def test_an_alert_keeps_its_number_while_its_level_changes(history: History) -> None:
     robot, seen = history.of_robot("r1"), []
-    history.on_record(lambda connection, alert, transition, wall_s: seen.append(alert))
+    history.on_record.append(lambda connection, alert, transition, wall_s: seen.append(alert))
     levels = (Level.OK, Level.WARN, Level.ERROR, Level.WARN, Level.OK, Level.STALE)
     for before, after in zip(levels, levels[1:]):
         robot.record(transition(0, after, from_level=before), {}, [])
