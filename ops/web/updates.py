@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import time
 from collections import Counter
@@ -59,19 +60,35 @@ class State(NamedTuple):
 class _Page:
     """One open connection."""
 
-    def __init__(self, robots: Sequence[str], address: str) -> None:
+    def __init__(self, robots: Sequence[str], request: web.Request) -> None:
         self.robots = robots  # those whose samples it gets
-        self.address = address
+        self.address = request.remote or ""
+        self._transport = request.transport
         # `retry`, `state` and `samples` come first.
-        self.waiting: asyncio.Queue[bytes] = asyncio.Queue(MOST_WAITING + 2 + MOST_ROBOTS)
-        self.ends = asyncio.Event()
+        self._waiting: asyncio.Queue[bytes] = asyncio.Queue(MOST_WAITING + 2 + MOST_ROBOTS)
+        self._has_ended = False
 
     def send(self, event: bytes) -> None:
         """Queues an event; a page that reads too slowly is disconnected."""
         try:
-            self.waiting.put_nowait(event)
+            self._waiting.put_nowait(event)
         except asyncio.QueueFull:
-            self.ends.set()
+            self.end()
+
+    def end(self) -> None:
+        """Disconnects it; what waits for a page that does not read would be kept otherwise."""
+        self._has_ended = True
+        if self._transport is not None:
+            self._transport.abort()
+        if self._waiting.empty():
+            self._waiting.put_nowait(b"")  # ends the wait for an event
+
+    async def write(self, response: web.StreamResponse) -> None:
+        """Writes events until it ends; raises ConnectionError if it has gone."""
+        while not self._has_ended:
+            event = await self._waiting.get()
+            for start in range(0, len(event), _CHUNK):
+                await response.write(event[start : start + _CHUNK])
 
 
 class Updates:
@@ -125,15 +142,17 @@ class Updates:
         robots = list(dict.fromkeys(filter(None, request.query.getall("robot", []))))
         if len(robots) > MOST_ROBOTS:
             raise ApiError(400, f"robot: expected at most {MOST_ROBOTS} names, got {len(robots)}")
-        page = _Page(robots, request.remote or "")
+        page = _Page(robots, request)
         await self._add(page)
         try:
             response = web.StreamResponse(headers=_HEADERS)
             await response.prepare(request)
-            await self._write(page, request, response)
+            with contextlib.suppress(ConnectionError):
+                await page.write(response)
             return response
         finally:
             self._remove(page)
+            page.end()
 
     def close(self) -> None:
         """Disconnects every page. Call in the loop."""
@@ -144,21 +163,7 @@ class Updates:
 
     def _disconnect_all(self) -> None:
         for page in self._pages:
-            page.ends.set()
-
-    async def _write(self, page: _Page, request: web.Request, response: web.StreamResponse) -> None:
-        ending = asyncio.ensure_future(page.ends.wait())
-        writing = asyncio.ensure_future(_write_events(page, response))
-        try:
-            await asyncio.wait({ending, writing}, return_when=asyncio.FIRST_COMPLETED)
-        finally:
-            for task in (ending, writing):
-                task.cancel()
-            await asyncio.wait({ending, writing})
-            if not writing.cancelled():
-                writing.exception()  # the page has gone: it is retrieved, so that asyncio does not log it
-            if request.transport is not None:
-                request.transport.abort()  # what waits for a page that does not read would be kept otherwise
+            page.end()
 
     async def _add(self, page: _Page) -> None:
         if self._reading is None:
@@ -190,7 +195,7 @@ class Updates:
         while len(self._pages) >= MOST_PAGES:
             of_address = Counter(page.address for page in self._pages)
             replaced = max(self._pages, key=lambda page: of_address[page.address])
-            replaced.ends.set()
+            replaced.end()
             del self._pages[replaced]
 
     def _plotted(self) -> Set[str]:
@@ -257,13 +262,6 @@ class Updates:
 
 def _event(kind: str, *data: bytes) -> bytes:
     return b"".join((b"event: ", kind.encode("ascii"), b"\ndata: ", *data, b"\n\n"))
-
-
-async def _write_events(page: _Page, response: web.StreamResponse) -> None:
-    while True:
-        event = await page.waiting.get()
-        for start in range(0, len(event), _CHUNK):
-            await response.write(event[start : start + _CHUNK])
 
 
 def changes(before: State, after: State) -> Optional[Json]:
