@@ -199,7 +199,7 @@ class Server:
         self._client_log.write(text)
 
     def _added_services(self) -> Mapping[str, str]:
-        return {**self._rosapi.services, **self.services.of_clients.types}
+        return {**self._rosapi.services, **self.services.types}
 
     def _accept(self, runner: web.AppRunner) -> asyncio.Protocol:
         assert runner.server is not None

@@ -17,6 +17,8 @@ from .topic import ByteBudget, Options, merge, options_of
 from .topics import Publications, Topics
 
 _NO_STATUS = operations.STATUS_LEVELS.index("none")
+_FAILURES = (ServiceError, MessageError, ConfigError, OSError)
+"""What an operation may fail with."""
 _ABORTED = 6
 """STATUS_ABORTED of action_msgs/GoalStatus."""
 _LARGE_RECEIVED_BYTES = 10_000
@@ -86,12 +88,9 @@ class Session:
                 handler = getattr(self, f"_{operations.name_of(operation)}", None)
                 if handler is not None:
                     await handler(operation)
-        except (ServiceError, MessageError, ConfigError, OSError) as error:
-            if operation is None:
-                self.send_status("error", str(error), getattr(error, "id", None))
-            else:
-                text = f"{operations.name_of(operation)}: {error}"
-                self.send_status("error", text, getattr(operation, "id", None))
+        except _FAILURES as error:
+            text = str(error) if operation is None else f"{operations.name_of(operation)}: {error}"
+            self.send_status("error", text, getattr(operation or error, "id", None))
         except Exception as error:
             self._parts.log(f"an operation of a client failed: {type(error).__name__}: {error}")
             self.send_status("error", "internal error")
@@ -139,12 +138,12 @@ class Session:
         for call in tuple(self._calls):
             call.cancel()
         for service in self._provided:
-            self._parts.services.of_clients.remove(service, self)
+            self._parts.services.remove(service, self)
         for topic in tuple(self._subscriptions):
             del self._subscriptions[topic]
             try:
                 await self._parts.topics.subscribe(self, topic, "", None)
-            except (ServiceError, MessageError, ConfigError, OSError) as error:
+            except _FAILURES as error:
                 self._parts.log(f"unsubscribing from {topic} failed: {error}")
 
     async def _decode(self, data: Wire) -> Optional[Operation]:
@@ -216,7 +215,7 @@ class Session:
         try:
             values = await self._parts.services.call(request.service, request.args, request.timeout)
             await self._respond(request, values, result=True)
-        except (ServiceError, MessageError, ConfigError, OSError) as error:
+        except _FAILURES as error:
             await self._respond(request, str(error) or type(error).__name__, result=False)
         except Exception as error:
             self._parts.log(f"a service call of a client failed: {type(error).__name__}: {error}")
@@ -237,18 +236,18 @@ class Session:
         service = self._parts.node.resolve(request.service)
         if not matches(service, self._parts.access.offer):
             raise ServiceError(f"clients may not provide {service}")
-        if await self._parts.node.has_service(service):
+        if service in (await self._parts.node.call(self._parts.node.middleware.graph)).services:
             raise ServiceError(f"{service} exists already")
-        self._parts.services.of_clients.add(service, request.type, self)
+        self._parts.services.add(service, request.type, self)
         self._provided.add(service)
 
     async def _unadvertise_service(self, request: operations.UnadvertiseService) -> None:
         service = self._parts.node.resolve(request.service)
         self._provided.discard(service)
-        self._parts.services.of_clients.remove(service, self)
+        self._parts.services.remove(service, self)
 
     async def _service_response(self, response: operations.ServiceResponse) -> None:
-        self._parts.services.of_clients.respond(response, self)
+        self._parts.services.respond(response, self)
 
     async def _set_level(self, request: operations.SetLevel) -> None:
         self._level = operations.STATUS_LEVELS.index(request.level)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Callable, Deque, Dict, Iterable, List, NamedTuple, Optional, Protocol, Sequence, Tuple
 
 from ...core.messages.dialect import Message
+from ...core.port.middleware import Subscription
 from ...core.values.errors import MessageError
 from ...runtime.event_loops import ThreadPool
 from ..protocol import Limits
@@ -126,25 +127,25 @@ class Receiver(Protocol):
 class Topic:
     """The clients of one topic. Used in the event loop only."""
 
-    def __init__(
-        self,
-        name: str,
-        type_name: str,
-        serialize: Optional[Serializer],
-        encoder: ThreadPool,
-        on_failure: Callable[[str], None],
-        limits: Limits,
-    ) -> None:
+    def __init__(self, name: str, encoder: ThreadPool, on_failure: Callable[[str], None], limits: Limits) -> None:
         """Starts without clients.
 
-        `name` is as sent to clients. `serialize` makes raw bytes of a message if the middleware gives none, None: not
-        possible. `encoder` encodes large messages. `on_failure` is called with the reason if a message cannot be sent.
+        `name` is as sent to clients. `encoder` encodes large messages. `on_failure` is called with the reason if a
+        message cannot be sent.
         """
         self.name = name
-        self.type_name = type_name
+        self.type_name = ""
+        """The type, empty if it is not known yet."""
+        self.serialize: Optional[Serializer] = None
+        """Makes raw bytes of a message if the middleware gives none; None: not possible."""
         self.native_raw = False
         """Whether the middleware gives raw bytes, through `deliver_raw`."""
-        self._serialize = serialize
+        self.messages: Optional[Subscription] = None
+        """The subscription of the middleware that supplies `deliver`."""
+        self.raw: Optional[Subscription] = None
+        """The subscription of the middleware that supplies `deliver_raw`."""
+        self.lock = asyncio.Lock()
+        """Held while clients and subscriptions change."""
         self._encoder = encoder
         self._on_failure = on_failure
         self._limits = limits
@@ -154,11 +155,6 @@ class Topic:
         self._timers: Dict[Receiver, asyncio.TimerHandle] = {}
         self._queues: Dict[Encoding, EncodingQueue] = {}
         self._dropped = 0
-
-    def set_type(self, type_name: str, serialize: Optional[Serializer]) -> None:
-        """Sets the type and what makes raw bytes of a message, of a topic whose type was not known."""
-        self.type_name = type_name
-        self._serialize = serialize
 
     @property
     def compressions(self) -> Sequence[str]:
@@ -195,7 +191,7 @@ class Topic:
 
     def deliver(self, message: Message) -> None:
         """Sends a message to every client, except those that receive it from `deliver_raw`."""
-        self._deliver(EncodedMessage(self.name, message, serialize=self._serialize), raw=False)
+        self._deliver(EncodedMessage(self.name, message, serialize=self.serialize), raw=False)
 
     def deliver_raw(self, data: bytes) -> None:
         """Sends the raw bytes of a message to every client that requested them."""

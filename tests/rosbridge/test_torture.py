@@ -289,7 +289,7 @@ def test_an_expensive_subscription_is_bounded_and_disturbs_no_other_client(optio
         async with robot.peer(max_msg_size=0) as reader, robot.peer() as other:
             await reader.subscribe("/image", type="sensor_msgs/Image", **options)
             (session,) = [one for one in robot.server._sessions if one._subscriptions]
-            (topic,) = [one.topic for one in robot.server._parts.topics._topics.values()]
+            (topic,) = robot.server._parts.topics._topics.values()
             for _ in range(30):
                 robot.node.publish("/image", IMAGE)
                 waiting = sum(queue._waiting.size for queue in topic._queues.values())

@@ -28,7 +28,8 @@ def run(scenario: Callable[[Topic, List[str]], Awaitable[None]], **options: Any)
     async def start() -> None:
         pool = ThreadPool("encode", 1, 100)
         problems: List[str] = []
-        topic = Topic("/a", "std_msgs/String", None, pool, problems.append, Limits(**options))
+        topic = Topic("/a", pool, problems.append, Limits(**options))
+        topic.type_name = "std_msgs/String"
         await asyncio.wait_for(scenario(topic, problems), 60.0)
         pool.close()
 
