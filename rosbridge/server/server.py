@@ -116,17 +116,16 @@ class Server:
         self._rosapi = Rosapi(node.graph, node.definition, own_parameters, time.time)
         self.services = Services(node, self._rosapi, self.access, call_timeout_s)
         """The services as clients see them."""
-        encoder = ThreadPool("rosbridge-encode", 1, 1_000)
+        codec = ThreadPool("rosbridge-codec", 2, 2_000)
         self._parts = ServerParts(
             self.access,
             limits,
             node,
-            Topics(node, encoder, limits, self.log),
+            Topics(node, codec, limits, self.log),
             Publications(node, self.access),
             self.services,
             slow_client_timeout_s,
-            encoder,
-            ThreadPool("rosbridge-decode", 1, 1_000),
+            codec,
             self.log,
         )
 
@@ -176,8 +175,7 @@ class Server:
         self._connections.abort_all()
         await asyncio.sleep(0)  # aborted connections are closed in the next turn of the loop
         self._parts.node.close()
-        self._parts.encoder.close()
-        self._parts.decoder.close()
+        self._parts.codec.close()
 
     @property
     def clients(self) -> int:

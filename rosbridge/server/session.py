@@ -39,8 +39,7 @@ class ServerParts(NamedTuple):
     publications: Publications
     services: Services
     slow_client_timeout_s: float
-    encoder: ThreadPool
-    decoder: ThreadPool
+    codec: ThreadPool
     log: Callable[[str], None]
 
 
@@ -150,7 +149,7 @@ class Session:
         now_s = asyncio.get_event_loop().time()
         if len(data) + self._connection.reassembly.chars <= _LARGE_RECEIVED_BYTES:
             return self._connection.receive(data, now_s)
-        return await self._parts.decoder.run(self._connection.receive, data, now_s)
+        return await self._parts.codec.run(self._connection.receive, data, now_s)
 
     async def _subscribe(self, request: operations.Subscribe) -> None:
         requests = self._subscriptions.get(request.topic, {})
@@ -226,7 +225,7 @@ class Session:
         compression = "png" if request.compression == "png" else self._compression
         options = {"fragment_size": request.fragment_size, "compression": compression}
         if estimated_bytes(values) > LARGE_BYTES:
-            wires = await self._parts.encoder.run(lambda: self._connection.send(response, **options))  # type: ignore[arg-type]
+            wires = await self._parts.codec.run(lambda: self._connection.send(response, **options))  # type: ignore[arg-type]
         else:
             wires = self._connection.send(response, **options)  # type: ignore[arg-type]
         self.put(b"".join(map(frame, wires)))

@@ -140,10 +140,7 @@ def test_the_servers_topics_and_services_are_added_to_the_middlewares() -> None:
 
 
 def test_definitions_that_the_middleware_lacks_are_known_here() -> None:
-    async def scenario() -> None:
-        node = ServedNode(LocalBus().node("rosbridge"), dict, threads=False)
-        assert await node.message_definition("std_msgs/Float32") == "float32 data\n"
-        assert await node.message_definition("nav_msgs/Odometry") == ""
-        assert await node.message_definition("") == ""
-
-    asyncio.run(scenario())
+    node = ServedNode(LocalBus().node("rosbridge"), dict, threads=False)
+    assert node.definition("std_msgs/Float32") == "float32 data\n"
+    assert node.definition("nav_msgs/Odometry") == ""
+    assert node.definition("") == ""
