@@ -106,3 +106,4 @@ def test_init_listens_to_a_foxglove_server(robot_health: Start, tmp_path: Path, 
     signals = load_config(file).signals
     assert {signal.topic for signal in signals.values()} == {"battery"}
     assert "frequency_hz" in {signal.statistic for signal in signals.values()}
+    assert "    #   nodes: the robot's graph is not known here" in file.read_text()
