@@ -91,7 +91,11 @@ def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
         f"Written by `robot-health init` after listening to {robot} for {lasted}: {heard}.",
         *([f"Only what {arguments.against} does not watch."] if watched else []),
         *([_COMMENTED] if listened_s < LEAST_RANGE_S else []),
-        *([f"Some numbers came too rarely even for that: `--seconds {needed_s:.0f}` is enough."] if needed_s else []),
+        *(
+            [f"Some came too rarely to show their range: `--seconds {needed_s:.0f}` is long enough."]
+            if needed_s
+            else []
+        ),
         "docs/statistics.md explains how each value is computed. Review before use.",
     ]
     sys.stdout.write(thresholds_text(heading, {}, proposed))
