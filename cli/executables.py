@@ -202,9 +202,9 @@ class _Running:
             self._before_nodes.callback(alert_system.save_state)
             return alert_system
         # Imported only where they are used: they take a megabyte of a small robot's memory.
-        from .operations import configured_ops, open_operations
+        from .operations import Operations, configured_ops, read_config
 
-        operations = open_operations(configured_ops(parameters))
+        operations = Operations(read_config(configured_ops(parameters)))
         self._after_nodes.callback(operations.close)
         alert_system = operations.start_only(middleware)
         self._before_nodes.callback(alert_system.save_state)

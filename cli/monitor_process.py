@@ -27,7 +27,7 @@ from ..runtime.interrupts import Interrupts
 from ..runtime.libraries import missing_libraries, missing_text
 from ..runtime.tokens import TokenFiles
 from .exit_codes import ExitCode
-from .operations import open_operations, read_config
+from .operations import Operations, read_config
 from .output.events import Events, LibraryLog
 from .output.lines import JsonLines, Output, OutputError, PlainLines, Shown, is_terminal
 from .service_manager import ServiceManager
@@ -87,9 +87,9 @@ class MonitorProcess:
         `name` is shown before warnings of the process. Log lines less severe than `least` are left out. `serves` is
         whether there is a server in any case.
         """
-        self.operations = open_operations(ops_file, always_history=True)
+        self.operations = Operations(read_config(ops_file))
         history = self.operations.history
-        if history is not None and history.file is None and not serves and self.operations.config.server is None:
+        if history.file is None and not serves and self.operations.config.server is None:
             history.keeps_samples = False  # no page could show them, and collecting them costs as much as judging
         self.events = Events(output.put, least, silence_of=self.operations.silence_text)
         """Receives what the monitors log and announce."""

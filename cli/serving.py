@@ -100,14 +100,13 @@ def _make_server(
     from ..ops.web import WebInterface
     from ..rosbridge.server import Access, Server
 
-    notifier = operations.notifier
     web = WebInterface(
         robots,
         threads=threads,
         history=operations.history,
         silences=operations.silences,
         black_boxes=None if operations.black_box is None else operations.black_box.settings.folder,
-        notifications_waiting=int if notifier is None else lambda: notifier.waiting,
+        notifications_waiting=lambda: operations.notifier.waiting,
         process_faults=process_faults,
     )
     for robot in robots():
