@@ -108,15 +108,6 @@ class Fleet:
             for robot in self.robots:
                 robot.log_summary()
 
-    def on_new_alert_system(self, callback: Callable[[AlertSystem], None]) -> None:
-        """Calls back in the loop with the alert_system of each robot that is added."""
-
-        def call(added: Sequence[Robot], removed: Sequence[Robot]) -> None:
-            for robot in added:
-                callback(robot.alert_system)
-
-        self.on_change.append(call)
-
     @property
     def alert_systems(self) -> Sequence[AlertSystem]:
         """Those of the robots that are watched now."""

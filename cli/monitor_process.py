@@ -14,7 +14,7 @@ import logging
 import sys
 import time
 from functools import partial
-from typing import Any, Awaitable, Callable, List, Optional, Protocol, Sequence, Tuple
+from typing import Any, Awaitable, Callable, List, Optional, Sequence, Tuple
 
 from ..core.port.local import LogLine
 from ..core.port.middleware import NOTHING_CHANGED, Severity
@@ -29,9 +29,9 @@ from ..runtime.tokens import TokenFiles
 from .exit_codes import ExitCode
 from .operations import Operations, read_config
 from .output.events import Events, LibraryLog
-from .output.lines import JsonLines, Output, OutputError, PlainLines, Shown, is_terminal
+from .output.lines import JsonLines, Monitors, Output, OutputError, PlainLines, is_terminal
 from .service_manager import ServiceManager
-from .serving import Served, ServerSettings, serve, stop_serving
+from .serving import ServerSettings, serve, stop_serving
 
 Reload = Callable[[], Awaitable[str]]
 """Reads the configuration of a part again and applies what differs; returns what changed, in one line.
@@ -51,22 +51,6 @@ _END_S = 1.5
 _RELOAD_S = 15.0
 """Longest time to reload one part: a file may be on a server that does not answer, or a pipe without a writer."""
 _FAULT = "output"
-
-
-class Monitors(Shown, Served, Protocol):
-    """Monitors of one process that can be shown and served: an embedded monitor or a fleet."""
-
-    def log(self, severity: Severity, text: str) -> object:
-        """Logs a line about the process."""
-
-    async def run(self) -> None:
-        """Runs the monitors until it is cancelled."""
-
-    async def reload(self) -> str:
-        """Reads their configuration again; see `Reload`."""
-
-    def close(self) -> None:
-        """Ends the monitors."""
 
 
 class MonitorProcess:

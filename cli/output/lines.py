@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import os
-from typing import Callable, Dict, List, Optional, Protocol, Sequence, TextIO, Tuple, TypeVar
+from typing import TYPE_CHECKING, Callable, Dict, List, Sequence, TextIO, Tuple, TypeVar, Union
 
-from ...core.nodes import AlertSystem
 from ...core.nodes.outlets import json_line
 from ...core.port.local import LogLine
 from ...core.port.middleware import Severity
@@ -16,38 +15,23 @@ from ...runtime.times import DATE_TIME, local_time
 from .events import Entry
 from .stream_writer import StreamWriter
 
+if TYPE_CHECKING:
+    from ..embedded import EmbeddedMonitor
+    from ..fleet import Fleet
+
 
 class OutputError(ServiceError):
     """The output could not be written completely. `str()` says why."""
 
 
-class ShownRobot(Protocol):
-    """One robot."""
-
-    alert_system: AlertSystem
-    """Judges the robot's signals."""
-
-    @property
-    def now_s(self) -> float:
-        """Seconds on the monitor's clock."""
-
-
-class Shown(Protocol):
-    """One robot or several."""
-
-    @property
-    def robots(self) -> Sequence[ShownRobot]:
-        """The robots that are watched now."""
-
-    @property
-    def system_health(self) -> Optional[float]:
-        """The latest system_health; None: not published, or several robots."""
+Monitors = Union["EmbeddedMonitor", "Fleet"]
+"""What a process runs, shows and serves: one robot in it, or several over their bridges."""
 
 
 class Output(StreamWriter[Entry]):
     """Shows monitors. Writing has its own thread: no method waits for a reader, except `close`, for 1 s."""
 
-    def show(self, shown: Shown) -> None:
+    def show(self, shown: Monitors) -> None:
         """Shows the current state; called several times a second, in the loop's thread. Lines show only events."""
 
 

@@ -22,7 +22,7 @@ from ...core.port.middleware import Severity
 from ...core.values.formatting import printable, with_degree_sign
 from ...core.values.model import Level, Transition
 from .events import Entry
-from .lines import Output, Shown, dropped_line, plain_line
+from .lines import Monitors, Output, dropped_line, plain_line
 from .tables import (
     STYLE_OF_LEVEL,
     TREND_SAMPLES,
@@ -93,7 +93,7 @@ class LiveView(Output):
         self._has_news = True
         super().put(item)
 
-    def show(self, shown: Shown) -> None:
+    def show(self, shown: Monitors) -> None:
         """Redraws the table once a second, and at once after an event."""
         now_s = time.monotonic()
         due = now_s - self._drawn_s >= _REDRAW_S
@@ -116,7 +116,7 @@ class LiveView(Output):
         self._suspending = False
         self.wake()
 
-    def _state_of_one(self, shown: Shown, due: bool) -> _State:
+    def _state_of_one(self, shown: Monitors, due: bool) -> _State:
         """Returns the state of the only robot; notes its values if that is `due`."""
         (robot,) = shown.robots
         system = robot.alert_system

@@ -17,7 +17,7 @@ from ...core.config.signal_config import LINK, OF_ARRIVALS, SignalConfig
 from ...core.values.formatting import bound_text, count_text, with_hint
 from ...core.values.model import Level, Status
 from ...runtime.times import local_time
-from .lines import Shown
+from .lines import Monitors
 
 STYLE_OF_LEVEL = {
     Level.OK: "green",
@@ -267,7 +267,7 @@ class FleetState(NamedTuple):
     """Number of signals that are not OK and silenced."""
 
 
-def fleet_state(shown: Shown, lines: int) -> FleetState:
+def fleet_state(shown: Monitors, lines: int) -> FleetState:
     """Reads the state of all robots. Statuses are made only for what a terminal of `lines` lines can show."""
     systems = [robot.alert_system for robot in shown.robots]
     ranks = [
