@@ -70,8 +70,8 @@ def test_the_test_is_written_from_the_black_box_if_its_folder_is_known(
     assert printed.out.splitlines()[-6:] == [
         "    interval_s: 0.1",
         "    input:",
-        '      "driving": "0x59 1x80"',
         '      "battery": "50x99 15x40"',
+        '      "driving": "0x59 1x80"',
         "    alerts:",
         '      - {at_s: 14, signal: "battery", level: WARN}',
     ]
