@@ -195,12 +195,10 @@ def sections_of_nodes(file: YamlFile) -> Dict[str, Section]:
 
     Raises ConfigError if alert_system has no section, or one of `NODES` has several.
     """
-    try:
+    with file.located():
         listed = list_sections(file.tree)
         for node in NODES:
             refuse_second_section(listed, node)
         alert_system = find_section(file.tree, "alert_system")
-    except ConfigError as error:
-        raise file.locate(error) from None
     by_node = {section.node: section for section in listed if section != alert_system}
     return {**by_node, "alert_system": alert_system}

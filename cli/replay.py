@@ -31,7 +31,7 @@ from .embedded import sections_of_nodes
 from .output.lines import folded_name
 from .replay_output import ReplayOutput, folded, header, row, sentence, worst_first
 from .report_file import ReportFile
-from .testing.black_box_file import attached_file, attached_section, attached_states
+from .testing.black_box_file import attached_file, attached_states
 
 
 def replay(arguments: argparse.Namespace) -> bool:
@@ -299,7 +299,7 @@ def _configurations(arguments: argparse.Namespace) -> List[_Configuration]:
 
 def _attached(file: YamlFile) -> _Configuration:
     """Returns the configuration that a black box has attached."""
-    section = attached_section(file)
+    section = sections_of_nodes(file)["alert_system"]
     folder, name = os.path.split(file.file)
     return _Configuration(f"{name} in {os.path.basename(folder)}", file, section.path, section.tree)
 

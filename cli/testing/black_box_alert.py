@@ -14,7 +14,8 @@ from ...core.values.model import Level, Transition
 from ...recordings.judging import Judge, JudgedEvent, Samples
 from ...recordings.middleware import Player
 from ...recordings.reading import Recordings
-from .black_box_file import attached_file, attached_section, attached_states
+from ..embedded import sections_of_nodes
+from .black_box_file import attached_file, attached_states
 from .past_alert import FROM_ALERT, PastAlert, depends_on, needed_before_s, needed_settings
 
 _JUDGED = "black box"  # name of its configuration within `Judge`
@@ -30,11 +31,9 @@ def black_box_alerts(path: str) -> List[PastAlert]:
         file = attached_file(recordings)
         if file is None:
             raise ConfigError(f"{FROM_ALERT}: has no thresholds.yaml; expected a black box", file=path)
-        section = attached_section(file)
-        try:
+        section = sections_of_nodes(file)["alert_system"]
+        with file.located(section.path):
             replayed = _Replay(recordings, section)
-        except ConfigError as error:
-            raise file.locate(error.below(section.path)) from None
         alerts = replayed.alerts(os.path.basename(path))
     if not alerts:
         raise ConfigError(f"{FROM_ALERT}: gives no alert when it is replayed", file=path)

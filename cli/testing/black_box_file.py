@@ -5,12 +5,10 @@ from __future__ import annotations
 import os
 from typing import Optional
 
-from ...core.config.monitor_config import Section
 from ...core.config.yaml_file import YamlFile, parse_yaml
 from ...core.judge.attachments import STATE, THRESHOLDS, SavedMonitor, read_saved_monitor
 from ...core.values.errors import ConfigError, MessageError
 from ...recordings.reading import Recordings
-from ..embedded import sections_of_nodes
 
 
 def attached_file(recordings: Recordings) -> Optional[YamlFile]:
@@ -18,11 +16,6 @@ def attached_file(recordings: Recordings) -> Optional[YamlFile]:
     if THRESHOLDS not in recordings.attachments:
         return None
     return parse_yaml(recordings.attachments[THRESHOLDS].text, os.path.join(recordings.paths[0], THRESHOLDS))
-
-
-def attached_section(file: YamlFile) -> Section:
-    """Returns the section of alert_system. Raises ConfigError."""
-    return sections_of_nodes(file)["alert_system"]
 
 
 def attached_states(recordings: Recordings) -> Optional[SavedMonitor]:

@@ -100,7 +100,7 @@ def _tests_of(read: YamlFile, folder: str) -> Tuple[MonitorConfig, List[Threshol
     problems = Problems()
     config = MonitorConfig({})
     tests: Dict[str, ThresholdTest] = {}
-    try:
+    with read.located():
         with problems:
             read_section(_File, read.tree)
         with problems:
@@ -116,8 +116,6 @@ def _tests_of(read: YamlFile, folder: str) -> Tuple[MonitorConfig, List[Threshol
         if read.tree.get("tests") == []:
             problems.add(ConfigError("expected at least one test, got none", ("tests",)))
         problems.raise_if_any()
-    except ConfigError as error:
-        raise read.locate(error) from None
     return config, list(tests.values())
 
 
