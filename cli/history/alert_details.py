@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import csv
 import math
 import shutil
 import sqlite3
@@ -16,8 +15,8 @@ from ...ops.store import queries
 from ...ops.store.notes import notes_of
 from ...ops.store.rows import StoredTransition
 from ...runtime.times import local_time
-from ..output.lines import readable
-from .history_entries import NotedAlert, entry_json, entry_lines, is_coloured
+from ..output.lines import is_coloured
+from .history_entries import Listing, NotedAlert, entry_json, entry_lines
 from .history_file import iso_time
 
 _PLOT_COLUMNS = 100
@@ -25,31 +24,24 @@ _LEAST_PLOT_COLUMNS = 10
 _PLOT_ROWS = 12
 
 
-def show_alert(connection: sqlite3.Connection, arguments: argparse.Namespace, stream: TextIO) -> None:
-    """Prints one alert to a stream, in the form that the arguments say; raises ConfigError if there is none."""
+def alert_listing(connection: sqlite3.Connection, arguments: argparse.Namespace, stream: TextIO) -> Listing:
+    """Returns one alert; raises ConfigError if there is none."""
     transition = queries.transition(connection, arguments.alert)
     if transition is None:
         raise ConfigError(f"there is no transition {arguments.alert} in this history")
     alert = NotedAlert(transition, notes_of(connection, transition.id))
     samples = queries.evidence(connection, transition.id)
-    if arguments.json:
-        evidence = [(iso_time(time_s), value if math.isfinite(value) else None) for time_s, value in samples]
-        stream.write(f"{entry_json(alert, evidence=evidence)}\n")
-        return
-    if arguments.csv:
-        writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(("time", "value"))
-        writer.writerows((iso_time(time_s), value) for time_s, value in samples)
-        return
+    times = [(iso_time(time_s), value) for time_s, value in samples]
+    evidence = [(time, value if math.isfinite(value) else None) for time, value in times]
     line, *notes = entry_lines(alert, is_coloured(stream))
-    stream.write(readable(f"{line}\n", stream))
-    for name, value in _details(transition, samples):
-        stream.write(f"  {name}: {printable(value)}\n")
-    stream.write("".join(readable(f"  {each}\n", stream) for each in notes))
+    lines = [line, *(f"  {name}: {printable(value)}" for name, value in _details(transition, samples))]
+    lines += [f"  {each}" for each in notes]
     if samples:
         width = min(shutil.get_terminal_size().columns, _PLOT_COLUMNS)
         bound = transition.bound if transition.statistic in ("last", "mean", "min", "max", "forecast") else None
-        stream.write("".join(f"{line}\n" for line in text_plot(samples, bound, width)))
+        lines += text_plot(samples, bound, width)
+    head = ("time", "value")
+    return Listing([entry_json(alert, evidence=evidence)], head, [dict(zip(head, each)) for each in times], lines)
 
 
 def _details(transition: StoredTransition, samples: Sequence[object]) -> List[Tuple[str, str]]:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import csv
 import json
-import os
-from typing import Dict, Iterator, List, NamedTuple, Sequence, TextIO, Tuple, Union
+import sys
+from typing import Dict, Iterable, Iterator, Mapping, NamedTuple, Sequence, TextIO, Tuple, Union
 
 from ...core.nodes.outlets import json_line
 from ...core.values.formatting import duration_text, list_text, printable, with_hint
-from ...core.values.model import Level
 from ...ops.store.matchers import matchers_text
 from ...ops.store.notes import Note
 from ...ops.store.queries import MonitorEvent
@@ -16,14 +16,13 @@ from ...ops.store.rows import StoredTransition
 from ...ops.store.silences import SilenceEvent
 from ...ops.store.summary import SignalSummary
 from ...runtime.times import DATE_TIME, local_time
-from ..output.lines import is_terminal, share_text
+from ..output.lines import COLOURS, coloured, readable, share_text
 from .history_file import iso_time
 
 CSV_HEAD = (
     "id", "time", "robot", "signal", "from_level", "to_level", "value", "statistic", "bound", "repeat", "fingerprint",
     "text", "hint", "event", "matchers", "author", "reason", "until", "cause", "effects",
 )  # fmt: skip
-_COLOURS = {Level.OK: "32", Level.WARN: "33", Level.ERROR: "1;31", Level.STALE: "35"}
 _MOST_NAMES = 3
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")
 
@@ -40,12 +39,34 @@ class NotedAlert(NamedTuple):
         return self.transition.wall_s
 
 
+class Listing(NamedTuple):
+    """What a command shows, in each of its forms, of which one is written."""
+
+    json: Iterable[str]
+    head: Sequence[str]
+    """Names of the columns of `rows`; others are left out."""
+    rows: Iterable[Mapping[str, object]]
+    lines: Iterable[str]
+    nothing: str = ""
+    """Written to stderr if there are no lines."""
+
+    def write(self, stream: TextIO, form: str) -> None:
+        """Writes the form `json`, `csv` or `lines`."""
+        if form == "json":
+            stream.writelines(f"{line}\n" for line in self.json)
+        elif form == "csv":
+            writer = csv.DictWriter(stream, self.head, "", "ignore", lineterminator="\n")
+            writer.writeheader()
+            writer.writerows({name: csv_cell(value) for name, value in row.items()} for row in self.rows)
+        else:
+            line = self.nothing
+            for line in self.lines:
+                stream.write(readable(f"{line}\n", stream))
+            if line is self.nothing and line:
+                sys.stderr.write(f"{line}\n")
+
+
 Entry = Union[NotedAlert, MonitorEvent, SilenceEvent]
-
-
-def is_coloured(stream: TextIO) -> bool:
-    """Whether lines on a stream have colours."""
-    return is_terminal(stream) and "NO_COLOR" not in os.environ
 
 
 def time_text(wall_s: float) -> str:
@@ -60,7 +81,7 @@ def entry_lines(entry: Entry, with_colour: bool) -> Iterator[str]:
         return
     alert = entry.transition
     text = printable(f"{time_text(alert.wall_s)} #{alert.id} {alert.robot}: {with_hint(alert.text, alert.hint)}")
-    yield f"\x1b[{_COLOURS[alert.to_level]}m{text}\x1b[0m" if with_colour else text
+    yield coloured(text, COLOURS[alert.to_level]) if with_colour else text
     if alert.effects:
         yield printable(f"{time_text(alert.wall_s)} #{alert.id} {effects_text(alert.effects)}")
     for note in entry.notes:
@@ -104,27 +125,19 @@ def entry_json(entry: Union[NotedAlert, SilenceEvent], **more: object) -> str:
     return json.dumps({**fields, "until_resolved": entry.silence.until_resolved, **rule})
 
 
-def entry_rows(entry: Union[NotedAlert, SilenceEvent]) -> Iterator[List[object]]:
-    """Yields the rows of an entry, with the columns of `CSV_HEAD`."""
+def entry_rows(entry: Union[NotedAlert, SilenceEvent]) -> Iterator[Dict[str, object]]:
+    """Yields the rows of an entry, with columns of `CSV_HEAD` and others."""
     if isinstance(entry, NotedAlert):
         alert = entry.transition
-        yield _row(
-            alert.id, iso_time(alert.wall_s), alert.robot, alert.signal, alert.from_level.name, alert.to_level.name,
-            alert.value, alert.statistic, alert.bound, alert.repeat, alert.fingerprint, alert.text, alert.hint,
-            "alert", *[""] * 4, alert.cause, ", ".join(alert.effects),
-        )  # fmt: skip
+        levels = {"from_level": alert.from_level.name, "to_level": alert.to_level.name}
+        own = {"event": "alert", "effects": ", ".join(alert.effects)}
+        yield {**vars(alert), "time": iso_time(alert.wall_s), **levels, **own}
         for note in entry.notes:
-            names = (alert.robot, alert.signal)
-            yield _row(
-                alert.id, iso_time(note.wall_s), *names, *[""] * 7, note.text, "", "note", "", note.author, *[""] * 4
-            )
+            names = {"id": alert.id, "robot": alert.robot, "signal": alert.signal}
+            time = iso_time(note.wall_s)
+            yield {**names, "time": time, "event": "note", "author": note.author, "text": note.text}
     else:
-        text, *further = _silence_fields(entry).values()
-        yield _row(entry.silence.id, iso_time(entry.wall_s), *[""] * 9, text, "", *further, "", "")
-
-
-def _row(*values: object) -> List[object]:
-    return [csv_cell(value) for value in values]
+        yield {"id": entry.silence.id, "time": iso_time(entry.wall_s), **_silence_fields(entry)}
 
 
 def csv_cell(value: object) -> object:

@@ -24,7 +24,7 @@ from ...ops.store.notes import notes_of
 from ...ops.store.silences import silence_events
 from ...ops.store.summary import SignalSummary
 from ...runtime.times import local_time
-from ..output.lines import below_causes, share_text
+from ..output.lines import badness, below_causes, share_cells, summary_sentence
 from ..replay_output import range_cells
 from .history_entries import event_text, note_text, outage_cells
 
@@ -33,10 +33,8 @@ MOST_PLOTS = 200
 MOST_EVENTS = 1000
 """Most events of the monitor and of silences."""
 
-_LEVELS = (Level.OK, Level.WARN, Level.ERROR, Level.STALE)
-_WORST_FIRST = sorted((level for level in Level if level is not Level.OK), key=lambda level: -level.severity)
 _NUMBERS = (
-    "samples", "bad", *(level.name for level in _LEVELS), "unknown", "available", "alerts", "min", "mean", "max",
+    "samples", "bad", *(level.name for level in Level), "unknown", "available", "alerts", "min", "mean", "max",
     "longest outage", "recovery",
 )  # fmt: skip
 _PAGE = 20_000  # samples that are read at a time
@@ -47,7 +45,7 @@ def history_page(
     connection: sqlite3.Connection, arguments: argparse.Namespace, summaries: Sequence[SignalSummary], end_s: float
 ) -> str:
     """Returns the page for the signals that are summarized, until a time in s since 1970."""
-    by_badness = sorted(summaries, key=_badness, reverse=True)
+    by_badness = sorted(summaries, key=lambda each: badness(each.shares, each.alerts, each.unknown), reverse=True)
     folded = below_causes(by_badness, lambda each: (each.robot, each.signal), lambda each: each.cause)
     summaries = [summary for summary, _ in folded]
     start_s = end_s - max(summary.duration_s for summary in summaries)
@@ -220,35 +218,22 @@ def _events(
 
 
 def _row(summary: SignalSummary, config: SignalConfig, totals: _Totals, several: bool) -> List[str]:
-    shares = [share_text(summary.shares.get(level, 0.0)) for level in _LEVELS]
     values = range_cells(config, None, None, None)
     if totals.weight:
         values = range_cells(config, totals.least, totals.sum / totals.weight, totals.most)
     return [
         summary.signal, *([summary.robot] if several else []), str(totals.good + totals.bad), str(totals.bad),
-        *shares, share_text(summary.unknown), *outage_cells(summary)[:1], str(summary.alerts), *values,
+        *share_cells(summary.shares, summary.unknown), *outage_cells(summary)[:1], str(summary.alerts), *values,
         *outage_cells(summary)[1:],
     ]  # fmt: skip
-
-
-def _badness(summary: SignalSummary) -> Tuple[float, ...]:
-    """Returns the shares of the levels, the worst first; more unknown time is worse."""
-    return (*(summary.shares.get(level, 0.0) for level in _WORST_FIRST), float(summary.alerts), summary.unknown)
 
 
 def _sentence(summaries: Sequence[SignalSummary], duration_s: float) -> str:
     """Returns what was watched, for how long, and which signal was worst: the first of the summaries."""
     robots = len({summary.robot for summary in summaries})
-    were = "was" if len(summaries) == 1 else "were"
     of_robots = f" of {count_text(robots, 'robot')}" if robots > 1 else ""
-    watched = f"{count_text(len(summaries), 'signal')}{of_robots} {were} watched over {duration_text(duration_s)}."
     worst = summaries[0]
-    shares = [
-        f"{level.name} for {share_text(worst.shares[level])}" for level in _WORST_FIRST if worst.shares.get(level)
-    ]
-    if shares:
-        name = f"{worst.robot}: {worst.signal}" if robots > 1 else worst.signal
-        return f"{watched} The worst is {name}: {', '.join(shares)} of the time."
-    if any(summary.unknown for summary in summaries):
-        return f"{watched} {'It was' if len(summaries) == 1 else 'All were'} OK as far as it is known."
-    return f"{watched} {'It was' if len(summaries) == 1 else 'All were'} OK."
+    name = f"{worst.robot}: {worst.signal}" if robots > 1 else worst.signal
+    known = " as far as it is known" if any(summary.unknown for summary in summaries) else ""
+    what = f"{count_text(len(summaries), 'signal')}{of_robots}"
+    return summary_sentence(what, len(summaries), "watched", duration_s, name, worst.shares, known)
