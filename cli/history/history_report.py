@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import math
 import sqlite3
 import time
 from dataclasses import replace
-from typing import Dict, Iterator, List, Mapping, NamedTuple, Sequence, Tuple
+from typing import Dict, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -37,7 +36,6 @@ _NUMBERS = (
     "samples", "bad", *(level.name for level in Level), "unknown", "available", "alerts", "min", "mean", "max",
     "longest outage", "recovery",
 )  # fmt: skip
-_PAGE = 20_000  # samples that are read at a time
 _MOST_NAMES = 6
 
 
@@ -63,8 +61,12 @@ def history_page(
         config = configs.of(summary.robot, summary.signal)
         group = summary.robot if several else ""
         plot = PlottedSignal(config, group, start_s, end_s - start_s, buckets_of(len(plotted)))
-        totals = _read_samples(connection, summary, start_s, end_s, plot)
-        rows.append(_row(summary, config, totals, several))
+        counts, values = _add_samples(connection, summary, config, (start_s, end_s), plot)
+        available, outage, recovery = outage_cells(summary)
+        rows.append([
+            summary.signal, *([group] if several else []), *counts, *share_cells(summary.shares, summary.unknown),
+            available, str(summary.alerts), *values, outage, recovery,
+        ])  # fmt: skip
         if place < MOST_PLOTS:
             for wall_s, level in summary.levels:
                 plot.add_level(wall_s, "" if level is None else level.name)
@@ -96,55 +98,28 @@ def history_page(
     )
 
 
-class _Totals(NamedTuple):
-    """The samples of a signal together."""
-
-    good: int = 0
-    bad: int = 0
-    least: float = math.inf
-    most: float = -math.inf
-    sum: float = 0.0
-    """Of the means, weighted with their samples."""
-    weight: int = 0
-
-
-def _read_samples(
-    connection: sqlite3.Connection, summary: SignalSummary, start_s: float, end_s: float, plot: PlottedSignal
-) -> _Totals:
-    """Adds the stored samples of a signal to its plot, and returns their totals."""
-    totals = _Totals()
+def _add_samples(
+    connection: sqlite3.Connection,
+    summary: SignalSummary,
+    config: SignalConfig,
+    period_s: Tuple[float, float],
+    plot: PlottedSignal,
+) -> Tuple[List[str], List[str]]:
+    """Adds the stored samples of a signal to its plot; returns the cells of their numbers, and those of their range."""
     names = (summary.robot, summary.signal)  # with a `*` in them they match others, too
-    found = samples.read(connection, robot=names[0], signal=names[1], since_s=start_s, until_s=end_s)
-    for page in _pages(each for each in found if (each.robot, each.signal) == names):
-        known = [each for each in page if each.least is not None and each.most is not None]
-        plot.add_bands(
-            np.array([each.start_s for each in known], dtype=float),
-            np.array([each.seconds for each in known], dtype=float),
-            np.array([each.least for each in known], dtype=float),
-            np.array([each.most for each in known], dtype=float),
-        )
-        plot.add_bad(np.array([each.start_s + each.seconds / 2.0 for each in page if each.bad], dtype=float))
-        means = [(each.mean, each.good) for each in page if each.mean is not None]
-        totals = _Totals(
-            totals.good + sum(each.good for each in page),
-            totals.bad + sum(each.bad for each in page),
-            min([totals.least, *(each.least for each in known if each.least is not None)]),
-            max([totals.most, *(each.most for each in known if each.most is not None)]),
-            totals.sum + sum(mean * good for mean, good in means),
-            totals.weight + sum(good for _, good in means),
-        )
-    return totals
-
-
-def _pages(found: Iterator[samples.StoredSamples]) -> Iterator[List[samples.StoredSamples]]:
-    page: List[samples.StoredSamples] = []
-    for each in found:
-        page.append(each)
-        if len(page) == _PAGE:
-            yield page
-            page = []
-    if page:
-        yield page
+    found = samples.read(connection, robot=names[0], signal=names[1], since_s=period_s[0], until_s=period_s[1])
+    stored = [each for each in found if (each.robot, each.signal) == names]
+    known = [each[2:6] for each in stored if each.least is not None and each.most is not None]
+    columns = np.array(known, dtype=float).reshape(-1, 4).T
+    plot.add_bands(*columns)
+    plot.add_bad(np.array([each.start_s + each.seconds / 2.0 for each in stored if each.bad], dtype=float))
+    means = [(each.mean, each.good) for each in stored if each.mean is not None]
+    weight = sum(good for _, good in means)
+    values: Tuple[Optional[float], ...] = (None, None, None)
+    if weight:
+        values = float(columns[2].min()), sum(mean * good for mean, good in means) / weight, float(columns[3].max())
+    bad = sum(each.bad for each in stored)
+    return [str(sum(each.good for each in stored) + bad), str(bad)], range_cells(config, *values)
 
 
 class _Configurations:
@@ -215,17 +190,6 @@ def _events(
             f"only the first {MOST_EVENTS:,} of {len(found):,} events of the monitor and silences are shown"
         )
     return found[:MOST_EVENTS]
-
-
-def _row(summary: SignalSummary, config: SignalConfig, totals: _Totals, several: bool) -> List[str]:
-    values = range_cells(config, None, None, None)
-    if totals.weight:
-        values = range_cells(config, totals.least, totals.sum / totals.weight, totals.most)
-    return [
-        summary.signal, *([summary.robot] if several else []), str(totals.good + totals.bad), str(totals.bad),
-        *share_cells(summary.shares, summary.unknown), *outage_cells(summary)[:1], str(summary.alerts), *values,
-        *outage_cells(summary)[1:],
-    ]  # fmt: skip
 
 
 def _sentence(summaries: Sequence[SignalSummary], duration_s: float) -> str:
