@@ -29,11 +29,11 @@ from ...runtime.libraries import libraries
 from ...runtime.times import DATE_TIME, local_time
 from ..arguments import Parser, add, alert_id, checked
 from ..exit_codes import ExitCode
-from ..history.alert_details import alert_listing
 from ..history.history_entries import (  # fmt: skip
     CSV_HEAD,
     Listing,
     NotedAlert,
+    alert_listing,
     entry_json,
     entry_lines,
     entry_rows,

@@ -116,7 +116,7 @@ def _listen(
 
     if arguments.url:
         with libraries(*ROSBRIDGE):
-            from .. import bridges  # noqa: F401 - names what is missing
+            from .. import fleet  # noqa: F401 - names what is missing
 
         from ..fleet_configuration import FleetReader, Options, read_addresses
 

@@ -23,8 +23,7 @@ from ...ops.store.notes import notes_of
 from ...ops.store.silences import silence_events
 from ...ops.store.summary import SignalSummary
 from ...runtime.times import local_time
-from ..output.lines import badness, below_causes, share_cells, summary_sentence
-from ..replay_output import range_cells
+from ..output.lines import badness, below_causes, range_cells, share_cells, summary_sentence
 from .history_entries import event_text, note_text, outage_cells
 
 MOST_PLOTS = 200

@@ -5,13 +5,15 @@ from __future__ import annotations
 import os
 import sys
 import time
-from typing import TYPE_CHECKING, Callable, Dict, List, Mapping, Sequence, TextIO, Tuple, TypeVar, Union
+from typing import TYPE_CHECKING, Callable, Dict, List, Mapping, Optional, Sequence, TextIO, Tuple, TypeVar, Union
 
+from ...core.config.signal_config import SignalConfig
+from ...core.judge.wording import judged_unit
 from ...core.nodes.outlets import json_line
 from ...core.port.local import LogLine
 from ...core.port.middleware import Severity
 from ...core.values.errors import ServiceError
-from ...core.values.formatting import duration_text, printable, with_degree_sign, with_hint
+from ...core.values.formatting import duration_text, number_text, printable, with_degree_sign, with_hint, with_unit
 from ...core.values.model import Level, Transition
 from ...runtime.times import DATE_TIME, local_time
 from .events import Entry
@@ -226,3 +228,14 @@ def summary_sentence(
     if parts:
         return f"{begin} The worst is {worst}: {', '.join(parts)} of the time."
     return f"{begin} {'It was' if count == 1 else 'All were'} OK{known}."
+
+
+def range_cells(
+    config: SignalConfig, smallest: Optional[float], mean: Optional[float], largest: Optional[float]
+) -> List[str]:
+    """Returns the cells min, mean and max: values of the statistic, or the levels of a driver, which have no mean."""
+    if config.is_status and not config.is_template:
+        ends = ["-" if value is None else Level(int(value)).name for value in (smallest, largest)]
+        return [ends[0], "-", ends[1]]
+    unit = judged_unit(config)
+    return ["-" if value is None else with_unit(number_text(value), unit) for value in (smallest, mean, largest)]

@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import math
 import os
-from typing import Dict, List, Tuple
+from typing import Dict, List, Optional, Tuple
 
 from ...core.config.monitor_config import Section, read_monitor
 from ...core.config.signal_config import SignalConfig, template_name
-from ...core.values.errors import ConfigError
+from ...core.config.yaml_file import YamlFile, parse_yaml
+from ...core.judge.attachments import STATE, THRESHOLDS, SavedMonitor, read_saved_monitor
+from ...core.values.errors import ConfigError, MessageError
 from ...core.values.formatting import printable
 from ...core.values.model import Level, Transition
 from ...recordings.judging import Judge, JudgedEvent, Samples
 from ...recordings.middleware import Player
 from ...recordings.reading import Recordings
 from ..embedded import sections_of_nodes
-from .black_box_file import attached_file, attached_states
 from .past_alert import FROM_ALERT, PastAlert, depends_on, needed_before_s, needed_settings
 
 _JUDGED = "black box"  # name of its configuration within `Judge`
@@ -94,3 +95,20 @@ class _Replay:
     def _collect(self, _: str, signal: SignalConfig, samples: Samples) -> None:
         found = self._samples.setdefault(signal.name, [])
         found += zip(samples.now_s.tolist(), samples.values.tolist())
+
+
+def attached_file(recordings: Recordings) -> Optional[YamlFile]:
+    """Returns the attached thresholds, None if there are none. Raises ConfigError if they are no YAML."""
+    if THRESHOLDS not in recordings.attachments:
+        return None
+    return parse_yaml(recordings.attachments[THRESHOLDS].text, os.path.join(recordings.paths[0], THRESHOLDS))
+
+
+def attached_states(recordings: Recordings) -> Optional[SavedMonitor]:
+    """Returns the states at the beginning, None if there are none. Raises ConfigError if they cannot be read."""
+    if STATE not in recordings.attachments:
+        return None
+    try:
+        return read_saved_monitor(recordings.attachments[STATE].text)
+    except MessageError as error:
+        raise ConfigError(str(error), file=recordings.paths[0]) from None

@@ -14,7 +14,7 @@ pytest.importorskip("rosbags", reason="rosbags, which serializes the messages, i
 from harness.foxglove_server import FoxgloveServer
 from harness.line_process import LineProcess
 
-from robot_health_monitor.cli.bridges import bridge_client
+from robot_health_monitor.cli.fleet import bridge_client
 from robot_health_monitor.core.config.monitor_config import load_config
 from robot_health_monitor.core.port.local import LocalBus
 from robot_health_monitor.core.values.errors import ConfigError

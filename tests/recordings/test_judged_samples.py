@@ -20,7 +20,7 @@ from harness.recorded import ROS2, START_NS, Recorded, message_of, write_mcap
 from robot_health_monitor.__main__ import main
 from robot_health_monitor.cli.embedded import sections_of_nodes
 from robot_health_monitor.cli.operations import Operations
-from robot_health_monitor.cli.testing.black_box_file import attached_file, attached_states
+from robot_health_monitor.cli.testing.black_box_alert import attached_file, attached_states
 from robot_health_monitor.core.config.signal_config import STATISTICS
 from robot_health_monitor.ops.configuration import BlackBoxSettings, HistorySettings, OpsConfig
 from robot_health_monitor.recordings.judging import Judge

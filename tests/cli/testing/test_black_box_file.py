@@ -7,7 +7,7 @@ from typing import Any, Dict
 import pytest
 
 from robot_health_monitor.cli.embedded import sections_of_nodes
-from robot_health_monitor.cli.testing.black_box_file import attached_file, attached_states
+from robot_health_monitor.cli.testing.black_box_alert import attached_file, attached_states
 from robot_health_monitor.core.judge.attachments import SavedMonitor
 from robot_health_monitor.core.values.errors import ConfigError
 from robot_health_monitor.recordings.recording import Attachment

@@ -14,7 +14,7 @@ from harness.black_boxes import BOOT_S, START_S, RecordedRobot
 from robot_health_monitor.__main__ import main
 from robot_health_monitor.cli.history.history_file import reading_history
 from robot_health_monitor.cli.operations import Operations
-from robot_health_monitor.cli.testing.history_alert import history_alert
+from robot_health_monitor.cli.testing.past_alert import history_alert
 from robot_health_monitor.core import Level
 from robot_health_monitor.ops.configuration import BlackBoxSettings, HistorySettings, OpsConfig
 
