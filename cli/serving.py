@@ -233,7 +233,7 @@ def serve_in_thread(
         settings = node_settings(alert_system.monitor.config, operations.config.server, tokens=tokens)
         node = create_node()
         given = {middleware.name: middleware.given_parameters()}
-        server, _ = _make_server(
+        server, web = _make_server(
             node, settings, middleware.name, lambda: [alert_system], operations, parameters=lambda: given, threads=True
         )
         thread = ServerThread(server)
