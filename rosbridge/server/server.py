@@ -223,8 +223,9 @@ class Server:
         check_host = not self._tokens.required and not self._has_certificates
         refusal = check_request(request, self.access, check_host=check_host)
         if refusal is not None:
-            self.log(refusal.log_text)
-            return json_error(403, refusal.text)
+            text, line = refusal
+            self.log(line)
+            return json_error(403, text)
         client = self._tokens.client(request)
         if client.token is Credentials.WRONG:
             self.log(f"refused a client at {request.remote}: wrong token")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import functools
 from typing import Callable, Dict, NamedTuple, Optional, Set
 
 from ...core.values.errors import ConfigError, MessageError, ServiceError
@@ -13,7 +14,7 @@ from .access import Access, matches
 from .sending import LARGE_BYTES, ClientQueue, estimated_bytes, frame
 from .served_node import ServedNode
 from .services import Services
-from .topic import ByteBudget, Options, merge, options_of
+from .topic import ByteBudget, merge
 from .topics import Publications, Topics
 
 _NO_STATUS = operations.STATUS_LEVELS.index("none")
@@ -60,7 +61,7 @@ class Session:
         """Disconnects a client that is behind."""
         self._reported = 0
         """Dropped messages that were reported to the client."""
-        self._subscriptions: Dict[str, Dict[Id, Options]] = {}
+        self._subscriptions: Dict[str, Dict[Id, operations.Subscribe]] = {}
         self._advertised: Dict[str, str] = {}
         self._provided: Set[str] = set()
         self._calls: Set[asyncio.Task[None]] = set()
@@ -158,9 +159,9 @@ class Session:
             raise MessageError(f"more than {limits.subscriptions} subscriptions")
         if CBOR_PROBLEM and request.compression in ("cbor", "cbor-raw"):
             raise MessageError(f"compression {request.compression}: {CBOR_PROBLEM}")
-        merged = self._subscriptions[request.topic] = {**requests, request.id: options_of(request, limits)}
+        every = self._subscriptions[request.topic] = {**requests, request.id: request}
         try:
-            await self._parts.topics.subscribe(self, request.topic, request.type, merge(merged.values()))
+            await self._parts.topics.subscribe(self, request.topic, request.type, merge(every.values(), limits))
         except Exception:
             if requests:
                 self._subscriptions[request.topic] = requests
@@ -179,7 +180,7 @@ class Session:
         requests.pop(request.id, None)
         if not requests:
             del self._subscriptions[request.topic]
-        merged = merge(requests.values()) if requests else None
+        merged = merge(requests.values(), self._parts.limits) if requests else None
         await self._parts.topics.subscribe(self, request.topic, "", merged)
 
     async def _advertise(self, request: operations.Advertise) -> None:
@@ -221,13 +222,13 @@ class Session:
             await self._respond(request, f"{type(error).__name__}: {error}", result=False)
 
     async def _respond(self, request: operations.CallService, values: object, *, result: bool) -> None:
-        response = operations.ServiceResponse(request.service, values, result, request.id)
-        compression = "png" if request.compression == "png" else self._compression
-        options = {"fragment_size": request.fragment_size, "compression": compression}
-        if estimated_bytes(values) > LARGE_BYTES:
-            wires = await self._parts.codec.run(lambda: self._connection.send(response, **options))  # type: ignore[arg-type]
-        else:
-            wires = self._connection.send(response, **options)  # type: ignore[arg-type]
+        send = functools.partial(
+            self._connection.send,
+            operations.ServiceResponse(request.service, values, result, request.id),
+            fragment_size=request.fragment_size,
+            compression="png" if request.compression == "png" else self._compression,
+        )
+        wires = await self._parts.codec.run(send) if estimated_bytes(values) > LARGE_BYTES else send()
         self.put(b"".join(map(frame, wires)))
 
     async def _advertise_service(self, request: operations.AdvertiseService) -> None:

@@ -34,25 +34,18 @@ class Options(NamedTuple):
         return Encoding(self.compression, self.fragment_size)
 
 
-def options_of(request: Subscribe, limits: Limits) -> Options:
-    """Returns the options that a client requests, within the limits."""
-    queue_length = min(request.queue_length, limits.queue_messages)
-    return Options(request.throttle_rate / 1000.0, queue_length, request.fragment_size, request.compression)
-
-
-def merge(requests: Iterable[Options]) -> Options:
-    """Returns one set of options for all subscriptions of a client to one topic.
+def merge(requests: Iterable[Subscribe], limits: Limits) -> Options:
+    """Returns one set of options, within the limits, for all subscriptions of a client to one topic.
 
     As in the reference server: the fastest rate, the shortest queue, the smallest fragments, and the compression that
     is last in COMPRESSIONS.
     """
     every = list(requests)
-    sizes = [options.fragment_size for options in every if options.fragment_size is not None]
     return Options(
-        min(options.throttle_s for options in every),
-        min(options.queue_length for options in every),
-        min(sizes) if sizes else None,
-        max((options.compression for options in every), key=COMPRESSIONS.index),
+        min(each.throttle_rate for each in every) / 1000.0,
+        min(limits.queue_messages, *(each.queue_length for each in every)),
+        min((each.fragment_size for each in every if each.fragment_size is not None), default=None),
+        max((each.compression for each in every), key=COMPRESSIONS.index),
     )
 
 
