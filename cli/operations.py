@@ -178,11 +178,11 @@ class Operations:
     def is_simulated(self, robot: str, signal: str) -> bool:
         """Returns whether the values of a robot's signal are simulated. May be called in any thread."""
         known = self._robots.get(robot)
-        return known is not None and known.alert_system.is_simulated(signal)
+        return known is not None and known.alert_system.watched.is_simulated(signal)
 
     def count_silenced(self) -> int:
         """Returns how many signals are not OK and silenced, over all robots."""
-        return sum(robot.alert_system.count_silenced() for robot in self._robots.values())
+        return sum(robot.alert_system.announcements.count_silenced() for robot in self._robots.values())
 
     def close(self) -> None:
         """Closes everything within two seconds. The alert_systems must have been closed."""

@@ -109,7 +109,7 @@ class LiveView(Output):
                 value = monitor.shown_value(name)
                 trend.append(float("nan") if value is None else value)
             self._trends = trends
-        known = (system.status(name) for name in monitor.signals())
+        known = (system.announcements.status(name) for name in monitor.signals())
         # Before the first call there are none, but the report says that they are waiting.
         statuses = [status for status in known if status is not None] or monitor.report(robot.now_s).statuses.values()
         signals = []

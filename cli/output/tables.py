@@ -268,14 +268,14 @@ def fleet_view(fleet: Monitors, lines: int, shown: Escape) -> View:
         names = sorted((name for name in of_robot if name not in effects), key=lambda name: -of_robot[name])
         alarms.append(sum(of_robot[name] > 1 for name in names))
         wanted = min(max(alarms[-1], 1), 1 + max(0, room)) if worst[index] > 0 else 0
-        statuses = [status for status in map(system.status, names[:wanted]) if status is not None]
+        statuses = [status for status in map(system.announcements.status, names[:wanted]) if status is not None]
         room -= max(0, len(statuses) - 1)
         for number, status in enumerate(statuses):
             cells = ("" if number else system.robot, level_text(status), _since_text(status), status.name)
             rows.append(Row(int(number == 0), cells, _reason(status)))
         if not statuses:
             main = system.monitor.config.main_signals if worst[index] == 0 else ()
-            values = [f"{each.name} {each.message}" for each in map(system.status, main) if each is not None]
+            values = [f"{each.name} {each.message}" for each in map(system.announcements.status, main) if each is not None]
             level = Text("waiting", _STYLE_OF_UNKNOWN) if worst[index] else Text("OK", STYLE_OF_LEVEL[Level.OK])
             rows.append(Row(1, (system.robot, level, "", ""), "no connection yet" if worst[index] else "", values))
     ranks = [worst[index] for index in order]
