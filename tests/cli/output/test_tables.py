@@ -26,6 +26,7 @@ from robot_health_monitor.cli.output.tables import (
 )
 from robot_health_monitor.core.config.signal_config import LINK, read_signal
 from robot_health_monitor.core.nodes import AlertSystem
+from robot_health_monitor.core.nodes.announcements import Announcements
 from robot_health_monitor.core.port.local import LocalBus
 from robot_health_monitor.core.values.formatting import printable
 from robot_health_monitor.core.values.model import Level, Sample, Status
@@ -397,8 +398,8 @@ def test_states_are_read_only_for_what_can_be_shown(monkeypatch: pytest.MonkeyPa
     for number in range(200):
         robots.add(f"r{number}").measure(77.0, 40.0)
     asked: List[Any] = []
-    original = AlertSystem.status
-    monkeypatch.setattr(AlertSystem, "status", lambda system, name: asked.append(name) or original(system, name))
+    original = Announcements.status
+    monkeypatch.setattr(Announcements, "status", lambda system, name: asked.append(name) or original(system, name))
     view = robots.view(24)
     assert view.title.plain == "200 robots   200 OK" and len(view.rows) == 24
     assert len(asked) <= 48
