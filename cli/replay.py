@@ -9,8 +9,6 @@ import sys
 import time
 from typing import Any, Counter, Dict, Iterator, List, Mapping, NamedTuple, Optional, Sequence, TextIO, Tuple
 
-import numpy as np
-
 from ..core.config.signal_config import SignalConfig
 from ..core.config.yaml_file import YamlFile, read_yaml
 from ..core.judge.attachments import SavedMonitor
@@ -24,7 +22,7 @@ from ..core.values.model import Level, Transition
 from ..core.values.version import package_version
 from ..ops.report.plotted_signal import PlottedSignal
 from ..ops.report.report import MOST_ALERTS, Report, ReportedAlert, buckets_of, render
-from ..recordings.judging import Differences, Judge, JudgedEvent, Samples, SignalSummary
+from ..recordings.judging import Differences, Judge, JudgedEvent, JudgedSample, SignalSummary
 from ..recordings.middleware import Player
 from ..recordings.reading import Recordings
 from ..runtime.times import local_time
@@ -215,12 +213,13 @@ class _Replay:
         for plot in self._plots.values():
             plot.add_gap(begin_s, end_s)
 
-    def _plot(self, file: str, config: SignalConfig, samples: Samples) -> None:
+    def _plot(self, file: str, config: SignalConfig, sample: JudgedSample) -> None:
         plot = self._plot_of(file, config.name)
-        if plot is not None:
+        if plot is not None and sample.value is None:
+            plot.add_bad(sample.wall_s)
+        elif plot is not None:
             # A forecast is shown by its line, and by the values that it follows from.
-            values = samples.values if config.statistic == "forecast" else samples.judged
-            plot.add_samples(samples.wall_s, values, samples.wall_s[np.isnan(samples.values)])
+            plot.add(sample.wall_s, sample.value if config.statistic == "forecast" else sample.judged)
 
     def _plot_of(self, file: str, signal: str) -> Optional[PlottedSignal]:
         """Returns the plot of a signal, which begins here; None if it is not of the configuration."""

@@ -25,7 +25,6 @@ from ...ops.store.samples import SAMPLES_FIELDS, StoredSamples, samples_fields
 from ...ops.store.silences import silence_events
 from ...ops.store.summary import SignalSummary, summarize
 from ...runtime.interrupts import Interrupts
-from ...runtime.libraries import libraries
 from ...runtime.times import DATE_TIME, local_time
 from ..arguments import Parser, add, alert_id, checked
 from ..exit_codes import ExitCode
@@ -168,9 +167,9 @@ def _summaries(connection: sqlite3.Connection, arguments: argparse.Namespace) ->
 
 
 def _write_report(connection: sqlite3.Connection, arguments: argparse.Namespace, file: str) -> None:
-    with libraries("numpy"):
-        from ..history.history_report import history_page
-        from ..report_file import ReportFile
+    from ..history.history_report import history_page
+    from ..report_file import ReportFile
+
     inputs = [file + suffix for suffix in ("", "-wal", "-shm", ".lock")]
     report = ReportFile(arguments.report, [*inputs, *([arguments.ops] if arguments.ops else [])], arguments.force)
     summaries, end_s = _summaries(connection, arguments)

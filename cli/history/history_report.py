@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import argparse
+import math
 import sqlite3
 import time
 from dataclasses import replace
 from typing import Dict, List, Mapping, Optional, Sequence, Tuple
-
-import numpy as np
 
 from ...core.config.kept_settings import read_kept
 from ...core.config.signal_config import SignalConfig, read_signal, template_name
@@ -60,7 +59,7 @@ def history_page(
         config = configs.of(summary.robot, summary.signal)
         group = summary.robot if several else ""
         plot = PlottedSignal(config, group, start_s, end_s - start_s, buckets_of(len(plotted)))
-        counts, values = _add_samples(connection, summary, config, (start_s, end_s), plot)
+        counts, values = _add_samples(connection, summary, (start_s, end_s), plot)
         available, outage, recovery = outage_cells(summary)
         rows.append([
             summary.signal, *([group] if several else []), *counts, *share_cells(summary.shares, summary.unknown),
@@ -98,27 +97,23 @@ def history_page(
 
 
 def _add_samples(
-    connection: sqlite3.Connection,
-    summary: SignalSummary,
-    config: SignalConfig,
-    period_s: Tuple[float, float],
-    plot: PlottedSignal,
+    connection: sqlite3.Connection, summary: SignalSummary, period_s: Tuple[float, float], plot: PlottedSignal
 ) -> Tuple[List[str], List[str]]:
     """Adds the stored samples of a signal to its plot; returns the cells of their numbers, and those of their range."""
+    good = bad = weight = 0
+    least, most, total = math.inf, -math.inf, 0.0
     names = (summary.robot, summary.signal)  # with a `*` in them they match others, too
-    found = samples.read(connection, robot=names[0], signal=names[1], since_s=period_s[0], until_s=period_s[1])
-    stored = [each for each in found if (each.robot, each.signal) == names]
-    known = [each[2:6] for each in stored if each.least is not None and each.most is not None]
-    columns = np.array(known, dtype=float).reshape(-1, 4).T
-    plot.add_bands(*columns)
-    plot.add_bad(np.array([each.start_s + each.seconds / 2.0 for each in stored if each.bad], dtype=float))
-    means = [(each.mean, each.good) for each in stored if each.mean is not None]
-    weight = sum(good for _, good in means)
-    values: Tuple[Optional[float], ...] = (None, None, None)
-    if weight:
-        values = float(columns[2].min()), sum(mean * good for mean, good in means) / weight, float(columns[3].max())
-    bad = sum(each.bad for each in stored)
-    return [str(sum(each.good for each in stored) + bad), str(bad)], range_cells(config, *values)
+    for each in samples.read(connection, robot=names[0], signal=names[1], since_s=period_s[0], until_s=period_s[1]):
+        if (each.robot, each.signal) == names:
+            good, bad = good + each.good, bad + each.bad
+            if each.bad:
+                plot.add_bad(each.start_s + each.seconds / 2.0)
+            if each.least is not None and each.most is not None and each.mean is not None:
+                plot.add_band(each.start_s, each.seconds, each.least, each.most)
+                least, most = min(least, each.least), max(most, each.most)
+                total, weight = total + each.mean * each.good, weight + each.good
+    values: Tuple[Optional[float], ...] = (least, total / weight, most) if weight else (None, None, None)
+    return [str(good + bad), str(bad)], range_cells(plot.config, *values)
 
 
 class _Configurations:

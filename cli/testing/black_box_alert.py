@@ -13,7 +13,7 @@ from ...core.judge.attachments import STATE, THRESHOLDS, SavedMonitor, read_save
 from ...core.values.errors import ConfigError, MessageError
 from ...core.values.formatting import printable
 from ...core.values.model import Level, Transition
-from ...recordings.judging import Judge, JudgedEvent, Samples
+from ...recordings.judging import Judge, JudgedEvent, JudgedSample
 from ...recordings.middleware import Player
 from ...recordings.reading import Recordings
 from ..embedded import sections_of_nodes
@@ -92,9 +92,9 @@ class _Replay:
         if isinstance(judged.event, Transition) and not judged.event.repeat:
             self._transitions.append((judged.wall_s, judged.event))
 
-    def _collect(self, _: str, signal: SignalConfig, samples: Samples) -> None:
-        found = self._samples.setdefault(signal.name, [])
-        found += zip(samples.now_s.tolist(), samples.values.tolist())
+    def _collect(self, _: str, signal: SignalConfig, sample: JudgedSample) -> None:
+        value = math.nan if sample.value is None else sample.value
+        self._samples.setdefault(signal.name, []).append((sample.now_s, value))
 
 
 def attached_file(recordings: Recordings) -> Optional[YamlFile]:

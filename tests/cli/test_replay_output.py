@@ -6,14 +6,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Callable, List, Mapping, Optional
 
-import numpy as np
 from harness.recorded import values, write_bag
 
 from robot_health_monitor.cli.output.lines import plain_table, range_cells
 from robot_health_monitor.cli.replay import header, row, sentence, worst_first
 from robot_health_monitor.core.config.signal_config import read_signal
 from robot_health_monitor.core.values.model import Level
-from robot_health_monitor.recordings.judging import Samples, SignalStatistics, SignalSummary
+from robot_health_monitor.recordings.judging import SignalStatistics, SignalSummary
 
 THRESHOLDS = """
 alert_system:
@@ -98,8 +97,8 @@ def summary(
     config = read_signal("battery", {"unit": "%"})
     statistics = SignalStatistics()
     if samples:
-        times_s, numbers = np.array([0.0, 1.0, 701.0]), np.array([10.0, 20.0, 60.0])
-        statistics.add(Samples(times_s, times_s, numbers, numbers))
+        for time_s, number in ((0.0, 10.0), (1.0, 20.0), (701.0, 60.0)):
+            statistics.add(time_s, number, True)
     return SignalSummary("a.yaml", config, "/battery", recorded, "", statistics, shares or {}, unknown, 2)
 
 

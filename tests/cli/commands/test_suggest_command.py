@@ -204,11 +204,12 @@ def test_a_file_that_is_no_recording_is_one_line(robot_health: Start, tmp_path: 
 
 
 def test_a_missing_library_is_one_line_with_the_command_that_installs_it(robot_health: Start, tmp_path: Path) -> None:
-    (tmp_path / "numpy.py").write_text("raise ModuleNotFoundError('gone', name='numpy')\n")
+    (tmp_path / "zstandard.py").write_text("raise ModuleNotFoundError('gone', name='zstandard')\n")
+    (tmp_path / "a.mcap").write_bytes(b"")
     root = Path(__file__).resolve().parents[3]
-    process = robot_health("suggest", tmp_path / "a.bag", PYTHONPATH=f"{tmp_path}{os.pathsep}{root}")
+    process = robot_health("suggest", tmp_path / "a.mcap", PYTHONPATH=f"{tmp_path}{os.pathsep}{root}")
     assert process.wait() == 3
-    assert [line.text for line in process.lines] == ["robot-health: numpy is not installed: pip install numpy"]
+    assert [line.text for line in process.lines] == ["robot-health: zstandard is not installed: pip install zstandard"]
 
 
 def test_messages_that_are_out_of_order_are_named(robot_health: Start, tmp_path: Path) -> None:
