@@ -143,7 +143,7 @@ def entry_rows(entry: Union[NotedAlert, SilenceEvent]) -> Iterator[Dict[str, obj
         alert = entry.transition
         levels = {"from_level": alert.from_level.name, "to_level": alert.to_level.name}
         own = {"event": "alert", "effects": ", ".join(alert.effects)}
-        yield {**vars(alert), "time": iso_time(alert.wall_s), **levels, **own}
+        yield {**alert._asdict(), "time": iso_time(alert.wall_s), **levels, **own}
         for note in entry.notes:
             names = {"id": alert.id, "robot": alert.robot, "signal": alert.signal}
             time = iso_time(note.wall_s)
