@@ -99,7 +99,7 @@ setup(
     install_requires=["PyYAML>=5.3", "aiohttp>=3.6", "cbor2", "psutil>=5.5", "rich>=10.16"],
     extras_require={
         "apprise": ["apprise"],
-        "recordings": ["lz4>=3.1", "mcap>=1.1", "numpy", "rosbags>=0.9.23", "zstandard>=0.18"],
+        "recordings": ["lz4>=3.1", "mcap>=1.1", "rosbags>=0.9.23", "zstandard>=0.18"],
         "test": ["hypothesis>=6.82", "numpy", "prometheus-client>=0.7", "pyte", "pytest>=7.2", "trustme"],
     },
     zip_safe=False,

@@ -71,6 +71,8 @@ class EmbeddedMonitor:
             computer = Computer(background=DetachedCalls("sources"))
             # last: its first values have subscribers
             self._start("battery_sensor", lambda node: BatterySensor(node, computer))
+        self.on_change: List[Any] = []
+        """Called when robots are added or removed: never, there is one for the whole run."""
         self._health: Optional[Tuple[float, float]] = None
         listener = self.bus.node("output")
         listener.subscribe("system_health", "std_msgs/Float32", self._note_health, field="data")
@@ -80,9 +82,6 @@ class EmbeddedMonitor:
     def robots(self) -> Sequence[EmbeddedMonitor]:
         """The one robot."""
         return (self,)
-
-    def on_new_alert_system(self, callback: Callable[[AlertSystem], None]) -> None:
-        """Does nothing: there is one for the whole run."""
 
     @property
     def now_s(self) -> float:
@@ -196,12 +195,10 @@ def sections_of_nodes(file: YamlFile) -> Dict[str, Section]:
 
     Raises ConfigError if alert_system has no section, or one of `NODES` has several.
     """
-    try:
+    with file.located():
         listed = list_sections(file.tree)
         for node in NODES:
             refuse_second_section(listed, node)
         alert_system = find_section(file.tree, "alert_system")
-    except ConfigError as error:
-        raise file.locate(error) from None
     by_node = {section.node: section for section in listed if section != alert_system}
     return {**by_node, "alert_system": alert_system}

@@ -10,7 +10,7 @@ import sys
 import traceback
 from contextlib import ExitStack, closing
 from functools import partial
-from typing import TYPE_CHECKING, Any, Callable, List, Mapping, Optional, Protocol, Sequence
+from typing import TYPE_CHECKING, Any, Callable, Mapping, Optional, Sequence, Union
 
 from ..runtime.interrupts import Interrupts
 from .exit_codes import ExitCode
@@ -20,6 +20,8 @@ from .standard_streams import StandardStreams
 # Slow imports are in functions: they run once Interrupts handles signals.
 if TYPE_CHECKING:
     from ..core.nodes import AlertSystem
+    from ..ros1.process import Ros1Process
+    from ..ros2.process import Ros2Process
 
 _SHORTEST_PERIOD_S = 0.1
 """Of signs of life to systemd, in s."""
@@ -35,42 +37,11 @@ EXECUTABLES: Mapping[str, Sequence[str]] = {
 _LIBRARIES = {"ROS 1": ("rospy", "yaml"), "ROS 2": ("rclpy", "yaml")}
 
 Middleware = Any
-"""A `core.middleware.Middleware`; that module is imported later."""
-
-
-class Process(Protocol):
-    """This process as one or several ROS nodes; `ros1/process.py` and `ros2/process.py`."""
-
-    middlewares: List[Middleware]
-    """The middlewares of its nodes."""
-
-    def start(self) -> None:
-        """Connects to ROS.
-
-        Raises ConfigError if ROS cannot use the arguments or a file, ServiceError if it stops answering.
-        """
-
-    def create_node(self, name: str) -> Middleware:
-        """Creates the middleware of one node."""
-
-    def create_served_node(self, alert_system: Middleware) -> Middleware:
-        """Creates the node that a rosbridge server serves, in the namespace of alert_system."""
-
-    def recover_node(self, name: str, failed: Middleware) -> Optional[Middleware]:
-        """Creates a node again, with the parameters with which it ran last; returns None if no others are known."""
-
-    def locate(self, error: Any, middleware: Middleware) -> Any:
-        """Returns a ConfigError of a node, and its others, with file and line where the key comes from a file."""
-
-    def spin(self) -> str:
-        """Runs until the process is to end; returns why it failed, empty if it did not."""
-
-    def close(self) -> None:
-        """Closes every node and disconnects from ROS. May be called before `start`, and twice."""
-
-
-OpenProcess = Callable[[str, Interrupts], Process]
-"""Imports the adapter and returns the process of an executable, not started."""
+"""A `core.port.middleware.Middleware`; that module is imported later."""
+Process = Union["Ros1Process", "Ros2Process"]
+"""This process as one or several ROS nodes, which have the same methods."""
+OpenProcess = Callable[[str, Interrupts], Any]
+"""Imports the adapter and returns the `Process` of an executable, not started."""
 
 
 def run(executable: str, open_process: OpenProcess, *, ros: str, patience_s: Optional[float] = None) -> int:
@@ -154,7 +125,7 @@ class _Running:
         from ..core.values.errors import ConfigError
         from ..core.values.faults import PARAMETERS_FAULT
 
-        middleware = self._process.create_node(name)
+        middleware: Middleware = self._process.create_node(name)
         try:
             return self._start(name, middleware)
         except ConfigError as error:
@@ -202,9 +173,9 @@ class _Running:
             self._before_nodes.callback(alert_system.save_state)
             return alert_system
         # Imported only where they are used: they take a megabyte of a small robot's memory.
-        from .operations import configured_ops, open_operations
+        from .operations import Operations, configured_ops, read_config
 
-        operations = open_operations(configured_ops(parameters))
+        operations = Operations(read_config(configured_ops(parameters)))
         self._after_nodes.callback(operations.close)
         alert_system = operations.start_only(middleware)
         self._before_nodes.callback(alert_system.save_state)

@@ -10,7 +10,7 @@ import asyncio
 import re
 import time
 from dataclasses import replace
-from typing import Callable, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
 
 from ..core.nodes import AlertSystem
 from ..core.nodes.node import host_name
@@ -22,11 +22,12 @@ from ..core.port.middleware import NOTHING_CHANGED, Severity
 from ..core.values.elements import ARRAY_TYPE
 from ..core.values.errors import ConfigError
 from ..core.values.formatting import list_text, printable
+from ..foxglove import FoxgloveClient
+from ..rosbridge.client import RosbridgeClient
 from ..runtime.bridge.address import is_foxglove
 from ..runtime.bridge.cause import Cause
-from ..runtime.bridge.node import BridgeNode
+from ..runtime.bridge.node import BridgeClient, BridgeNode
 from ..runtime.event_loops import run_in_daemon_thread
-from .bridges import bridge_client
 from .embedded import run_timers
 from .fleet_configuration import FleetReader, RobotSettings
 
@@ -107,15 +108,6 @@ class Fleet:
         elif len(configured) > 1:
             for robot in self.robots:
                 robot.log_summary()
-
-    def on_new_alert_system(self, callback: Callable[[AlertSystem], None]) -> None:
-        """Calls back in the loop with the alert_system of each robot that is added."""
-
-        def call(added: Sequence[Robot], removed: Sequence[Robot]) -> None:
-            for robot in added:
-                callback(robot.alert_system)
-
-        self.on_change.append(call)
 
     @property
     def alert_systems(self) -> Sequence[AlertSystem]:
@@ -378,3 +370,11 @@ class Robot:
 
 def _parameters(settings: RobotSettings) -> Mapping[str, object]:
     return {**settings.parameters, "robot_name": settings.name}
+
+
+def bridge_client(url: str, **options: Any) -> BridgeClient[Any]:
+    """Returns a client that is not connected and only reads, with the options that both clients have.
+
+    Raises ConfigError if `url` is not the address of a server.
+    """
+    return FoxgloveClient(url, **options) if is_foxglove(url) else RosbridgeClient(url, read_only=True, **options)

@@ -137,7 +137,7 @@ def read_entries(file: YamlFile, collected: Optional[Problems] = None, *, needs_
     folder = os.path.dirname(file.file)
     entries: List[RobotEntry] = []
     defaults = Options()
-    try:
+    with file.located():
         read_parameters(file.tree, (), (), ("defaults", "robots"), problems)
         with problems:
             defaults = read_section(Options, file.tree.get("defaults") or {}, ("defaults",), folder)
@@ -151,8 +151,6 @@ def read_entries(file: YamlFile, collected: Optional[Problems] = None, *, needs_
                     entries.append(entry.completed(defaults))
         if collected is None:
             problems.raise_if_any()
-    except ConfigError as error:
-        raise file.locate(error) from None
     return entries
 
 
@@ -200,8 +198,8 @@ class FleetReader:
             file = read_yaml(self._file)
             for entry in read_entries(file):
                 if entry.name in taken:
-                    problem = "a robot of this name is on the command line"
-                    raise file.locate(ConfigError(problem, ("robots", entry.name)))
+                    with file.located(("robots", entry.name)):
+                        raise ConfigError("a robot of this name is on the command line")
                 settings.append(settings_of(entry))
         return settings
 
@@ -224,8 +222,6 @@ def _read_thresholds(file: str) -> Mapping[str, Any]:
         return {}
     contents = read_yaml(file)
     section = sections_of_nodes(contents)["alert_system"]
-    try:
+    with contents.located(section.path):
         AlertSystem(LocalBus().node("alert_system", parameters=section.tree)).close()
-    except ConfigError as error:
-        raise contents.locate(error.below(section.path)) from None
     return section.tree

@@ -138,7 +138,7 @@ def bridged_robot(url: str, interrupts: Interrupts, **options: Any) -> Iterator[
     """Yields the robot behind a bridge; `options` are further ones of `bridge_client`, which runs in a thread."""
     from ..runtime.bridge.cause import Cause
     from ..runtime.event_loops import LoopThread
-    from .bridges import bridge_client
+    from .fleet import bridge_client
 
     interrupts.defer()
     links: List[Tuple[bool, Cause]] = []

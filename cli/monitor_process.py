@@ -14,7 +14,7 @@ import logging
 import sys
 import time
 from functools import partial
-from typing import Any, Awaitable, Callable, List, Optional, Protocol, Sequence, Tuple
+from typing import Any, Awaitable, Callable, List, Optional, Sequence, Tuple
 
 from ..core.port.local import LogLine
 from ..core.port.middleware import NOTHING_CHANGED, Severity
@@ -27,11 +27,11 @@ from ..runtime.interrupts import Interrupts
 from ..runtime.libraries import missing_libraries, missing_text
 from ..runtime.tokens import TokenFiles
 from .exit_codes import ExitCode
-from .operations import open_operations, read_config
+from .operations import Operations, read_config
 from .output.events import Events, LibraryLog
-from .output.lines import JsonLines, Output, OutputError, PlainLines, Shown, is_terminal
+from .output.lines import JsonLines, Monitors, Output, OutputError, PlainLines, is_terminal
 from .service_manager import ServiceManager
-from .serving import Served, ServerSettings, serve, stop_serving
+from .serving import ServerSettings, serve, stop_serving
 
 Reload = Callable[[], Awaitable[str]]
 """Reads the configuration of a part again and applies what differs; returns what changed, in one line.
@@ -53,22 +53,6 @@ _RELOAD_S = 15.0
 _FAULT = "output"
 
 
-class Monitors(Shown, Served, Protocol):
-    """Monitors of one process that can be shown and served: an embedded monitor or a fleet."""
-
-    def log(self, severity: Severity, text: str) -> object:
-        """Logs a line about the process."""
-
-    async def run(self) -> None:
-        """Runs the monitors until it is cancelled."""
-
-    async def reload(self) -> str:
-        """Reads their configuration again; see `Reload`."""
-
-    def close(self) -> None:
-        """Ends the monitors."""
-
-
 class MonitorProcess:
     """Opens what an ops.yaml configures, then runs and shows monitors; use it as a context."""
 
@@ -87,9 +71,9 @@ class MonitorProcess:
         `name` is shown before warnings of the process. Log lines less severe than `least` are left out. `serves` is
         whether there is a server in any case.
         """
-        self.operations = open_operations(ops_file, always_history=True)
+        self.operations = Operations(read_config(ops_file))
         history = self.operations.history
-        if history is not None and history.file is None and not serves and self.operations.config.server is None:
+        if history.file is None and not serves and self.operations.config.server is None:
             history.keeps_samples = False  # no page could show them, and collecting them costs as much as judging
         self.events = Events(output.put, least, silence_of=self.operations.silence_text)
         """Receives what the monitors log and announce."""

@@ -10,7 +10,7 @@ import time
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Callable, Dict, List, Mapping, NamedTuple, Optional
+from typing import TYPE_CHECKING, Any, Callable, Dict, List, Mapping, NamedTuple, Optional
 
 from ..core.config.yaml_file import read_yaml
 from ..core.nodes import AlertSystem
@@ -23,13 +23,13 @@ from ..core.values.errors import ConfigError, ServiceError
 from ..core.values.faults import Faults
 from ..core.values.model import Transition
 from ..ops.configuration import OpsConfig, read_ops
+from ..ops.notify import Notifier
+from ..ops.store.active_silences import Silences
+from ..ops.store.history import History, RobotHistory
 
 if TYPE_CHECKING:
     from ..ops.black_box.black_box import BlackBox
     from ..ops.black_box.robot_black_box import RobotBlackBox
-    from ..ops.notify import Notifier
-    from ..ops.store.active_silences import Silences
-    from ..ops.store.history import History, RobotHistory
     from ..rosbridge.server import Server
 
 _CLOSE_S = 1.9
@@ -42,7 +42,7 @@ class _Robot(NamedTuple):
     """What runs for one robot."""
 
     alert_system: AlertSystem
-    history: Optional[RobotHistory]
+    history: RobotHistory
     black_box: Optional[RobotBlackBox]
 
 
@@ -54,39 +54,23 @@ class Operations:
         config: OpsConfig,
         wall_time_s: Callable[[], float] = time.time,
         clock: Callable[[], float] = time.monotonic,
-        always_history: bool = False,
     ) -> None:
-        """Opens what is configured; `close` ends it. `wall_time_s` gives s since 1970, `clock` monotonic s.
-
-        `always_history` keeps one in memory if no file is configured, for the web page.
-        """
+        """Opens what is configured; `close` ends it. `wall_time_s` gives s since 1970, `clock` monotonic s."""
         self._clock = clock
         self.config = config
         self.faults = Faults()
         """Faults of its parts. Add the faults of the node that shows them."""
-        self.history: Optional[History] = None
-        """None if neither a history nor notifications are configured, nor a history is always kept."""
-        self.silences: Optional[Silences] = None
-        """None if there is no history."""
-        self.notifier: Optional[Notifier] = None
-        """None if there is no history."""
+        self.history = History(config.history, wall_time_s, self.faults)
+        """In memory if no file is configured."""
+        self.silences = Silences(self.history)
+        public_url = "" if config.server is None else config.server.public_url
+        self.notifier = Notifier(self.history, config.notify, self.silences, self.is_simulated, public_url)
         self.black_box: Optional[BlackBox] = None
         """None if none is configured."""
         self.server: Optional[Server] = None
         """The server of the process, whose clients its status shows; None before it has started."""
         self._robots: Dict[str, _Robot] = {}
         self._fed_s = float("-inf")
-        if config.history is not None or config.notify or config.black_box is not None or always_history:
-            from ..ops.notify import Notifier
-            from ..ops.store.active_silences import Silences
-            from ..ops.store.history import History
-
-            # Without a file, the history is in memory.
-            self.history = History(config.history, wall_time_s, self.faults)
-            self.silences = Silences(self.history)
-            public_url = "" if config.server is None else config.server.public_url
-            self.notifier = Notifier(self.history, config.notify, self.silences, self.is_simulated, public_url)
-
         if config.black_box is not None:
             from ..ops.black_box.black_box import BlackBox
 
@@ -98,13 +82,11 @@ class Operations:
         May take some seconds. Raises ConfigError if the targets cannot be replaced now.
         """
         texts = []
-        if config.notify != self.config.notify and self.notifier is not None:
+        if config.notify != self.config.notify:
             try:
                 texts.append(f"notify: {self.notifier.use_targets(config.notify)}")
             except ServiceError as error:
                 raise ConfigError(f"notify: {error}") from None
-        elif config.notify != self.config.notify:
-            texts.append("notify: takes effect after a restart")
         for section in ("history", "black_box"):
             if getattr(config, section) != getattr(self.config, section):
                 texts.append(f"{section}: takes effect after a restart")
@@ -116,50 +98,44 @@ class Operations:
         middleware: Middleware,
         outlets: Optional[Mapping[str, Outlet]] = None,
         *,
-        log_alerts: bool = True,
-        announce_pauses: bool = True,
         self_report: SelfReport = EMPTY_REPORT,
+        **options: Any,
     ) -> AlertSystem:
         """Starts the alert_system of a robot, with its part of the history; arguments and errors: `AlertSystem`."""
         name = robot_name(middleware)
         self.end_robot(name)  # a robot that is started anew
         with ExitStack() as undo:  # if the robot's configuration cannot be used
-            history = None if self.history is None else self.history.of_robot(name)
-            if history is not None:
-                undo.callback(history.close)
+            history = self.history.of_robot(name)
+            undo.callback(history.close)
             black_box = self._start_black_box(middleware, name)
             if black_box is not None:
                 undo.callback(black_box.close)
             alert_system = AlertSystem(
                 middleware,
                 outlets or {},
-                log_alerts=log_alerts,
                 history=history,
-                announce_pauses=announce_pauses,
                 silence_of=partial(self.silence_text, name),
                 black_box_of=_no_black_box if black_box is None else black_box.of_alert,
                 self_report=replace(
                     self_report,
-                    pending_notifications=self._count_pending,
+                    pending_notifications=lambda: self.notifier.waiting,
                     black_box_s=lambda: None if black_box is None else black_box.reach_s,
                 ),
+                **options,
             )
             undo.pop_all()
-        if self.silences is not None:
-            note_causes = partial(self.silences.note_causes, name)
-            alert_system.on_tick.append(lambda now_s: note_causes(alert_system.monitor.causes()))
+        alert_system.on_tick.append(lambda now_s: self.silences.note_causes(name, alert_system.monitor.causes()))
         if black_box is not None:
             middleware.exclusively(partial(black_box.attach, alert_system))
         self._robots[name] = _Robot(alert_system, history, black_box)
-        if self.notifier is not None:
-            middleware.create_timer(TICK_PERIOD_S, self._note_tick, steady=True)
+        middleware.create_timer(TICK_PERIOD_S, self._note_tick, steady=True)
         return alert_system
 
     def start_only(
-        self, middleware: Middleware, outlets: Optional[Mapping[str, Outlet]] = None, *, log_alerts: bool = True
+        self, middleware: Middleware, outlets: Optional[Mapping[str, Outlet]] = None, **options: Any
     ) -> AlertSystem:
         """Starts the only alert_system of the process, as `start`; it shows the faults, and logs what is in use."""
-        alert_system = self.start(middleware, outlets, log_alerts=log_alerts, self_report=self.self_report())
+        alert_system = self.start(middleware, outlets, self_report=self.self_report(), **options)
         self.show_faults(middleware.faults, middleware.log)
         return alert_system
 
@@ -168,28 +144,27 @@ class Operations:
         self.faults.add(faults)
         if self.config.summary:
             log(Severity.INFO, f"operations: {self.config.summary}")
-        if self.history is not None and self.history.file is None:
+        if self.history.file is None:
             log(Severity.INFO, "the history is in memory: it ends with this process (an ops.yaml keeps it in a file)")
         self.note_robots()
 
     def note_robots(self) -> None:
         """Call when all robots have been started: notifications of open alerts of any other robot are ended."""
-        if self.notifier is not None:
-            self.notifier.end_unwatched(list(self._robots))
+        self.notifier.end_unwatched(list(self._robots))
 
     def end_robot(self, name: str) -> None:
         """Ends the part of a robot that is no longer watched; does nothing for one that is not known."""
         robot = self._robots.pop(name, None)
-        if robot is not None and robot.black_box is not None:
-            robot.black_box.close()
-        if robot is not None and robot.history is not None:
+        if robot is not None:
+            if robot.black_box is not None:
+                robot.black_box.close()
             robot.history.close()
 
     def self_report(self) -> SelfReport:
         """Returns what the status of a process shows of its operations and its server."""
         return SelfReport(
             clients=lambda: 0 if self.server is None else self.server.clients,
-            pending_notifications=self._count_pending,
+            pending_notifications=lambda: self.notifier.waiting,
             silenced=self.count_silenced,
             clients_dropped=lambda: None if self.server is None else self.server.dropped,
             black_box_dropped=lambda: None if self.black_box is None else self.black_box.ring.dropped,
@@ -197,39 +172,34 @@ class Operations:
 
     def silence_text(self, robot: str, signal: str) -> Optional[str]:
         """Returns reason and end of an alert's silence, None if it is not silenced. May be called in any thread."""
-        silence = None if self.silences is None else self.silences.silence_of(robot, signal)
+        silence = self.silences.silence_of(robot, signal)
         return None if silence is None else silence.text
 
     def is_simulated(self, robot: str, signal: str) -> bool:
         """Returns whether the values of a robot's signal are simulated. May be called in any thread."""
         known = self._robots.get(robot)
-        return known is not None and known.alert_system.is_simulated(signal)
+        return known is not None and known.alert_system.watched.is_simulated(signal)
 
     def count_silenced(self) -> int:
         """Returns how many signals are not OK and silenced, over all robots."""
-        return sum(robot.alert_system.count_silenced() for robot in self._robots.values())
+        return sum(robot.alert_system.announcements.count_silenced() for robot in self._robots.values())
 
     def close(self) -> None:
         """Closes everything within two seconds. The alert_systems must have been closed."""
-        if self.history is None:
-            return
         closing = threading.Thread(target=self._close, name="close operations", daemon=True)
         closing.start()
         closing.join(_CLOSE_S)
 
-    def _count_pending(self) -> int:
-        return 0 if self.notifier is None else self.notifier.waiting
-
     def _note_tick(self, now_s: float) -> None:
         """Feeds the heartbeat while every robot is monitored; each robot calls this once a second."""
         steady_s = self._clock()
-        if self.notifier is not None and steady_s - self._fed_s >= TICK_PERIOD_S / 2.0:
+        if steady_s - self._fed_s >= TICK_PERIOD_S / 2.0:
             self._fed_s = steady_s
             if all(robot.alert_system.tick_age_s < _LATE_S for robot in tuple(self._robots.values())):
                 self.notifier.note_tick()
 
     def _start_black_box(self, middleware: Middleware, robot: str) -> Optional[RobotBlackBox]:
-        if self.black_box is None or self.history is None:
+        if self.black_box is None:
             return None
         from ..ops.black_box.robot_black_box import RobotBlackBox
         from ..ops.store.queries import black_boxes_of_open_alerts
@@ -245,16 +215,6 @@ class Operations:
         for part in (*black_boxes, self.notifier, self.history, self.black_box):
             if part is not None:
                 part.close()
-
-
-def open_operations(
-    file: str, wall_time_s: Callable[[], float] = time.time, *, always_history: bool = False
-) -> Operations:
-    """Opens what an ops.yaml configures, as `Operations`; nothing if `file` is empty.
-
-    Raises ConfigError, and opens nothing, if the file cannot be used.
-    """
-    return Operations(read_config(file), wall_time_s, always_history=always_history)
 
 
 def read_config(file: str) -> OpsConfig:

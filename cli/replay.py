@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
 import os
+import shutil
+import sys
 import time
-from typing import Any, Counter, Dict, Iterator, List, Mapping, NamedTuple, Optional, Set, Tuple
-
-import numpy as np
+from typing import Any, Counter, Dict, Iterator, List, Mapping, NamedTuple, Optional, Sequence, TextIO, Tuple
 
 from ..core.config.signal_config import SignalConfig
 from ..core.config.yaml_file import YamlFile, read_yaml
 from ..core.judge.attachments import SavedMonitor
 from ..core.judge.sources import is_source
+from ..core.nodes.outlets import json_line
 from ..core.port.local import LogLine
 from ..core.port.middleware import Severity
 from ..core.values.errors import ConfigError, Path
@@ -22,16 +22,38 @@ from ..core.values.model import Level, Transition
 from ..core.values.version import package_version
 from ..ops.report.plotted_signal import PlottedSignal
 from ..ops.report.report import MOST_ALERTS, Report, ReportedAlert, buckets_of, render
-from ..recordings.judging import Differences, Judge, JudgedEvent, Samples, SignalSummary
+from ..recordings.judging import Differences, Judge, JudgedEvent, JudgedSample, SignalSummary
 from ..recordings.middleware import Player
 from ..recordings.reading import Recordings
 from ..runtime.times import local_time
 from .arguments import find_installed
 from .embedded import sections_of_nodes
-from .output.lines import folded_name
-from .replay_output import ReplayOutput, folded, header, row, sentence, worst_first
+from .output.events import Entry
+from .output.lines import (
+    COLOURS,
+    ProgressLine,
+    badness,
+    below_causes,
+    coloured,
+    folded_name,
+    is_coloured,
+    is_terminal,
+    plain_line,
+    plain_table,
+    range_cells,
+    readable,
+    share_cells,
+    summary_sentence,
+)
 from .report_file import ReportFile
-from .testing.black_box_file import attached_file, attached_section, attached_states
+from .testing.black_box_alert import attached_file, attached_states
+
+_MOST_NAMES = 6  # signals that are named in a sentence
+_NOT_RECORDED = "not recorded"
+_GAP = 2  # blanks between columns
+_NUMBERS = (
+    "samples", "bad", *(level.name for level in Level), "unknown", "alerts", "min", "mean", "max", "longest gap"
+)  # fmt: skip
 
 
 def replay(arguments: argparse.Namespace) -> bool:
@@ -97,9 +119,6 @@ class _Replay:
         self._plots: Dict[Tuple[str, str], PlottedSignal] = {}  # by configuration and signal; only for a report
         self._shown: List[ReportedAlert] = []
         self._shown_levels: Counter[Level] = Counter()  # new levels of all transitions that were shown
-        self._alerts = 0
-        self._open: Set[str] = set()  # signals with an open alert
-        self._error: Optional[OSError] = None
         names = [configuration.name for configuration in configurations]
         self._differences = Differences(names, self._show) if self._several else None
         self._judge = Judge(self._player, self._on_event, self._plot if report_file else None)
@@ -114,11 +133,9 @@ class _Replay:
 
     def run(self) -> bool:
         with self._output as output:
-            self._judge.run(self._on_progress)
+            self._judge.run(output.progress)
             if self._differences is not None:
                 self._differences.flush()
-            if self._error is not None:
-                raise self._error
         self._require_judged()
         summaries = self._summaries()
         missing = {summary.config.name: summary.missing for summary in summaries if summary.missing}
@@ -133,7 +150,7 @@ class _Replay:
         head = header(self._several)
         number, noun = sum(self._shown_levels.values()), "difference"
         if not self._several:  # else OK counts: an alert may end at another time
-            number, noun = self._alerts, "alert"
+            number, noun = sum(summary.alerts for summary in summaries), "alert"
         verdict = count_text(number, noun) if number else f"no {noun}s"
         if missing:
             verdict += f"; {count_text(len(missing), 'signal')} not judged"
@@ -165,47 +182,30 @@ class _Replay:
         if self._arguments.to_s < self._arguments.from_s:
             raise ConfigError(f"--to {self._arguments.to_s:g}: expected at least --from {self._arguments.from_s:g}")
 
-    # While the recordings are played. An outlet must not raise: errors wait for the next progress.
-
-    @contextlib.contextmanager
-    def _later(self) -> Iterator[None]:
-        try:
-            yield
-        except OSError as error:
-            self._error = self._error or error
+    # While the recordings are played
 
     def _on_event(self, judged: JudgedEvent) -> None:
         event = judged.event
-        with self._later():
-            if isinstance(event, Transition):
-                plot = self._plot_of(judged.file, event.signal) if self._report_file else None
-                if plot is not None:
-                    plot.add_level(judged.wall_s, event.to_level.name)
-                (self._differences.add if self._differences else self._show)(judged)
-            elif judged.file == self._configurations[0].name:
-                self._output.log(judged.wall_s, LogLine(event.now_s, "alert_system", event.severity, event.text))
+        if isinstance(event, Transition):
+            plot = self._plot_of(judged.file, event.signal) if self._report_file else None
+            if plot is not None:
+                plot.add_level(judged.wall_s, event.to_level.name)
+            (self._differences.add if self._differences else self._show)(judged)
+        elif judged.file == self._configurations[0].name:
+            self._output.log(judged.wall_s, LogLine(event.now_s, "alert_system", event.severity, event.text))
 
     def _show(self, judged: JudgedEvent) -> None:
         transition = judged.event
         assert isinstance(transition, Transition)
         file = judged.file if self._several else ""
         self._shown_levels[transition.to_level] += 1
-        is_open = transition.to_level is not Level.OK
-        self._alerts += is_open and transition.signal not in self._open  # one that changes its level counts once
-        (self._open.add if is_open else self._open.discard)(transition.signal)
         if self._report_file and len(self._shown) < MOST_ALERTS:
             self._shown.append(ReportedAlert(judged.wall_s, file, transition, effects=judged.effects))
         self._output.transition(judged.wall_s, transition, file)
 
     def _on_log(self, line: LogLine) -> None:
         if line.severity >= Severity.WARN:
-            with self._later():
-                self._output.log(self._player.wall_s, line)
-
-    def _on_progress(self, fraction: float) -> None:
-        if self._error is not None:
-            raise self._error
-        self._output.progress(fraction)
+            self._output.log(self._player.wall_s, line)
 
     # The report
 
@@ -213,12 +213,13 @@ class _Replay:
         for plot in self._plots.values():
             plot.add_gap(begin_s, end_s)
 
-    def _plot(self, file: str, config: SignalConfig, samples: Samples) -> None:
+    def _plot(self, file: str, config: SignalConfig, sample: JudgedSample) -> None:
         plot = self._plot_of(file, config.name)
-        if plot is not None:
+        if plot is not None and sample.value is None:
+            plot.add_bad(sample.wall_s)
+        elif plot is not None:
             # A forecast is shown by its line, and by the values that it follows from.
-            values = samples.values if config.statistic == "forecast" else samples.judged
-            plot.add_samples(samples.wall_s, values, samples.wall_s[np.isnan(samples.values)])
+            plot.add(sample.wall_s, sample.value if config.statistic == "forecast" else sample.judged)
 
     def _plot_of(self, file: str, signal: str) -> Optional[PlottedSignal]:
         """Returns the plot of a signal, which begins here; None if it is not of the configuration."""
@@ -299,7 +300,7 @@ def _configurations(arguments: argparse.Namespace) -> List[_Configuration]:
 
 def _attached(file: YamlFile) -> _Configuration:
     """Returns the configuration that a black box has attached."""
-    section = attached_section(file)
+    section = sections_of_nodes(file)["alert_system"]
     folder, name = os.path.split(file.file)
     return _Configuration(f"{name} in {os.path.basename(folder)}", file, section.path, section.tree)
 
@@ -314,3 +315,137 @@ def _read(arguments: argparse.Namespace, name: Optional[str]) -> _Configuration:
     # The host that replays is not the robot.
     parameters = {**section.tree, "robot_name": section.tree.get("robot_name") or robot}
     return _Configuration(name, file, section.path, parameters)
+
+
+class ReplayOutput:
+    """Writes alerts to stdout and everything else about the replay to where it does not disturb them.
+
+    What calls it must not raise: an error waits for the next `progress`, or for the end of its context.
+    """
+
+    def __init__(self, as_json: bool) -> None:
+        """Prepares the output; `as_json`: one JSON object per transition on stdout, the rest on stderr."""
+        self._as_json = as_json
+        self._is_coloured = is_coloured(sys.stdout) and not as_json
+        self._progress = ProgressLine()
+        self._started_s = time.monotonic()
+        self._error: Optional[OSError] = None
+
+    def __enter__(self) -> ReplayOutput:
+        """Returns itself."""
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        """Removes the progress."""
+        self._progress.clear()
+        self._raise_error()
+
+    def progress(self, fraction: float) -> None:
+        """Shows how much has been judged, 0 to 1, on a terminal."""
+        self._raise_error()
+        left_s = (time.monotonic() - self._started_s) * (1.0 - fraction) / max(fraction, 0.01)
+        self._progress.show(f"judging: {fraction:.0%}, {left_s:.0f} s left")
+
+    def transition(self, wall_s: float, transition: Transition, file: str) -> None:
+        """Writes a transition at a time in s since 1970; `file` is its configuration, empty if there is only one."""
+        if self._as_json:
+            line = json_line(transition, **({"file": file} if file else {}))
+        else:
+            line = readable(plain_line(Entry(wall_s, transition), prefix=file), sys.stdout)
+        self._write(line, COLOURS[transition.to_level])
+
+    def log(self, wall_s: float, line: LogLine) -> None:
+        """Writes a line of a node; INFO lines go where the alerts are, except with JSON."""
+        text = plain_line(Entry(wall_s, line))
+        if line.severity >= Severity.WARN or self._as_json:
+            self.warn(text)
+        else:
+            self._write(text, "2")
+
+    def warn(self, text: str) -> None:
+        """Writes a line to stderr."""
+        self._write(printable(text), stream=sys.stderr)
+
+    def table(self, head: Sequence[str], rows: Sequence[Sequence[str]], last_line: str) -> None:
+        """Writes the table, on a terminal in parts that fit, with a line below it."""
+        stream = sys.stderr if self._as_json else sys.stdout
+        lines = [[printable(readable(cell, stream)) for cell in cells] for cells in (head, *rows)]
+        widths = [_GAP + max(map(len, column)) for column in zip(*lines)]
+        texts = len(head) - len(_NUMBERS)
+        width = shutil.get_terminal_size().columns if is_terminal(stream) else sys.maxsize
+        shown = []
+        for numbers in _parts(widths[texts:], width - sum(widths[:texts])):
+            part = ([*line[:texts], *line[texts:][numbers]] for line in lines if any(line[texts:][numbers]))
+            shown += ["", *plain_table(list(part), texts)]
+        for line in (*shown, printable(last_line)):
+            self._write(line, stream=stream)
+        self._raise_error()
+
+    def _write(self, line: str, colour: str = "", stream: Optional[TextIO] = None) -> None:
+        try:
+            self._progress.clear()
+            if stream is not None:
+                sys.stdout.flush()
+            print(coloured(line, colour) if self._is_coloured else line, file=stream, flush=stream is not None)
+        except OSError as error:
+            self._error = self._error or error
+
+    def _raise_error(self) -> None:
+        if self._error is not None:
+            raise self._error
+
+
+def header(several_files: bool) -> List[str]:
+    """Returns the heads of the columns; with `several_files` there is one for the configuration."""
+    return ["signal", *(["file"] if several_files else []), *_NUMBERS]
+
+
+def row(summary: SignalSummary, several_files: bool) -> List[str]:
+    """Returns the cells of one signal, in the order of `header`."""
+    names = [summary.config.name, *([summary.file] if several_files else [])]
+    if not summary.recorded:
+        return [*names, _NOT_RECORDED, *[""] * (len(_NUMBERS) - 1)]
+    statistics = summary.statistics
+    range_texts = range_cells(summary.config, statistics.min, statistics.mean, statistics.max)
+    gap = "-" if statistics.longest_gap_s is None else duration_text(statistics.longest_gap_s)
+    counts = ["-", "-"] if is_source(names[0]) else [str(statistics.samples), str(statistics.bad_samples)]
+    return [
+        *names, *counts, *share_cells(summary.shares, summary.unknown),
+        str(summary.alerts), *range_texts, gap,
+    ]  # fmt: skip
+
+
+def folded(summaries: Sequence[SignalSummary]) -> List[Tuple[SignalSummary, int]]:
+    """Returns the summaries with effects below their cause, and how many follow each: -1 for an effect."""
+    return below_causes(summaries, lambda each: (each.file, each.config.name), lambda each: each.cause)
+
+
+def worst_first(summaries: Sequence[SignalSummary]) -> List[SignalSummary]:
+    """Returns the summaries in the order of badness; those of one signal stay together."""
+    worst: Dict[str, Tuple[float, ...]] = {}
+    for summary in summaries:
+        name = summary.config.name
+        # One that was not judged is worse than one that was OK.
+        worst[name] = max(badness(summary.shares, summary.alerts, bool(summary.missing)), worst.get(name, ()))
+    return sorted(summaries, key=lambda summary: worst[summary.config.name], reverse=True)
+
+
+def sentence(summaries: Sequence[SignalSummary], duration_s: float) -> str:
+    """Returns what was judged, for how long, and which signal was worst: the first of the summaries."""
+    judged_ones = (summary.config.name for summary in summaries if not summary.missing)
+    names = [name for name in dict.fromkeys(judged_ones) if not is_source(name)]
+    several = f" ({len(names)} signals)" if len(names) > _MOST_NAMES else ""
+    worst = summaries[0]
+    what = f"{list_text(names, _MOST_NAMES)}{several}"
+    return summary_sentence(what, len(names), "judged", duration_s, worst.config.name, worst.shares)
+
+
+def _parts(widths: Sequence[int], room: int) -> Iterator[slice]:
+    """Yields successive columns that fit into a width, at least one at a time."""
+    start = used = 0
+    for at, width in enumerate(widths):
+        if used and used + width - _GAP > room:
+            yield slice(start, at)
+            start, used = at, 0
+        used += width
+    yield slice(start, len(widths))

@@ -6,17 +6,18 @@ import asyncio
 import os
 import ssl
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Callable, Dict, Mapping, Optional, Protocol, Sequence, Tuple
+from typing import TYPE_CHECKING, Any, Callable, Dict, Mapping, Optional, Sequence, Tuple
 
 from ..core.nodes.node import host_name
 from ..core.nodes.outlets import Event, event_severity, event_text
-from ..core.port.local import LocalBus, LogLine
+from ..core.port.local import LogLine
 from ..core.port.middleware import Middleware, ServedMiddleware, Severity
 from ..core.values.errors import ConfigError
-from ..core.values.faults import Fault, Faults
+from ..core.values.faults import Fault
 from ..ops.configuration import ServerOptions
 from ..runtime.libraries import ROSBRIDGE, missing_libraries, missing_text
 from ..runtime.tokens import TokenFiles
+from .output.lines import Monitors
 
 if TYPE_CHECKING:
     from ..core.config.monitor_config import MonitorConfig
@@ -91,7 +92,7 @@ def _make_server(
     process_faults: Callable[[], Mapping[str, Fault]] = dict,
     threads: bool,
 ) -> Tuple[Server, WebInterface]:
-    """Returns a server that is not started, and its page; `parameters` and `process_faults` are those of `Served`.
+    """Returns a server that is not started, and its page; `parameters` and `process_faults` are those of `Monitors`.
 
     `node` is not closed here. `alert_system` is the full name of the alert node; `*` as in file names. With `threads`,
     the node is called back, and robots are judged, in other threads than the server's loop. Raises ConfigError if the
@@ -100,18 +101,15 @@ def _make_server(
     from ..ops.web import WebInterface
     from ..rosbridge.server import Access, Server
 
-    notifier = operations.notifier
     web = WebInterface(
         robots,
         threads=threads,
         history=operations.history,
         silences=operations.silences,
         black_boxes=None if operations.black_box is None else operations.black_box.settings.folder,
-        notifications_waiting=int if notifier is None else lambda: notifier.waiting,
+        notifications_waiting=lambda: operations.notifier.waiting,
         process_faults=process_faults,
     )
-    for robot in robots():
-        web.watch(robot)
     services = (f"{alert_system}/reset", f"{alert_system}/reload", *settings.allow_call)
     server = Server(
         node,
@@ -148,34 +146,6 @@ def _tls_context(settings: ServerSettings) -> Optional[ssl.SSLContext]:
     return context
 
 
-class Served(Protocol):
-    """The monitors of one process, on one bus: an embedded monitor or a fleet."""
-
-    bus: LocalBus
-    """Its topics, services and log are served."""
-
-    @property
-    def alert_systems(self) -> Sequence[AlertSystem]:
-        """One per robot that is watched now."""
-
-    @property
-    def alert_system_pattern(self) -> str:
-        """The full names of their nodes; `*` as in file names."""
-
-    @property
-    def faults(self) -> Faults:
-        """Where a server that cannot be started is reported."""
-
-    def process_faults(self) -> Mapping[str, Fault]:
-        """Returns the faults that belong to no robot, by part."""
-
-    def parameters(self) -> Mapping[str, Mapping[str, Any]]:
-        """Returns the parameters that clients may read, by the full name of the node."""
-
-    def on_new_alert_system(self, callback: Callable[[AlertSystem], None]) -> None:
-        """Calls back in the loop with each alert_system that is added later."""
-
-
 def _report_start(
     server: Server, settings: ServerSettings, log: Callable[[Severity, str], None], subject: str = ""
 ) -> None:
@@ -192,7 +162,7 @@ def page_address(address: str, port: int, scheme: str = "http") -> str:
 
 
 async def serve(
-    monitor: Served, settings: ServerSettings, operations: Operations, *, required: bool
+    monitor: Monitors, settings: ServerSettings, operations: Operations, *, required: bool
 ) -> Optional[Server]:
     """Serves monitors, and what the page shows of `operations`, in the running loop; `stop_serving` ends it.
 
@@ -221,8 +191,19 @@ async def serve(
             problem += "; --port chooses another"
         monitor.faults.report(_FAULT, f"{_OFF}: {problem}")
         return None
-    monitor.on_new_alert_system(web.watch)
-    _show_log(monitor, server)
+    monitor.bus.add_log(server.publish_log)
+
+    def watch(added: Sequence[Any], removed: Sequence[Any]) -> None:
+        for robot in added:
+            web.watch(robot.alert_system)
+            name = robot.alert_system.node_name
+            # On /rosout, which the local middleware lacks.
+            robot.alert_system.outlets.add(
+                "rosout", lambda event, name=name: server.publish_log(_log_line(name, event))
+            )
+
+    watch(monitor.robots, ())
+    monitor.on_change.append(watch)
     operations.server = server
     _report_start(server, settings, node.log)
     return server
@@ -252,7 +233,7 @@ def serve_in_thread(
         settings = node_settings(alert_system.monitor.config, operations.config.server, tokens=tokens)
         node = create_node()
         given = {middleware.name: middleware.given_parameters()}
-        server, _ = _make_server(
+        server, web = _make_server(
             node, settings, middleware.name, lambda: [alert_system], operations, parameters=lambda: given, threads=True
         )
         thread = ServerThread(server)
@@ -261,9 +242,14 @@ def serve_in_thread(
             node.close()
         middleware.faults.report(_FAULT, f"{_OFF}: {_problem(error, settings)}")
         return None
+    web.watch(alert_system)
     operations.server = server
     _report_start(server, settings, node.log, "rosbridge: ")
     return thread
+
+
+def _log_line(node: str, event: Event) -> LogLine:
+    return LogLine(event.now_s, node, event_severity(event), event_text(event))
 
 
 def _problem(error: Exception, settings: ServerSettings) -> str:
@@ -274,19 +260,3 @@ def _problem(error: Exception, settings: ServerSettings) -> str:
         cause = os.strerror(error.errno) if error.errno else str(error)  # asyncio puts the address before it
         return f"port {settings.port} of {settings.address} cannot be opened: {cause}"
     return str(error)
-
-
-def _show_log(monitor: Served, server: Server) -> None:
-    """Publishes log lines and alerts on /rosout, which the local middleware lacks."""
-
-    def add(alert_system: AlertSystem) -> None:
-        def publish_event(event: Event) -> None:
-            line = LogLine(event.now_s, alert_system.node_name, event_severity(event), event_text(event))
-            server.publish_log(line)
-
-        alert_system.outlets.add("rosout", publish_event)
-
-    monitor.bus.add_log(server.publish_log)
-    for alert_system in monitor.alert_systems:
-        add(alert_system)
-    monitor.on_new_alert_system(add)

@@ -12,7 +12,7 @@ import math
 import os
 import sys
 from collections import Counter
-from typing import Any, Callable, Collection, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple, Union
+from typing import Any, Collection, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple, Union
 
 from ..core.config.monitor_config import Section, read_monitor
 from ..core.config.signal_config import BOUNDS, template_name
@@ -129,7 +129,7 @@ class _Study:
         """Returns the text of a file with the settings of another one, and suggestions for them."""
         file = read_yaml(name)
         section = sections_of_nodes(file)["alert_system"]
-        with _located(file.locate, section):
+        with file.located(section.path):
             config = read_monitor(Section((), section.tree))
         node = f"/{self._namespace}/alert_system" if self._namespace else "/alert_system"
         topics = {signal: resolve_name(config.signals[signal].topic, node) for signal in section.tree["signals"]}
@@ -141,7 +141,7 @@ class _Study:
             raise ConfigError(f"no signal is recorded: expected one of {wanted}, got {got}")
         others = {key: value for key, value in section.tree.items() if key != "signals"}
         unchanged = {name: each for name, each in section.tree["signals"].items() if name not in signals}
-        with _located(file.locate, section):
+        with file.located(section.path):
             return self._text(_Given(signals, topics), others, unchanged)
 
     def of_recorded_topics(self) -> str:
@@ -251,15 +251,6 @@ def _placed(signals: Signals) -> Signals:
         }
         for name, settings in signals.items()
     }
-
-
-@contextlib.contextmanager
-def _located(locate: Callable[[ConfigError], ConfigError], section: Section) -> Iterator[None]:
-    """Gives errors of the configuration their place in its file."""
-    try:
-        yield
-    except ConfigError as error:
-        raise locate(error.below(section.path)) from None
 
 
 def _is_black_box(path: str) -> bool:

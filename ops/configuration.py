@@ -202,10 +202,8 @@ def read_ops(file: YamlFile) -> OpsConfig:
                     if name == "notify"
                     else read_section(schemas[name], tree[name], (name,), folder)
                 )
-    try:
+    with file.located():
         problems.raise_if_any()
-    except ConfigError as error:
-        raise file.locate(error) from None
     return OpsConfig(**found)
 
 

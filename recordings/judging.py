@@ -1,17 +1,14 @@
 """Judges recordings by one or several configurations in one pass.
 
-Each configuration has its own alert_system, and all of them run on one `Player`. Samples are also collected in chunks,
-for the statistics of each signal and for plots.
+Each configuration has its own alert_system, and all of them run on one `Player`.
 """
 
 from __future__ import annotations
 
 import math
-from array import array
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any, Callable, Counter, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
-
-import numpy as np
 
 from ..core.config.monitor_config import DEFAULT_SIGNALS, Section, read_monitor
 from ..core.config.signal_config import LINK, SignalConfig, read_signal, template_name
@@ -28,7 +25,6 @@ from ..core.values.names import resolve_name
 from .middleware import Player
 
 _OF_SOURCE = read_signal("source", {"field": "", "stale_after_s": 0.0})
-CHUNK = 4096  # samples that are collected before they are processed together
 
 
 class JudgedEvent(NamedTuple):
@@ -43,17 +39,17 @@ class JudgedEvent(NamedTuple):
     """Names of the signals that an alert keeps from being announced, where it begins; more may come later."""
 
 
-class Samples(NamedTuple):
-    """Samples of one signal as its monitor judged them: arrays of doubles."""
+class JudgedSample(NamedTuple):
+    """A sample of one signal as its monitor judged it."""
 
-    wall_s: Any
-    """Log times in s since 1970."""
-    now_s: Any
-    """The node's times in s, which differ from the log times with simulated time."""
-    values: Any
-    """Values in the signal's unit; NaN for bad samples."""
-    judged: Any
-    """Values of the statistic that the bounds apply to; NaN for bad samples, and while it is undefined."""
+    wall_s: float
+    """Log time in s since 1970."""
+    now_s: float
+    """The node's time in s, which differs from the log time with simulated time."""
+    value: Optional[float]
+    """Value in the signal's unit; None for a bad sample."""
+    judged: Optional[float]
+    """Value of the statistic that the bounds apply to; None for a bad sample, and while it is undefined."""
 
 
 class SignalStatistics:
@@ -67,41 +63,42 @@ class SignalStatistics:
         self.min: Optional[float] = None
         """Smallest value of the signal's statistic, in its unit (`judged_unit`); None if it was never defined."""
         self.max: Optional[float] = None
-        self.mean: Optional[float] = None
-        """Of the values of the statistic at the samples."""
         self.first_s: Optional[float] = None
         """Log time of the first sample, in s since 1970."""
         self.longest_gap_s: Optional[float] = None
         """Between two samples in a row; None with fewer than two."""
         self._last_s: Optional[float] = None
+        self._mean = 0.0
         self._ranged = 0
+
+    @property
+    def mean(self) -> Optional[float]:
+        """Of the values of the statistic at the samples."""
+        # Rounding must not carry it beyond the samples.
+        return None if self.min is None or self.max is None else min(max(self._mean, self.min), self.max)
 
     def skip(self, duration_s: float) -> None:
         """Leaves a time after the last sample, in s, out of the gaps."""
         if self._last_s is not None:
             self._last_s += duration_s
 
-    def add(self, samples: Samples) -> None:
-        """Adds samples that came after the others; at least one."""
-        times_s = samples.wall_s
-        self.samples += len(times_s)
-        self.bad_samples += int(np.count_nonzero(np.isnan(samples.values)))
+    def add(self, wall_s: float, value: Optional[float], good: bool) -> None:
+        """Adds a sample that came after the others; the value of the statistic is None while it is undefined."""
+        self.samples += 1
         if self._last_s is None:
-            self.first_s = float(times_s[0])
-        gaps = np.diff(times_s if self._last_s is None else np.concatenate([[self._last_s], times_s]))
-        if len(gaps):
-            self.longest_gap_s = max(self.longest_gap_s or 0.0, float(gaps.max()))
-        self._last_s = float(times_s[-1])
-        good = samples.judged[~np.isnan(samples.judged)]
-        if not len(good):
-            return
-        smallest, largest = float(good.min()), float(good.max())
-        self.min = smallest if self.min is None else min(self.min, smallest)
-        self.max = largest if self.max is None else max(self.max, largest)
-        self._ranged += len(good)
-        weight = len(good) / self._ranged
-        mean = (self.mean or 0.0) * (1.0 - weight) + float((good / len(good)).sum()) * weight
-        self.mean = min(max(mean, self.min), self.max)  # rounding must not carry it beyond the samples
+            self.first_s = wall_s
+        elif self.longest_gap_s is None or wall_s - self._last_s > self.longest_gap_s:
+            self.longest_gap_s = max(0.0, wall_s - self._last_s)
+        self._last_s = wall_s
+        if not good:
+            self.bad_samples += 1
+        elif value is not None:
+            if self.min is None or value < self.min:
+                self.min = value
+            if self.max is None or value > self.max:
+                self.max = value
+            self._ranged += 1
+            self._mean += value / self._ranged - self._mean / self._ranged  # a difference could overflow
 
 
 @dataclass
@@ -124,19 +121,18 @@ class SignalSummary:
 
 
 OnEvent = Callable[[JudgedEvent], None]
-OnSamples = Callable[[str, SignalConfig, Samples], None]
-"""Receives the configuration's name, the signal, and some of its samples, in the order in which they came."""
+OnSample = Callable[[str, SignalConfig, JudgedSample], None]
+"""Receives the configuration's name, the signal, and each of its samples."""
 
 
 class Judge:
     """Runs an alert_system for each configuration on one player."""
 
-    def __init__(self, player: Player, on_event: OnEvent, on_samples: Optional[OnSamples] = None) -> None:
-        """`on_event` receives transitions and notices with times; it must not raise. `on_samples` gets all samples."""
+    def __init__(self, player: Player, on_event: OnEvent, on_sample: Optional[OnSample] = None) -> None:
+        """`on_event` receives transitions and notices with times; it must not raise, nor must `on_sample`."""
         self._player = player
         self._on_event = on_event
-        self._on_samples = on_samples
-        self._tapes: List[_Tape] = []
+        self._on_sample = on_sample
         self._signals: Dict[Tuple[str, str], _JudgedSignal] = {}
         self._templates: Dict[Tuple[str, str], SignalConfig] = {}
         player.on_gap.append(self._skip)
@@ -170,7 +166,7 @@ class Judge:
             if not self._player.why_not_recorded(TICKS, ""):
                 system.tick_with(TICKS)
         node.create_timer(1.0, lambda now_s: self._note_effects(file, system.monitor))
-        system.monitor.collect_samples(lambda signal: self._tape(file, signal))
+        system.monitor.collect_samples(lambda signal: _Collector(partial(self._note_sample, file, signal)))
         self._player.on_gap.append(system.skip)
         for name, signal in recordable.items():
             own, is_recorded = own_config(signal), not absent[name]
@@ -189,8 +185,6 @@ class Judge:
     def run(self, on_progress: Optional[Callable[[float], None]] = None) -> None:
         """Plays the recordings to their end; calls now and then with the fraction played, 0 to 1, which may raise."""
         self._player.play(on_progress)
-        for tape in self._tapes:
-            tape.flush()
         for signal in self._signals.values():
             signal.finish(self._player.wall_s)
 
@@ -224,8 +218,6 @@ class Judge:
 
     def _skip(self, begin_s: float, end_s: float) -> None:
         """Leaves a time out of everything that is measured."""
-        for tape in self._tapes:
-            tape.flush()
         for signal in self._signals.values():
             signal.skip(end_s - begin_s)
 
@@ -245,19 +237,14 @@ class Judge:
                 for effect in filter(None, [self._find(file, name) for name in names]):
                     effect.cause = max(effect.cause, (alert.begun_s, cause))
 
-    def _tape(self, file: str, signal: SignalMonitor) -> _Tape:
-        """Returns what collects the samples of a signal, which may be an element."""
-
-        def take(samples: Samples) -> None:
-            judged = self._find(file, signal.config.name)
-            if judged is not None:
-                judged.summary.statistics.add(samples)
-                if self._on_samples is not None:
-                    self._on_samples(file, judged.summary.config, samples)
-
-        tape = _Tape(self._player, signal, lambda: self._find(file, signal.config.name), take)
-        self._tapes.append(tape)
-        return tape
+    def _note_sample(self, file: str, signal: SignalMonitor, judged: Optional[float], now_s: float, good: bool) -> None:
+        """Notes a sample of a signal; an element begins to be measured with its first one."""
+        measured, wall_s = self._find(file, signal.config.name), self._player.wall_s
+        if measured is not None:
+            measured.summary.statistics.add(wall_s, judged, good)
+            if self._on_sample is not None:
+                value = signal.window.last() if good else None
+                self._on_sample(file, measured.summary.config, JudgedSample(wall_s, now_s, value, judged))
 
 
 def _announced_level(saved: SavedMonitor, signal: str) -> Level:
@@ -269,50 +256,19 @@ def _announced_level(saved: SavedMonitor, signal: str) -> Level:
         return Level.OK
 
 
-class _Tape(SampleCollector):
-    """Collects what a signal's monitor made of its samples, and passes it on in chunks."""
+class _Collector(SampleCollector):
+    """Passes on what a signal's monitor made of its samples."""
 
-    def __init__(
-        self, player: Player, signal: SignalMonitor, begin: Callable[[], object], take: Callable[[Samples], None]
-    ) -> None:
-        """Starts empty; calls `begin` at the first sample of each chunk, and `take` with the chunk."""
+    def __init__(self, note_sample: Callable[[Optional[float], float, bool], None]) -> None:
         super().__init__(WallClock(0.0))
-        self._player = player
-        self._signal = signal
-        self._begin_chunk = begin
-        self._take = take
-        self._is_last = signal.config.statistic == "last"
-        self._clear()
-
-    def _clear(self) -> None:
-        self._now_s, self._judged = array("d"), array("d")
-        self._values = self._judged if self._is_last else array("d")
-        self._wall_s = array("d") if self._player.use_sim_time else self._now_s
+        self._note_sample = note_sample
 
     def note(self, value: Optional[float], now_s: float, *, good: bool = True) -> None:
-        """Adds a sample with the value of the judged statistic."""
-        now = self._now_s
-        if not now:
-            self._begin_chunk()
-        self._judged.append(math.nan if value is None else value)
-        if not self._is_last:
-            # The monitor has added a good sample to its window.
-            self._values.append(self._signal.window.last() or 0.0 if good else math.nan)
-        now.append(now_s)
-        if self._wall_s is not now:
-            self._wall_s.append(self._player.wall_s)
-        if len(now) >= CHUNK:
-            self.flush()
+        """Passes on a sample with the value of the judged statistic."""
+        self._note_sample(value, now_s, good)
 
     def note_level(self, level: Level, now_s: float) -> None:
         """Does nothing: shares of time are those of the announced levels."""
-
-    def flush(self) -> None:
-        if not self._now_s:
-            return
-        columns = (self._wall_s, self._now_s, self._values, self._judged)
-        self._clear()
-        self._take(Samples(*(np.frombuffer(column, dtype=np.float64) for column in columns)))
 
 
 class _JudgedSignal:

@@ -7,25 +7,11 @@ silence. Everything runs in the thread that calls `play`.
 
 from __future__ import annotations
 
-import enum
 import math
 from collections import Counter
-from itertools import chain, groupby
-from operator import itemgetter
-from typing import (
-    Any,
-    Callable,
-    Dict,
-    Iterable,
-    Iterator,
-    List,
-    Mapping,
-    NamedTuple,
-    Optional,
-    Sequence,
-    Tuple,
-    Union,
-)
+from functools import partial
+from itertools import chain
+from typing import Any, Callable, Dict, Iterable, Iterator, List, Mapping, Optional, Tuple
 
 from ..core.messages.dialect import Message
 from ..core.messages.standard_messages import check_type
@@ -47,13 +33,8 @@ _LONGEST_SILENCE_S = 86_400.0
 otherwise ask for the ticks of centuries."""
 
 
-class _Bytes(enum.Enum):
-    """What stands for the whole serialized message, with its format, in the place of a field."""
-
-    ALL = "bytes"
-
-
-_Field = Union[str, None, _Bytes]
+_Getter = Callable[[bytes], Any]
+_Delivery = Callable[[bytes, float], None]
 
 
 class Subscription:
@@ -66,18 +47,6 @@ class Subscription:
         self.callback = self.receive = callback
         """`receive` is called with the field of each message and its log time, in s since 1970, while `active`."""
         self.active = True
-        self.number = 0
-        """Its place among all: those of one message are called in this order."""
-
-
-_Delivery = Callable[[bytes, float], None]
-
-
-class _Reader(NamedTuple):
-    """One field of one channel: read once per message, delivered to every subscription."""
-
-    get: Callable[[bytes], Any]
-    subscriptions: List[Subscription]
 
 
 class RecordedMiddleware(MappingNode):
@@ -114,17 +83,17 @@ class RecordedMiddleware(MappingNode):
     def subscribe(
         self, topic: str, type_name: str, callback: Callback, *, field: Optional[str] = "", latched: bool = False
     ) -> Subscription:
-        return self._add(Subscription(self, self.resolve(topic), callback), type_name, field)
+        return self._add(Subscription(self, self.resolve(topic), callback), type_name, partial(_getter, field=field))
 
-    def _add(self, subscription: Subscription, type_name: str, field: _Field) -> Subscription:
+    def _add(self, subscription: Subscription, type_name: str, getter_of: Callable[[Channel], _Getter]) -> Subscription:
         if self._sim_time_s is not None:
             subscription.receive = lambda value, wall_s: self.call_back(subscription, value)
         self._subscriptions.append(subscription)
-        return self.player.subscribe(subscription, type_name, field)
+        return self.player.subscribe(subscription, type_name, getter_of)
 
     def subscribe_raw(self, topic: str, type_name: str, callback: RawCallback) -> Subscription:
         subscription = Subscription(self, self.resolve(topic), callback)
-        return self._add(subscription, type_name, _Bytes.ALL)
+        return self._add(subscription, type_name, _raw_getter)
 
     def topic_types(self) -> Mapping[str, str]:
         return self.player.topic_types()
@@ -182,8 +151,8 @@ class Player:
         self.use_sim_time = use_sim_time
         self.wall_s = self._start_ns / 1e9  # log time of the current message, since 1970
         self.late = 0  # messages that came out of the order of their log times and were delivered late
-        # Per topic and field, the messages from which it could not be read.
-        self._undecodable: Counter[Tuple[str, _Field]] = Counter()
+        self._undecodable: Counter[Subscription] = Counter()
+        """The messages from which the field of a subscription could not be read."""
         self._outside = 0
         self._skipped_s = 0.0
         self.on_log: Callable[[LogLine], None] = on_log or _ignore
@@ -195,8 +164,8 @@ class Player:
         self._channels: Dict[str, List[Channel]] = {}
         for channel in recordings.channels:
             self._channels.setdefault(channel.topic, []).append(channel)
-        self._readers: Dict[Channel, Dict[_Field, _Reader]] = {}
-        self._subscribed = 0
+        self._readers: Dict[Channel, List[Tuple[_Getter, Subscription]]] = {}
+        """What reads a message of a channel, and who receives that, in the order of the subscriptions."""
         self._firsts: Dict[Tuple[Channel, ...], Optional[Tuple[Channel, bytes]]] = {}
         """The first message of the channels of a topic, as far as it was needed; None if there is none."""
         if use_sim_time and not self._channels.get(CLOCK):
@@ -207,8 +176,8 @@ class Player:
         """One line for each thing that was not read, or not as it was recorded, until now."""
         lines = self._recordings.problems
         undecodable: Dict[str, int] = {}
-        for (topic, _), number in self._undecodable.items():
-            undecodable[topic] = max(number, undecodable.get(topic, 0))  # a message lacks several fields at once
+        for each, number in self._undecodable.items():
+            undecodable[each.topic] = max(number, undecodable.get(each.topic, 0))  # a message lacks several fields
         for topic, number in sorted(undecodable.items()):
             lines.append(f"{topic}: {_left_out(number, 'could not be decoded and')}")
         if self._outside:
@@ -266,16 +235,16 @@ class Player:
         """Returns the full name of the node with a base name."""
         return f"/{self._namespace}/{name}" if self._namespace else f"/{name}"
 
-    def subscribe(self, subscription: Subscription, type_name: str, field: _Field) -> Subscription:
-        """Delivers a field of every message of a topic; use `RecordedMiddleware.subscribe`.
+    def subscribe(
+        self, subscription: Subscription, type_name: str, getter_of: Callable[[Channel], _Getter]
+    ) -> Subscription:
+        """Delivers what a getter reads from every message of a topic; use `RecordedMiddleware.subscribe`.
 
         A topic that is not recorded, or with another type only, delivers nothing: see `why_not_recorded`. Raises
         ConfigError if the recorded type has no such field, or no definition.
         """
-        self._subscribed += 1
-        subscription.number = self._subscribed
         for channel in self._matching(subscription.topic, type_name):
-            self._subscriptions(channel, field).append(subscription)
+            self._readers.setdefault(channel, []).append((getter_of(channel), subscription))
         return subscription
 
     def play(self, on_progress: Optional[Callable[[float], None]] = None) -> None:
@@ -296,7 +265,7 @@ class Player:
         if not self.use_sim_time:
             self._gaps_ns = [gap for gap in self._recordings.gaps_ns if start_ns < gap[0] and gap[1] <= end_ns]
         deliveries = {
-            channel: tuple(self._deliveries(channel.topic, readers)) for channel, readers in self._readers.items()
+            channel: tuple(self._delivery(*reader) for reader in readers) for channel, readers in self._readers.items()
         }
         for time_ns, of_channel, data in self._recordings.messages([deliveries] * len(self._recordings.paths)):
             if not start_ns <= time_ns <= end_ns:
@@ -335,72 +304,38 @@ class Player:
         wanted = canonical_type(type_name) if type_name else ""
         return [channel for channel in self._channels.get(topic, []) if wanted in ("", channel.type_name)]
 
-    def _subscriptions(self, channel: Channel, field: _Field) -> List[Subscription]:
-        """Returns the subscriptions to a field of a channel, to add to them."""
-        readers = self._readers.setdefault(channel, {})
-        if field not in readers:
-            readers[field] = _Reader(_getter(channel, field), [])
-        return readers[field].subscriptions
-
-    def _deliveries(self, topic: str, readers: Mapping[_Field, _Reader]) -> Iterator[_Delivery]:
-        """Yields functions that pass a serialized message to the subscriptions in their order, each field read once."""
-        in_order = sorted(
-            ((each.number, field, each) for field, reader in readers.items() for each in reader.subscriptions),
-            key=itemgetter(0),
-        )
-        values: Dict[_Field, Any] = {}
-        for field, group in groupby(in_order, key=itemgetter(1)):
-            get = None if field in values else readers[field].get
-            values[field] = ABSENT
-            yield self._delivery(topic, field, get, values, tuple((each, each.receive) for _, _, each in group))
-
-    def _delivery(
-        self,
-        topic: str,
-        field: _Field,
-        get: Optional[Callable[[bytes], Any]],
-        values: Dict[_Field, Any],
-        receivers: Sequence[Tuple[Subscription, Callback]],
-    ) -> _Delivery:
-        """Returns a function that passes the field of a serialized message, with its time, to subscriptions.
-
-        Without `get`, the field is that in `values`, where an earlier delivery of the message has left it.
-        """
-        undecodable = self._undecodable
+    def _delivery(self, get: _Getter, subscription: Subscription) -> _Delivery:
+        """Returns a function that passes on what a getter reads from a serialized message, with its time."""
+        undecodable, receive = self._undecodable, subscription.receive
 
         def deliver(data: bytes, wall_s: float) -> None:
-            if get is not None:
+            if subscription.active:
                 try:
-                    values[field] = get(data)
+                    value = get(data)
                 except ValueError:
-                    undecodable[topic, field] += 1
-                    values[field] = ABSENT  # a sign of life
-            value = values[field]
-            for subscription, receive in receivers:
-                if subscription.active:
-                    try:
-                        receive(value, wall_s)
-                    except Exception as error:
-                        subscription.node.log_failure(error)
+                    undecodable[subscription] += 1
+                    value = ABSENT  # a sign of life
+                try:
+                    receive(value, wall_s)
+                except Exception as error:
+                    subscription.node.log_failure(error)
 
         return deliver
 
     def _require_readable(self) -> None:
         """Raises RecordingError if a recording has messages of the subscribed topics, but none that can be read."""
-        targets = {channel: (channel.topic, readers) for channel, readers in self._readers.items()}
-        firsts = [first for first in self._firsts.values() if first is not None]
+        targets = {channel: (channel, [get for get, _ in readers]) for channel, readers in self._readers.items()}
+        firsts = filter(None, self._firsts.values())
         if len(self._recordings.paths) == 1 and any(
-            _can_read(reader.get, data)
-            for channel, data in firsts
-            for reader in self._readers.get(channel, {}).values()
+            _can_read(get, data) for channel, data in firsts for get, _ in self._readers.get(channel, ())
         ):
             return  # as nearly always
         for number, path in enumerate(self._recordings.paths):
             undecodable = set()
-            for _, (topic, readers), data in self._recordings.messages([{}] * number + [targets]):
-                if any(_can_read(reader.get, data) for reader in readers.values()):
+            for _, (channel, getters), data in self._recordings.messages([{}] * number + [targets]):
+                if any(_can_read(get, data) for get in getters):
                     break
-                undecodable.add(topic)
+                undecodable.add(channel.topic)
             else:
                 problem = f"none of its messages on {list_text(sorted(undecodable))} can be decoded"
                 problem = problem if undecodable else self._recordings.problem_without(number, targets)
@@ -408,10 +343,10 @@ class Player:
                     raise RecordingError(problem, file=path)
 
     def _follow_clock(self) -> None:
+        clocks = [Subscription(node, CLOCK, node.receive_clock) for node in self._nodes]
         for channel in self._channels[CLOCK]:
-            self._subscriptions(channel, "")[:0] = [
-                Subscription(node, CLOCK, node.receive_clock) for node in self._nodes
-            ]
+            get = _getter(channel, "")
+            self._readers[channel] = [*((get, clock) for clock in clocks), *self._readers.get(channel, ())]
 
     def _cross_gaps(self, until_ns: int) -> None:
         """Goes from the end of a recording to the start of the next one, without the timers in between."""
@@ -448,11 +383,12 @@ def _left_out(messages: int, why: str) -> str:
     return f"{count_text(messages, 'message')} {why} {'was' if messages == 1 else 'were'} left out"
 
 
-def _getter(channel: Channel, field: _Field) -> Callable[[bytes], Any]:
-    if field is None:
-        return _arrival
-    if isinstance(field, str):
-        return field_getter(channel, field)
+def _getter(channel: Channel, field: Optional[str]) -> _Getter:
+    return _arrival if field is None else field_getter(channel, field)
+
+
+def _raw_getter(channel: Channel) -> _Getter:
+    """Returns what gives the whole serialized message with its format."""
     raw_format = raw_format_of(channel)
     return lambda data: (data, raw_format)
 

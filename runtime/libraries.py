@@ -24,7 +24,7 @@ __all__ = [
 
 ROSBRIDGE = ("aiohttp",)
 """What rosbridge needs, as a server and as a client; cbor2 is optional."""
-RECORDINGS = ("lz4", "mcap", "numpy", "rosbags", "zstandard")
+RECORDINGS = ("lz4", "mcap", "rosbags", "zstandard")
 """What reading every kind of recording needs: the extra `[recordings]`."""
 
 _PACKAGES = {"yaml": "PyYAML"}

@@ -91,11 +91,9 @@ def _check_file(file: str) -> Tuple[str, List[ConfigError], List[ConfigError]]:
     duplicates, problems = Problems(), Problems()
     try:
         read = read_yaml(file, duplicates)
-        try:
+        with read.located():
             summary = _check_contents(read, problems, remarks)
             problems.raise_if_any()
-        except ConfigError as error:
-            raise read.locate(error) from None
     except ConfigError as error:
         errors.extend(error.all)
     return summary, remarks, sorted([*duplicates.errors, *errors], key=lambda error: error.line or 0)

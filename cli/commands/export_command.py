@@ -9,7 +9,6 @@ from typing import Tuple
 
 from ...core.config.monitor_config import load_config
 from ...core.config.yaml_file import read_yaml
-from ...core.values.errors import ConfigError
 from ...core.values.formatting import printable
 from ...ops.export.fleet import FleetSettings, export_fleet, require_address, require_receiver, write_files
 from ...ops.export.grafana import export_dashboard
@@ -124,7 +123,5 @@ def _policy(arguments: argparse.Namespace) -> str:
     ops = read_ops(read_yaml(arguments.ops)) if arguments.ops else OpsConfig()
     robot = Robot(arguments.namespace, arguments.sensors, dict(arguments.remap), ops)
     read = read_yaml(arguments.file)
-    try:
+    with read.located():
         return export_policy(read.tree, robot, arguments.enclave)
-    except ConfigError as error:
-        raise read.locate(error) from None

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import argparse
-import csv
+import heapq
+import itertools
 import json
 import os
 import re
@@ -11,7 +12,7 @@ import sqlite3
 import sys
 import time
 from datetime import datetime
-from typing import Any, Dict, Iterator, List, Optional, Sequence, TextIO, Tuple, TypeVar, Union
+from typing import Any, Iterable, Iterator, List, Optional, TextIO, Tuple
 
 from ...core.values.errors import ConfigError, ServiceError
 from ...core.values.formatting import count_text, duration_text, number_text, printable
@@ -19,38 +20,34 @@ from ...core.values.model import Level
 from ...ops.store import queries
 from ...ops.store import samples as stored_samples
 from ...ops.store.notes import notes_of
-from ...ops.store.queries import MonitorEvent
 from ...ops.store.rows import select
 from ...ops.store.samples import SAMPLES_FIELDS, StoredSamples, samples_fields
-from ...ops.store.silences import SilenceEvent, silence_events
+from ...ops.store.silences import silence_events
 from ...ops.store.summary import SignalSummary, summarize
 from ...runtime.interrupts import Interrupts
-from ...runtime.libraries import libraries
 from ...runtime.times import DATE_TIME, local_time
 from ..arguments import Parser, add, alert_id, checked
 from ..exit_codes import ExitCode
-from ..history.alert_details import show_alert
 from ..history.history_entries import (  # fmt: skip
     CSV_HEAD,
+    Listing,
     NotedAlert,
-    csv_cell,
+    alert_listing,
     entry_json,
     entry_lines,
     entry_rows,
-    is_coloured,
     outage_cells,
     time_text,
 )
 from ..history.history_file import DEFAULT_FILE, history_file, reading_history
-from ..output.lines import below_causes, folded_name, plain_table, readable, share_text
-
-_LEVELS = (Level.OK, Level.WARN, Level.ERROR, Level.STALE)
-Event = Union[MonitorEvent, SilenceEvent]
-AnyEvent = TypeVar("AnyEvent", bound=Event)
+from ..output.lines import below_causes, folded_name, is_coloured, plain_table, share_cells
 
 _SUMMARY_HEAD = (
-    "robot", "signal", *(level.name for level in _LEVELS), "unknown", "available", "alerts", "longest outage",
+    "robot", "signal", *(level.name for level in Level), "unknown", "available", "alerts", "longest outage",
     "recovery",
+)  # fmt: skip
+_SUMMARY_FIELDS = (
+    "robot", "signal", "duration_s", "unknown", "alerts", "longest_outage_s", "availability", "mean_time_to_recover_s",
 )  # fmt: skip
 _UNITS_S = {"s": 1.0, "m": 60.0, "min": 60.0, "h": 3600.0, "d": 86_400.0, "w": 604_800.0}
 
@@ -114,9 +111,9 @@ def show_history(arguments: argparse.Namespace, stream: Optional[TextIO] = None)
         ServiceError: stdout is closed.
     """
     stream = stream or sys.stdout
-    show = _show_summary if arguments.summary else _show_samples if arguments.samples else _show_transitions
+    make = _summary if arguments.summary else _samples if arguments.samples else _transitions
     if arguments.alert is not None:
-        show = show_alert
+        make = alert_listing
     file = history_file(arguments.file, arguments.ops)
     with reading_history(file) as connection:
         if arguments.report is not None:
@@ -124,53 +121,37 @@ def show_history(arguments: argparse.Namespace, stream: Optional[TextIO] = None)
             return
         if getattr(stream, "name", "") == os.devnull:  # `__main__` opened it in place of one that is closed
             raise ServiceError("stdout is closed: nothing can be shown")
+        form = "json" if arguments.json else "csv" if arguments.csv else "lines"
         try:
-            show(connection, arguments, stream)
+            make(connection, arguments, stream).write(stream, form)
         finally:
             stream.flush()
 
 
-def _show_transitions(connection: sqlite3.Connection, arguments: argparse.Namespace, stream: TextIO) -> None:
+def _transitions(connection: sqlite3.Connection, arguments: argparse.Namespace, stream: TextIO) -> Listing:
     level = None if arguments.level is None else Level[arguments.level]
-    transitions = queries.transitions(
-        connection, since_s=arguments.since_s, robot=arguments.robot, signal=arguments.signal, level=level
+    since_s, robot, signal = arguments.since_s or 0.0, arguments.robot, arguments.signal
+    found = queries.transitions(connection, since_s=arguments.since_s, robot=robot, signal=signal, level=level)
+    noted = (NotedAlert(each, notes_of(connection, each.id)) for each in found)
+    silences = [] if level else silence_events(connection, time.time(), since_s, robot, signal)
+    others = [] if level or signal else queries.monitor_events(connection, since_s, robot)
+
+    def merged(*events: Iterable[Any]) -> Iterator[Any]:
+        """Yields alerts in their order, and each event before those that are younger."""
+        return heapq.merge(sorted(itertools.chain(*events), key=_wall_s), noted, key=_wall_s)
+
+    is_lit = is_coloured(stream)
+    return Listing(
+        json=map(entry_json, merged(silences)),
+        head=CSV_HEAD,
+        rows=(row for entry in merged(silences) for row in entry_rows(entry)),
+        lines=(line for entry in merged(silences, others) for line in entry_lines(entry, is_lit)),
+        nothing="no alerts",
     )
-    silences: List[SilenceEvent] = []
-    if level is None:
-        since_s = arguments.since_s or 0.0
-        silences = silence_events(connection, time.time(), since_s, arguments.robot, arguments.signal)
-    noted = (NotedAlert(each, notes_of(connection, each.id)) for each in transitions)
-    if arguments.json:
-        for item in _merged(noted, silences):
-            stream.write(f"{entry_json(item)}\n")
-    elif arguments.csv:
-        writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(CSV_HEAD)
-        for item in _merged(noted, silences):
-            writer.writerows(entry_rows(item))
-    else:
-        events: List[Event] = [*silences]
-        if arguments.signal is None and level is None:
-            events += queries.monitor_events(connection, arguments.since_s or 0.0, arguments.robot)
-            events.sort(key=lambda event: event.wall_s)
-        with_colour = is_coloured(stream)
-        line = None
-        for entry in _merged(noted, events):
-            for line in entry_lines(entry, with_colour):
-                stream.write(readable(f"{line}\n", stream))
-        if line is None:
-            sys.stderr.write("no alerts\n")
 
 
-def _merged(alerts: Iterator[NotedAlert], events: Sequence[AnyEvent]) -> Iterator[Union[NotedAlert, AnyEvent]]:
-    """Yields alerts in their order, and each event before those that are younger."""
-    place = 0
-    for alert in alerts:
-        while place < len(events) and events[place].wall_s <= alert.wall_s:
-            yield events[place]
-            place += 1
-        yield alert
-    yield from events[place:]
+def _wall_s(entry: Any) -> float:
+    return float(entry.wall_s)
 
 
 def _summaries(connection: sqlite3.Connection, arguments: argparse.Namespace) -> Tuple[List[SignalSummary], float]:
@@ -186,9 +167,9 @@ def _summaries(connection: sqlite3.Connection, arguments: argparse.Namespace) ->
 
 
 def _write_report(connection: sqlite3.Connection, arguments: argparse.Namespace, file: str) -> None:
-    with libraries("numpy"):
-        from ..history.history_report import history_page
-        from ..report_file import ReportFile
+    from ..history.history_report import history_page
+    from ..report_file import ReportFile
+
     inputs = [file + suffix for suffix in ("", "-wal", "-shm", ".lock")]
     report = ReportFile(arguments.report, [*inputs, *([arguments.ops] if arguments.ops else [])], arguments.force)
     summaries, end_s = _summaries(connection, arguments)
@@ -197,71 +178,46 @@ def _write_report(connection: sqlite3.Connection, arguments: argparse.Namespace,
     report.write(history_page(connection, arguments, summaries, end_s))
 
 
-def _show_summary(connection: sqlite3.Connection, arguments: argparse.Namespace, stream: TextIO) -> None:
+def _summary(connection: sqlite3.Connection, arguments: argparse.Namespace, stream: TextIO) -> Listing:
     summaries, end_s = _summaries(connection, arguments)
-    if arguments.json:
-        for summary in summaries:
-            stream.write(f"{json.dumps(_summary_fields(summary))}\n")
-        return
-    if arguments.csv:
-        writer = csv.writer(stream, lineterminator="\n")
-        for number, summary in enumerate(summaries):
-            fields = _summary_fields(summary)
-            fields.update(fields.pop("shares"))
-            if number == 0:
-                writer.writerow(fields)
-            writer.writerow(map(csv_cell, fields.values()))
-        return
-    if not summaries:
-        return
-    folded = below_causes(summaries, lambda each: (each.robot, each.signal), lambda each: each.cause)
-    rows = [_summary_cells(summary, folded_name(summary.signal, effects)) for summary, effects in folded]
-    begin_s = end_s - max(summary.duration_s for summary in summaries)
-    stream.write(f"{time_text(begin_s)} to {time_text(end_s)}\n")
-    for line in plain_table([_SUMMARY_HEAD, *rows], 2):
-        stream.write(f"{line}\n")
-
-
-def _summary_fields(summary: SignalSummary) -> Dict[str, Any]:
-    return {
-        "robot": summary.robot,
-        "signal": summary.signal,
-        "duration_s": summary.duration_s,
-        "shares": {level.name: summary.shares.get(level, 0.0) for level in _LEVELS},
-        "unknown": summary.unknown,
-        "alerts": summary.alerts,
-        "longest_outage_s": summary.longest_outage_s,
-        "availability": summary.availability,
-        "mean_time_to_recover_s": summary.mean_time_to_recover_s,
-    }
+    shares = [{level.name: summary.shares.get(level, 0.0) for level in Level} for summary in summaries]
+    fields = [{name: getattr(summary, name) for name in _SUMMARY_FIELDS} for summary in summaries]
+    lines = []
+    if summaries:
+        folded = below_causes(summaries, lambda each: (each.robot, each.signal), lambda each: each.cause)
+        rows = [_summary_cells(summary, folded_name(summary.signal, effects)) for summary, effects in folded]
+        begin_s = end_s - max(summary.duration_s for summary in summaries)
+        lines = [f"{time_text(begin_s)} to {time_text(end_s)}", *plain_table([_SUMMARY_HEAD, *rows], 2)]
+    return Listing(
+        json=(json.dumps({**each, "shares": share}) for each, share in zip(fields, shares)),
+        head=[*_SUMMARY_FIELDS, *Level.__members__],
+        rows=({**each, **share} for each, share in zip(fields, shares)),
+        lines=lines,
+    )
 
 
 def _summary_cells(summary: SignalSummary, name: str) -> List[str]:
-    shares = [share_text(summary.shares.get(level, 0.0)) for level in _LEVELS]
     available, outage, recovery = outage_cells(summary)
-    unknown = share_text(summary.unknown)
-    return [summary.robot, name, *shares, unknown, available, str(summary.alerts), outage, recovery]
+    shares = share_cells(summary.shares, summary.unknown)
+    return [summary.robot, name, *shares, available, str(summary.alerts), outage, recovery]
 
 
-def _show_samples(connection: sqlite3.Connection, arguments: argparse.Namespace, stream: TextIO) -> None:
+def _samples(connection: sqlite3.Connection, arguments: argparse.Namespace, stream: TextIO) -> Listing:
     found = stored_samples.read(connection, robot=arguments.robot, signal=arguments.signal, since_s=arguments.since_s)
     chosen = (each for each in found if arguments.level in (None, each.level.name))
-    if arguments.json:
-        stream.writelines(f"{json.dumps(samples_fields(each))}\n" for each in chosen)
-        return
-    if arguments.csv:
-        writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(SAMPLES_FIELDS)
-        writer.writerows([csv_cell(value) for value in samples_fields(each).values()] for each in chosen)
-        return
-    name = None
-    for each in chosen:
-        if name != (each.robot, each.signal):
-            name = each.robot, each.signal
-            stream.write(readable(f"{printable(f'{each.robot}: {each.signal}')}\n", stream))
-        stream.write(f"  {_samples_line(each)}\n")
-    if name is None:
-        sys.stderr.write("no samples\n")
+    return Listing(
+        json=(json.dumps(samples_fields(each)) for each in chosen),
+        head=SAMPLES_FIELDS,
+        rows=map(samples_fields, chosen),
+        lines=_samples_lines(chosen),
+        nothing="no samples",
+    )
+
+
+def _samples_lines(chosen: Iterable[StoredSamples]) -> Iterator[str]:
+    for (robot, signal), each in itertools.groupby(chosen, key=lambda sample: (sample.robot, sample.signal)):
+        yield printable(f"{robot}: {signal}")
+        yield from (f"  {_samples_line(sample)}" for sample in each)
 
 
 def _samples_line(samples: StoredSamples) -> str:

@@ -57,7 +57,7 @@ def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
     from ...core.proposal.proposal import PUBLISHED_HERE, Proposal
     from ...core.proposal.suggestion import LEAST_RANGE_S
     from ...core.proposal.thresholds_file import thresholds_text
-    from ...core.values.formatting import count_text, duration_text, printable
+    from ...core.values.formatting import duration_text, printable
 
     namespace = arguments.namespace.strip("/")
     watched = _Watched(arguments.against, namespace) if arguments.against else None
@@ -67,7 +67,7 @@ def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
     for problem in proposal.problems:
         sys.stderr.write(f"{printable(f'WARN: {problem}')}\n")
     proposed = proposal.result()
-    heard = f"{count_text(len(proposal.topics), 'topic')}, {count_text(proposal.samples, 'message')}"
+    heard = _heard(proposal)
     if not proposed.signals:
         # First a topic that has messages, but not enough.
         dull = ("a topic of the middleware", "no ", PUBLISHED_HERE)
@@ -91,7 +91,11 @@ def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
         f"Written by `robot-health init` after listening to {robot} for {lasted}: {heard}.",
         *([f"Only what {arguments.against} does not watch."] if watched else []),
         *([_COMMENTED] if listened_s < LEAST_RANGE_S else []),
-        *([f"Some numbers came too rarely even for that: `--seconds {needed_s:.0f}` is enough."] if needed_s else []),
+        *(
+            [f"Some came too rarely to show their range: `--seconds {needed_s:.0f}` is long enough."]
+            if needed_s
+            else []
+        ),
         "docs/statistics.md explains how each value is computed. Review before use.",
     ]
     sys.stdout.write(thresholds_text(heading, {}, proposed))
@@ -103,11 +107,16 @@ def _listen(
 ) -> Tuple[str, float, bool]:
     """Returns the robot's name, for how long it was listened to, in s, and whether that was not interrupted."""
     from ..live_robot import bridged_robot, choose_ros, listen, ros_robot
+    from ..output.lines import ProgressLine
 
-    progress = _Progress(arguments.seconds, proposal)
+    progress = ProgressLine()
+
+    def show(listened_s: float) -> None:
+        progress.show(f"listening: {listened_s:.0f} of {arguments.seconds:g} s, {_heard(proposal)}; Ctrl-C to end")
+
     if arguments.url:
         with libraries(*ROSBRIDGE):
-            from .. import bridges  # noqa: F401 - names what is missing
+            from .. import fleet  # noqa: F401 - names what is missing
 
         from ..fleet_configuration import FleetReader, Options, read_addresses
 
@@ -121,33 +130,15 @@ def _listen(
         name, opened = f"ROS {ros[-1]}", ros_robot(ros, interrupts)
     try:
         with opened as found:
-            return (name, *listen(found, proposal, nodes, arguments.seconds, interrupts, progress.show))
+            return (name, *listen(found, proposal, nodes, arguments.seconds, interrupts, show))
     finally:
         progress.clear()
 
 
-class _Progress:
-    """One line on a terminal that shows how far the listening is."""
+def _heard(proposal: Any) -> str:
+    from ...core.values.formatting import count_text
 
-    def __init__(self, seconds_s: float, proposal: Any) -> None:
-        self._seconds_s = seconds_s
-        self._proposal = proposal
-        self._is_terminal = sys.stderr.isatty()
-
-    def show(self, listened_s: float) -> None:
-        from ...core.values.formatting import count_text
-
-        if self._is_terminal:
-            heard = (
-                f"{count_text(len(self._proposal.topics), 'topic')}, {count_text(self._proposal.samples, 'message')}"
-            )
-            sys.stderr.write(f"\r\x1b[Klistening: {listened_s:.0f} of {self._seconds_s:g} s, {heard}; Ctrl-C to end")
-            sys.stderr.flush()
-
-    def clear(self) -> None:
-        if self._is_terminal:
-            sys.stderr.write("\r\x1b[K")
-            sys.stderr.flush()
+    return f"{count_text(len(proposal.topics), 'topic')}, {count_text(proposal.samples, 'message')}"
 
 
 class _Watched:

@@ -7,7 +7,6 @@ import math
 
 from ...core.values.errors import ServiceError
 from ...runtime.interrupts import Interrupts
-from ...runtime.libraries import RECORDINGS, libraries
 from ..arguments import INTERRUPTED, Parser, add, add_recordings, checked
 from ..exit_codes import ExitCode
 
@@ -42,8 +41,7 @@ def add_arguments(parser: Parser) -> None:
 def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
     """Judges recordings, and shows the alerts; returns the exit code."""
     try:
-        with libraries(*RECORDINGS):
-            from ..replay import replay
+        from ..replay import replay
 
         return ExitCode.ALERTS if replay(arguments) else ExitCode.SUCCESS
     except KeyboardInterrupt:  # half a result must not look like success

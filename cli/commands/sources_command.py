@@ -10,7 +10,7 @@ import time
 from functools import partial
 from typing import Any, Callable, Dict, List, NamedTuple, Optional, Sequence, TextIO
 
-from ...core.sensors.catalogue import HOST_SOURCES, HostSource
+from ...core.sensors.catalogue import HOST_SOURCES
 from ...core.sensors.computer import Computer
 from ...core.sensors.source import NotMeasuredYet, SensorError
 from ...core.values.formatting import number_text, printable, with_unit
@@ -18,7 +18,7 @@ from ...runtime.interrupts import Interrupts
 from ...runtime.threads import DetachedCalls
 from ..arguments import Parser, add
 from ..exit_codes import ExitCode
-from ..output.lines import readable
+from ..output.lines import plain_table, readable
 
 _BETWEEN_READS_S = 0.5
 """Loads and rates are measured between two reads."""
@@ -44,11 +44,6 @@ class SourceReading(NamedTuple):
         options = [f"{name}: {_yaml(value)}" for name, value in self.options.items()]
         return "{" + ", ".join([f"source: {self.kind}", *options]) + "}"
 
-    @property
-    def value_text(self) -> str:
-        """The value with its unit; a dash if it is not available."""
-        return "-" if self.value is None else with_unit(number_text(self.value), HOST_SOURCES[self.kind].unit)
-
 
 def add_arguments(parser: Parser) -> None:
     """Adds the arguments of the command."""
@@ -68,30 +63,39 @@ def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
 def show_sources(as_json: bool, stream: Optional[TextIO] = None, computer: Optional[Computer] = None) -> None:
     """Lists every source of this machine: a table on a terminal, plain lines in a pipe, or JSON."""
     stream = stream or sys.stdout
-    readings = read_sources(computer or Computer(background=DetachedCalls("sources", most_threads=200)))
-    values = [readable(reading.value_text, stream) for reading in readings]
-    if as_json:
-        lines = [_json_line(reading) for reading in readings]
-    elif stream.isatty():
-        lines = _table(readings, values, shutil.get_terminal_size().columns)
-    else:
-        lines = [f"{reading.configuration}: {reading.problem or value}" for reading, value in zip(readings, values)]
+    rows = []
+    lines = []
+    for reading in read_sources(computer or Computer(background=DetachedCalls("sources", most_threads=200))):
+        kind, options, value, problem = reading
+        source = HOST_SOURCES[kind]
+        shown = "-" if value is None else readable(with_unit(number_text(value), source.unit), stream)
+        rows.append((reading.configuration, shown, problem or source.description))
+        record = {"source": kind, **options, "value": value, "unit": source.unit, "problem": problem or None}
+        lines.append(json.dumps(record) if as_json else f"{reading.configuration}: {problem or shown}")
+    if stream.isatty() and not as_json:
+        columns = max(shutil.get_terminal_size().columns, 20)
+        lines = [line[:columns] for line in plain_table([("configuration", "value", "description"), *rows], 3)]
     stream.write("".join(f"{printable(line)}\n" for line in lines))
     stream.flush()
 
 
 def read_sources(computer: Computer) -> List[SourceReading]:
     """Reads every source of this machine; takes half a second, and at most four if something does not answer."""
-    kinds = list(HOST_SOURCES.items())
     # A driver may be asked for the list of options, too, and hang.
-    listed = _answers([partial(computer.ask, every_s=0.0, subject="", function=each.available) for _, each in kinds])
-    made = [
-        (kind, options, host_source.make(computer, **options))
-        for (kind, host_source), found in zip(kinds, listed)
-        for options in _options(host_source, found)
-    ]
-    answers = _answers([source.read for _, _, source in made])
-    return [_reading(kind, options, answer) for (kind, options, _), answer in zip(made, answers)]
+    every = HOST_SOURCES.values()
+    listed = _answers([partial(computer.ask, every_s=0.0, subject="", function=each.available) for each in every])
+    made = []
+    for (kind, source), found in zip(HOST_SOURCES.items(), listed):
+        # Without any available here, the example, whose error gives the reason.
+        for options in ([] if isinstance(found, SensorError) else list(found)) or [source.example]:
+            made.append((kind, options, source.make(computer, **options)))
+    readings = []
+    for (kind, options, _), answer in zip(made, _answers([source.read for _, _, source in made])):
+        shown = {name: value for name, value in options.items() if value not in (None, "")}
+        is_missing = isinstance(answer, SensorError)
+        problem = str(answer).partition("; ")[0] if is_missing else ""  # without the advice for battery_sensor
+        readings.append(SourceReading(kind, shown, None if is_missing else answer, problem))
+    return readings
 
 
 def _answers(asks: Sequence[Callable[[float], Any]]) -> List[Any]:
@@ -109,36 +113,6 @@ def _answers(asks: Sequence[Callable[[float], Any]]) -> List[Any]:
         if not any(isinstance(answer, NotMeasuredYet) for answer in answers):
             break
     return answers
-
-
-def _options(host_source: HostSource, found: Any) -> List[Dict[str, Any]]:
-    """Returns the options available here; without any, the example, whose error gives the reason."""
-    available = [] if isinstance(found, SensorError) else list(found)
-    return available or [host_source.example]
-
-
-def _reading(kind: str, options: Dict[str, Any], answer: Any) -> SourceReading:
-    shown = {name: value for name, value in options.items() if value not in (None, "")}
-    if isinstance(answer, SensorError):
-        problem, _, _ = str(answer).partition("; ")  # without the advice for battery_sensor
-        return SourceReading(kind, shown, None, problem)
-    return SourceReading(kind, shown, answer, "")
-
-
-def _table(readings: List[SourceReading], values: List[str], columns: int) -> List[str]:
-    rows = [("configuration", "value", "description")]
-    rows += [
-        (reading.configuration, value, reading.problem or HOST_SOURCES[reading.kind].description)
-        for reading, value in zip(readings, values)
-    ]
-    first, second = (max(len(row[column]) for row in rows) for column in (0, 1))
-    return [f"{left:<{first}}  {middle:>{second}}  {right}"[: max(columns, 20)] for left, middle, right in rows]
-
-
-def _json_line(reading: SourceReading) -> str:
-    unit, problem = HOST_SOURCES[reading.kind].unit, reading.problem or None
-    fields = {"source": reading.kind, **reading.options, "value": reading.value, "unit": unit, "problem": problem}
-    return json.dumps(fields)
 
 
 def _yaml(value: object) -> str:

@@ -6,7 +6,6 @@ import argparse
 
 from ...core.values.errors import ServiceError
 from ...runtime.interrupts import Interrupts
-from ...runtime.libraries import RECORDINGS, libraries
 from ..arguments import INTERRUPTED, Parser, add, add_recordings
 from ..exit_codes import ExitCode
 
@@ -25,8 +24,7 @@ def add_arguments(parser: Parser) -> None:
 def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
     """Writes the thresholds; returns the exit code."""
     try:
-        with libraries(*RECORDINGS):
-            from ..threshold_study import suggest_thresholds
+        from ..threshold_study import suggest_thresholds
 
         suggest_thresholds(arguments)
     except KeyboardInterrupt:  # half a result must not look like success

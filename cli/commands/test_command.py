@@ -17,8 +17,7 @@ from ...runtime.libraries import RECORDINGS, libraries
 from ..arguments import Parser, add, alert_id, identifier
 from ..exit_codes import ExitCode
 from ..history.history_file import add_history_options, history_file, reading_history
-from ..testing.history_alert import history_alert
-from ..testing.past_alert import PastAlert, alert_test
+from ..testing.past_alert import PastAlert, alert_test, history_alert
 from ..testing.threshold_cases import Difference, compare, read_tests, run_test
 
 

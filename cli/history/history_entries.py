@@ -2,29 +2,40 @@
 
 from __future__ import annotations
 
+import argparse
+import csv
 import json
-import os
-from typing import Dict, Iterator, List, NamedTuple, Sequence, TextIO, Tuple, Union
+import math
+import shutil
+import sqlite3
+import sys
+from typing import Dict, Iterable, Iterator, List, Mapping, NamedTuple, Optional, Sequence, TextIO, Tuple, Union
 
 from ...core.nodes.outlets import json_line
-from ...core.values.formatting import duration_text, list_text, printable, with_hint
+from ...core.values.errors import ConfigError
+from ...core.values.formatting import count_text, duration_text, list_text, number_text, printable, with_hint
 from ...core.values.model import Level
-from ...ops.store.notes import Note
+from ...ops.store import queries
+from ...ops.store.notes import Note, notes_of
 from ...ops.store.queries import MonitorEvent
 from ...ops.store.rows import StoredTransition
 from ...ops.store.silences import SilenceEvent
 from ...ops.store.summary import SignalSummary
 from ...runtime.times import DATE_TIME, local_time
-from ..output.lines import is_terminal, share_text
+from ..output.lines import COLOURS, coloured, is_coloured, readable, share_text
 from .history_file import iso_time
 
 CSV_HEAD = (
     "id", "time", "robot", "signal", "from_level", "to_level", "value", "statistic", "bound", "repeat", "fingerprint",
     "text", "hint", "event", "matchers", "author", "reason", "until", "cause", "effects",
 )  # fmt: skip
-_COLOURS = {Level.OK: "32", Level.WARN: "33", Level.ERROR: "1;31", Level.STALE: "35"}
 _MOST_NAMES = 3
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")
+
+
+_PLOT_COLUMNS = 100
+_LEAST_PLOT_COLUMNS = 10
+_PLOT_ROWS = 12
 
 
 class NotedAlert(NamedTuple):
@@ -39,12 +50,34 @@ class NotedAlert(NamedTuple):
         return self.transition.wall_s
 
 
+class Listing(NamedTuple):
+    """What a command shows, in each of its forms, of which one is written."""
+
+    json: Iterable[str]
+    head: Sequence[str]
+    """Names of the columns of `rows`; others are left out."""
+    rows: Iterable[Mapping[str, object]]
+    lines: Iterable[str]
+    nothing: str = ""
+    """Written to stderr if there are no lines."""
+
+    def write(self, stream: TextIO, form: str) -> None:
+        """Writes the form `json`, `csv` or `lines`."""
+        if form == "json":
+            stream.writelines(f"{line}\n" for line in self.json)
+        elif form == "csv":
+            writer = csv.DictWriter(stream, self.head, "", "ignore", lineterminator="\n")
+            writer.writeheader()
+            writer.writerows({name: csv_cell(value) for name, value in row.items()} for row in self.rows)
+        else:
+            line = self.nothing
+            for line in self.lines:
+                stream.write(readable(f"{line}\n", stream))
+            if line is self.nothing and line:
+                sys.stderr.write(f"{line}\n")
+
+
 Entry = Union[NotedAlert, MonitorEvent, SilenceEvent]
-
-
-def is_coloured(stream: TextIO) -> bool:
-    """Whether lines on a stream have colours."""
-    return is_terminal(stream) and "NO_COLOR" not in os.environ
 
 
 def time_text(wall_s: float) -> str:
@@ -59,7 +92,7 @@ def entry_lines(entry: Entry, with_colour: bool) -> Iterator[str]:
         return
     alert = entry.transition
     text = printable(f"{time_text(alert.wall_s)} #{alert.id} {alert.robot}: {with_hint(alert.text, alert.hint)}")
-    yield f"\x1b[{_COLOURS[alert.to_level]}m{text}\x1b[0m" if with_colour else text
+    yield coloured(text, COLOURS[alert.to_level]) if with_colour else text
     if alert.effects:
         yield printable(f"{time_text(alert.wall_s)} #{alert.id} {effects_text(alert.effects)}")
     for note in entry.notes:
@@ -103,27 +136,19 @@ def entry_json(entry: Union[NotedAlert, SilenceEvent], **more: object) -> str:
     return json.dumps({**fields, "until_resolved": entry.silence.until_resolved, **rule})
 
 
-def entry_rows(entry: Union[NotedAlert, SilenceEvent]) -> Iterator[List[object]]:
-    """Yields the rows of an entry, with the columns of `CSV_HEAD`."""
+def entry_rows(entry: Union[NotedAlert, SilenceEvent]) -> Iterator[Dict[str, object]]:
+    """Yields the rows of an entry, with columns of `CSV_HEAD` and others."""
     if isinstance(entry, NotedAlert):
         alert = entry.transition
-        yield _row(
-            alert.id, iso_time(alert.wall_s), alert.robot, alert.signal, alert.from_level.name, alert.to_level.name,
-            alert.value, alert.statistic, alert.bound, alert.repeat, alert.fingerprint, alert.text, alert.hint,
-            "alert", *[""] * 4, alert.cause, ", ".join(alert.effects),
-        )  # fmt: skip
+        levels = {"from_level": alert.from_level.name, "to_level": alert.to_level.name}
+        own = {"event": "alert", "effects": ", ".join(alert.effects)}
+        yield {**alert._asdict(), "time": iso_time(alert.wall_s), **levels, **own}
         for note in entry.notes:
-            names = (alert.robot, alert.signal)
-            yield _row(
-                alert.id, iso_time(note.wall_s), *names, *[""] * 7, note.text, "", "note", "", note.author, *[""] * 4
-            )
+            names = {"id": alert.id, "robot": alert.robot, "signal": alert.signal}
+            time = iso_time(note.wall_s)
+            yield {**names, "time": time, "event": "note", "author": note.author, "text": note.text}
     else:
-        text, *further = _silence_fields(entry).values()
-        yield _row(entry.silence.id, iso_time(entry.wall_s), *[""] * 9, text, "", *further, "", "")
-
-
-def _row(*values: object) -> List[object]:
-    return [csv_cell(value) for value in values]
+        yield {"id": entry.silence.id, "time": iso_time(entry.wall_s), **_silence_fields(entry)}
 
 
 def csv_cell(value: object) -> object:
@@ -174,3 +199,85 @@ def event_text(event: Union[MonitorEvent, SilenceEvent]) -> str:
         "reset": f"{event.robot}: latched alerts reset",
         "configuration": f"{event.robot}: configuration {event.detail[:12]} in force",
     }[event.kind]
+
+
+def alert_listing(connection: sqlite3.Connection, arguments: argparse.Namespace, stream: TextIO) -> Listing:
+    """Returns one alert; raises ConfigError if there is none."""
+    transition = queries.transition(connection, arguments.alert)
+    if transition is None:
+        raise ConfigError(f"there is no transition {arguments.alert} in this history")
+    alert = NotedAlert(transition, notes_of(connection, transition.id))
+    samples = queries.evidence(connection, transition.id)
+    times = [(iso_time(time_s), value) for time_s, value in samples]
+    evidence = [(time, value if math.isfinite(value) else None) for time, value in times]
+    line, *notes = entry_lines(alert, is_coloured(stream))
+    lines = [line, *(f"  {name}: {printable(value)}" for name, value in _details(transition, samples))]
+    lines += [f"  {each}" for each in notes]
+    if samples:
+        width = min(shutil.get_terminal_size().columns, _PLOT_COLUMNS)
+        bound = transition.bound if transition.statistic in ("last", "mean", "min", "max", "forecast") else None
+        lines += text_plot(samples, bound, width)
+    head = ("time", "value")
+    return Listing([entry_json(alert, evidence=evidence)], head, [dict(zip(head, each)) for each in times], lines)
+
+
+def _details(transition: StoredTransition, samples: Sequence[object]) -> List[Tuple[str, str]]:
+    statistics = ", ".join(
+        f"{name} {'undefined' if value is None else number_text(value)}"
+        for name, value in transition.statistics.items()
+    )
+    bound = "none" if transition.bound is None else f"{number_text(transition.bound)} (on {transition.statistic})"
+    count = f"{count_text(len(samples), 'sample')} stored"
+    lasted_s = transition.now_s - transition.since_s
+    never_known = transition.from_level is Level.OK and lasted_s <= 0.0
+    level = "unknown" if never_known else f"{transition.from_level.name} for {duration_text(lasted_s)}"
+    return [("level before", level), ("bound", bound), ("window", f"{count}; {statistics}" if statistics else count)]
+
+
+def text_plot(samples: Sequence[Tuple[float, float]], bound: Optional[float], width: int) -> List[str]:
+    """Returns a plot: `*` for samples, `-` for the bound, `x` below the axis for values that are no numbers.
+
+    Every column shows the range of its samples (wall time in s since 1970, and value), so that no extreme is lost.
+    Lines have at most `width` characters.
+    """
+    values = [value for _, value in samples if math.isfinite(value)]
+    if not values:
+        return ["no samples that are numbers"]
+    shown = values if bound is None else [*values, bound]
+    low, high = min(shown), max(shown)
+    bound_row = None if bound is None else _plot_row(bound, low, high)
+    labels = {0: number_text(high), _PLOT_ROWS - 1: number_text(low)}
+    if bound is not None and bound_row is not None:
+        labels[bound_row] = number_text(bound)
+    margin = max(map(len, labels.values()))
+    columns = max(_LEAST_PLOT_COLUMNS, width - margin - 2)
+    grid = [["-" if row == bound_row else " "] * columns for row in range(_PLOT_ROWS)]
+    bad = [" "] * columns
+    first_s, last_s = samples[0][0], samples[-1][0]
+    span_s = last_s - first_s
+    found: Dict[int, List[float]] = {}
+    for time_s, value in samples:
+        share = (time_s - first_s) / span_s if span_s > 0.0 else 0.0
+        found.setdefault(round(min(max(share, 0.0), 1.0) * (columns - 1)), []).append(value)
+    for column, of_column in found.items():
+        numbers = [value for value in of_column if math.isfinite(value)]
+        if len(numbers) < len(of_column):
+            bad[column] = "x"
+        if numbers:
+            for row in range(_plot_row(max(numbers), low, high), _plot_row(min(numbers), low, high) + 1):
+                grid[row][column] = "*"
+    lines = [f"{labels.get(row, ''):>{margin}} |{''.join(cells)}".rstrip() for row, cells in enumerate(grid)]
+    axis = " " * margin + " +"
+    lines.append(axis + "".join("-" if mark == " " else mark for mark in bad))
+    begin, end = local_time(first_s, "%H:%M:%S"), local_time(last_s, "%H:%M:%S")
+    has_room = columns > len(begin) + len(end)
+    lines.append(" " * len(axis) + begin + (end.rjust(columns - len(begin)) if has_room else ""))
+    return lines
+
+
+def _plot_row(value: float, low: float, high: float) -> int:
+    """Returns the row of a value, 0 at the top. It halves before it subtracts: the range may exceed a float's."""
+    if high <= low:
+        return _PLOT_ROWS // 2
+    share = (value / 2.0 - low / 2.0) / (high / 2.0 - low / 2.0)
+    return _PLOT_ROWS - 1 - round(share * (_PLOT_ROWS - 1))

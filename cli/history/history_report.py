@@ -7,9 +7,7 @@ import math
 import sqlite3
 import time
 from dataclasses import replace
-from typing import Dict, Iterator, List, Mapping, NamedTuple, Sequence, Tuple
-
-import numpy as np
+from typing import Dict, List, Mapping, Optional, Sequence, Tuple
 
 from ...core.config.kept_settings import read_kept
 from ...core.config.signal_config import SignalConfig, read_signal, template_name
@@ -24,8 +22,7 @@ from ...ops.store.notes import notes_of
 from ...ops.store.silences import silence_events
 from ...ops.store.summary import SignalSummary
 from ...runtime.times import local_time
-from ..output.lines import below_causes, share_text
-from ..replay_output import range_cells
+from ..output.lines import badness, below_causes, range_cells, share_cells, summary_sentence
 from .history_entries import event_text, note_text, outage_cells
 
 MOST_PLOTS = 200
@@ -33,13 +30,10 @@ MOST_PLOTS = 200
 MOST_EVENTS = 1000
 """Most events of the monitor and of silences."""
 
-_LEVELS = (Level.OK, Level.WARN, Level.ERROR, Level.STALE)
-_WORST_FIRST = sorted((level for level in Level if level is not Level.OK), key=lambda level: -level.severity)
 _NUMBERS = (
-    "samples", "bad", *(level.name for level in _LEVELS), "unknown", "available", "alerts", "min", "mean", "max",
+    "samples", "bad", *(level.name for level in Level), "unknown", "available", "alerts", "min", "mean", "max",
     "longest outage", "recovery",
 )  # fmt: skip
-_PAGE = 20_000  # samples that are read at a time
 _MOST_NAMES = 6
 
 
@@ -47,7 +41,7 @@ def history_page(
     connection: sqlite3.Connection, arguments: argparse.Namespace, summaries: Sequence[SignalSummary], end_s: float
 ) -> str:
     """Returns the page for the signals that are summarized, until a time in s since 1970."""
-    by_badness = sorted(summaries, key=_badness, reverse=True)
+    by_badness = sorted(summaries, key=lambda each: badness(each.shares, each.alerts, each.unknown), reverse=True)
     folded = below_causes(by_badness, lambda each: (each.robot, each.signal), lambda each: each.cause)
     summaries = [summary for summary, _ in folded]
     start_s = end_s - max(summary.duration_s for summary in summaries)
@@ -65,8 +59,12 @@ def history_page(
         config = configs.of(summary.robot, summary.signal)
         group = summary.robot if several else ""
         plot = PlottedSignal(config, group, start_s, end_s - start_s, buckets_of(len(plotted)))
-        totals = _read_samples(connection, summary, start_s, end_s, plot)
-        rows.append(_row(summary, config, totals, several))
+        counts, values = _add_samples(connection, summary, (start_s, end_s), plot)
+        available, outage, recovery = outage_cells(summary)
+        rows.append([
+            summary.signal, *([group] if several else []), *counts, *share_cells(summary.shares, summary.unknown),
+            available, str(summary.alerts), *values, outage, recovery,
+        ])  # fmt: skip
         if place < MOST_PLOTS:
             for wall_s, level in summary.levels:
                 plot.add_level(wall_s, "" if level is None else level.name)
@@ -98,55 +96,24 @@ def history_page(
     )
 
 
-class _Totals(NamedTuple):
-    """The samples of a signal together."""
-
-    good: int = 0
-    bad: int = 0
-    least: float = math.inf
-    most: float = -math.inf
-    sum: float = 0.0
-    """Of the means, weighted with their samples."""
-    weight: int = 0
-
-
-def _read_samples(
-    connection: sqlite3.Connection, summary: SignalSummary, start_s: float, end_s: float, plot: PlottedSignal
-) -> _Totals:
-    """Adds the stored samples of a signal to its plot, and returns their totals."""
-    totals = _Totals()
+def _add_samples(
+    connection: sqlite3.Connection, summary: SignalSummary, period_s: Tuple[float, float], plot: PlottedSignal
+) -> Tuple[List[str], List[str]]:
+    """Adds the stored samples of a signal to its plot; returns the cells of their numbers, and those of their range."""
+    good = bad = weight = 0
+    least, most, total = math.inf, -math.inf, 0.0
     names = (summary.robot, summary.signal)  # with a `*` in them they match others, too
-    found = samples.read(connection, robot=names[0], signal=names[1], since_s=start_s, until_s=end_s)
-    for page in _pages(each for each in found if (each.robot, each.signal) == names):
-        known = [each for each in page if each.least is not None and each.most is not None]
-        plot.add_bands(
-            np.array([each.start_s for each in known], dtype=float),
-            np.array([each.seconds for each in known], dtype=float),
-            np.array([each.least for each in known], dtype=float),
-            np.array([each.most for each in known], dtype=float),
-        )
-        plot.add_bad(np.array([each.start_s + each.seconds / 2.0 for each in page if each.bad], dtype=float))
-        means = [(each.mean, each.good) for each in page if each.mean is not None]
-        totals = _Totals(
-            totals.good + sum(each.good for each in page),
-            totals.bad + sum(each.bad for each in page),
-            min([totals.least, *(each.least for each in known if each.least is not None)]),
-            max([totals.most, *(each.most for each in known if each.most is not None)]),
-            totals.sum + sum(mean * good for mean, good in means),
-            totals.weight + sum(good for _, good in means),
-        )
-    return totals
-
-
-def _pages(found: Iterator[samples.StoredSamples]) -> Iterator[List[samples.StoredSamples]]:
-    page: List[samples.StoredSamples] = []
-    for each in found:
-        page.append(each)
-        if len(page) == _PAGE:
-            yield page
-            page = []
-    if page:
-        yield page
+    for each in samples.read(connection, robot=names[0], signal=names[1], since_s=period_s[0], until_s=period_s[1]):
+        if (each.robot, each.signal) == names:
+            good, bad = good + each.good, bad + each.bad
+            if each.bad:
+                plot.add_bad(each.start_s + each.seconds / 2.0)
+            if each.least is not None and each.most is not None and each.mean is not None:
+                plot.add_band(each.start_s, each.seconds, each.least, each.most)
+                least, most = min(least, each.least), max(most, each.most)
+                total, weight = total + each.mean * each.good, weight + each.good
+    values: Tuple[Optional[float], ...] = (least, total / weight, most) if weight else (None, None, None)
+    return [str(good + bad), str(bad)], range_cells(plot.config, *values)
 
 
 class _Configurations:
@@ -219,36 +186,12 @@ def _events(
     return found[:MOST_EVENTS]
 
 
-def _row(summary: SignalSummary, config: SignalConfig, totals: _Totals, several: bool) -> List[str]:
-    shares = [share_text(summary.shares.get(level, 0.0)) for level in _LEVELS]
-    values = range_cells(config, None, None, None)
-    if totals.weight:
-        values = range_cells(config, totals.least, totals.sum / totals.weight, totals.most)
-    return [
-        summary.signal, *([summary.robot] if several else []), str(totals.good + totals.bad), str(totals.bad),
-        *shares, share_text(summary.unknown), *outage_cells(summary)[:1], str(summary.alerts), *values,
-        *outage_cells(summary)[1:],
-    ]  # fmt: skip
-
-
-def _badness(summary: SignalSummary) -> Tuple[float, ...]:
-    """Returns the shares of the levels, the worst first; more unknown time is worse."""
-    return (*(summary.shares.get(level, 0.0) for level in _WORST_FIRST), float(summary.alerts), summary.unknown)
-
-
 def _sentence(summaries: Sequence[SignalSummary], duration_s: float) -> str:
     """Returns what was watched, for how long, and which signal was worst: the first of the summaries."""
     robots = len({summary.robot for summary in summaries})
-    were = "was" if len(summaries) == 1 else "were"
     of_robots = f" of {count_text(robots, 'robot')}" if robots > 1 else ""
-    watched = f"{count_text(len(summaries), 'signal')}{of_robots} {were} watched over {duration_text(duration_s)}."
     worst = summaries[0]
-    shares = [
-        f"{level.name} for {share_text(worst.shares[level])}" for level in _WORST_FIRST if worst.shares.get(level)
-    ]
-    if shares:
-        name = f"{worst.robot}: {worst.signal}" if robots > 1 else worst.signal
-        return f"{watched} The worst is {name}: {', '.join(shares)} of the time."
-    if any(summary.unknown for summary in summaries):
-        return f"{watched} {'It was' if len(summaries) == 1 else 'All were'} OK as far as it is known."
-    return f"{watched} {'It was' if len(summaries) == 1 else 'All were'} OK."
+    name = f"{worst.robot}: {worst.signal}" if robots > 1 else worst.signal
+    known = " as far as it is known" if any(summary.unknown for summary in summaries) else ""
+    what = f"{count_text(len(summaries), 'signal')}{of_robots}"
+    return summary_sentence(what, len(summaries), "watched", duration_s, name, worst.shares, known)

@@ -3,51 +3,43 @@
 from __future__ import annotations
 
 import os
-from typing import Callable, Dict, List, Optional, Protocol, Sequence, TextIO, Tuple, TypeVar
+import sys
+import time
+from typing import TYPE_CHECKING, Callable, Dict, List, Mapping, Optional, Sequence, TextIO, Tuple, TypeVar, Union
 
-from ...core.nodes import AlertSystem
+from ...core.config.signal_config import SignalConfig
+from ...core.judge.wording import judged_unit
 from ...core.nodes.outlets import json_line
 from ...core.port.local import LogLine
 from ...core.port.middleware import Severity
 from ...core.values.errors import ServiceError
-from ...core.values.formatting import printable, with_degree_sign, with_hint
-from ...core.values.model import Transition
+from ...core.values.formatting import duration_text, number_text, printable, with_degree_sign, with_hint, with_unit
+from ...core.values.model import Level, Transition
 from ...runtime.times import DATE_TIME, local_time
 from .events import Entry
 from .stream_writer import StreamWriter
+
+if TYPE_CHECKING:
+    from ..embedded import EmbeddedMonitor
+    from ..fleet import Fleet
+
+
+_REFRESH_S = 0.1
+_WORST_FIRST = sorted((level for level in Level if level is not Level.OK), key=lambda level: -level.severity)
 
 
 class OutputError(ServiceError):
     """The output could not be written completely. `str()` says why."""
 
 
-class ShownRobot(Protocol):
-    """One robot."""
-
-    alert_system: AlertSystem
-    """Judges the robot's signals."""
-
-    @property
-    def now_s(self) -> float:
-        """Seconds on the monitor's clock."""
-
-
-class Shown(Protocol):
-    """One robot or several."""
-
-    @property
-    def robots(self) -> Sequence[ShownRobot]:
-        """The robots that are watched now."""
-
-    @property
-    def system_health(self) -> Optional[float]:
-        """The latest system_health; None: not published, or several robots."""
+Monitors = Union["EmbeddedMonitor", "Fleet"]
+"""What a process runs, shows and serves: one robot in it, or several over their bridges."""
 
 
 class Output(StreamWriter[Entry]):
     """Shows monitors. Writing has its own thread: no method waits for a reader, except `close`, for 1 s."""
 
-    def show(self, shown: Shown) -> None:
+    def show(self, shown: Monitors) -> None:
         """Shows the current state; called several times a second, in the loop's thread. Lines show only events."""
 
 
@@ -132,6 +124,44 @@ def is_terminal(stream: TextIO) -> bool:
     return stream.isatty() and os.environ.get("TERM") not in (None, "", "dumb", "unknown")
 
 
+COLOURS = {Level.OK: "32", Level.WARN: "33", Level.ERROR: "1;31", Level.STALE: "35"}
+"""Codes of a terminal."""
+
+
+def is_coloured(stream: TextIO) -> bool:
+    """Returns whether lines on a stream have colours."""
+    return is_terminal(stream) and "NO_COLOR" not in os.environ
+
+
+def coloured(line: str, code: str) -> str:
+    """Returns a line in a colour; an empty code is none."""
+    return f"\x1b[{code}m{line}\x1b[0m" if code else line
+
+
+class ProgressLine:
+    """A line on the terminal of stderr, if it is one, that says how far a command is. Clear it before other lines."""
+
+    def __init__(self) -> None:
+        """Shows nothing yet."""
+        self._shown_s = float("-inf")
+        self._is_shown = False
+
+    def show(self, text: str) -> None:
+        """Shows a text, at most ten times a second."""
+        if is_terminal(sys.stderr) and time.monotonic() - self._shown_s >= _REFRESH_S:
+            self._shown_s = time.monotonic()
+            self._is_shown = True
+            sys.stderr.write(f"\r\x1b[K{text}")
+            sys.stderr.flush()
+
+    def clear(self) -> None:
+        """Removes the line."""
+        if self._is_shown:
+            self._is_shown = False
+            sys.stderr.write("\r\x1b[K")
+            sys.stderr.flush()
+
+
 def plain_table(rows: Sequence[Sequence[str]], texts: int) -> List[str]:
     """Returns the lines of a table with aligned columns: the first `texts` to the left, the others, numbers, right."""
     lines = [[printable(cell) for cell in row] for row in rows]
@@ -174,3 +204,38 @@ def share_text(share: float) -> str:
     if share <= 0.0 or share >= 1.0:
         return "0 %" if share <= 0.0 else "100 %"
     return f"{min(max(share * 100.0, 0.1), 99.9):.1f} %"
+
+
+def share_cells(shares: Mapping[Level, float], unknown: float) -> List[str]:
+    """Returns the shares of the levels, in their order, and of the time in which the level is not known."""
+    return [share_text(share) for share in (*(shares.get(level, 0.0) for level in Level), unknown)]
+
+
+def badness(shares: Mapping[Level, float], *others: float) -> Tuple[float, ...]:
+    """Returns the shares of the levels, the worst first, and `others`: the greater, the worse."""
+    return (*(shares.get(level, 0.0) for level in _WORST_FIRST), *others)
+
+
+def summary_sentence(
+    what: str, count: int, done: str, duration_s: float, worst: str, shares: Mapping[Level, float], known: str = ""
+) -> str:
+    """Returns what was `done` with `what`, for how long, and which of `count` signals was the worst, with its shares.
+
+    `known` is added if all were OK.
+    """
+    begin = f"{what} {'was' if count == 1 else 'were'} {done} over {duration_text(duration_s)}."
+    parts = [f"{level.name} for {share_text(shares[level])}" for level in _WORST_FIRST if shares.get(level)]
+    if parts:
+        return f"{begin} The worst is {worst}: {', '.join(parts)} of the time."
+    return f"{begin} {'It was' if count == 1 else 'All were'} OK{known}."
+
+
+def range_cells(
+    config: SignalConfig, smallest: Optional[float], mean: Optional[float], largest: Optional[float]
+) -> List[str]:
+    """Returns the cells min, mean and max: values of the statistic, or the levels of a driver, which have no mean."""
+    if config.is_status and not config.is_template:
+        ends = ["-" if value is None else Level(int(value)).name for value in (smallest, largest)]
+        return [ends[0], "-", ends[1]]
+    unit = judged_unit(config)
+    return ["-" if value is None else with_unit(number_text(value), unit) for value in (smallest, mean, largest)]

@@ -12,7 +12,7 @@ import re
 import signal
 import time
 from collections import deque
-from typing import Deque, Dict, List, NamedTuple, Optional, Sequence, TextIO, Tuple, Union
+from typing import Deque, Dict, List, Optional, Sequence, TextIO, Tuple
 
 from rich.cells import cell_len
 from rich.console import Console
@@ -22,21 +22,8 @@ from ...core.port.middleware import Severity
 from ...core.values.formatting import printable, with_degree_sign
 from ...core.values.model import Level, Transition
 from .events import Entry
-from .lines import Output, Shown, dropped_line, plain_line
-from .tables import (
-    STYLE_OF_LEVEL,
-    TREND_SAMPLES,
-    FleetState,
-    SignalRow,
-    fleet_lines,
-    fleet_state,
-    fleet_summary,
-    level_text,
-    rank,
-    short_bounds,
-    signal_lines,
-    watches_nothing,
-)
+from .lines import Monitors, Output, dropped_line, plain_line
+from .tables import STYLE_OF_LEVEL, TREND_SAMPLES, View, fleet_view, robot_view, short_bounds, table_lines
 
 _STYLE_OF_SEVERITY = {Severity.WARN: STYLE_OF_LEVEL[Level.WARN], Severity.ERROR: "red", Severity.FATAL: "bold red"}
 _STYLING = re.compile("\x1b\\[[0-9;]*m")
@@ -49,14 +36,6 @@ _HIDE_CURSOR = "\x1b[?25l"
 _SHOW_CURSOR = "\x1b[?25h"
 _CLEAR_LINE = "\x1b[2K"
 _CLEAR_BELOW = "\x1b[J"
-
-
-class _State(NamedTuple):
-    """What the table of one robot shows."""
-
-    robot: str
-    rows: Sequence[SignalRow]
-    system_health: Optional[float]
 
 
 class LiveView(Output):
@@ -73,7 +52,7 @@ class LiveView(Output):
         self._utf8 = self._console.encoding.lower().startswith("utf")
         self._frame: List[Tuple[str, int]] = []
         """The lines of the table as it stands on the terminal, and their widths in cells."""
-        self._state: Union[_State, FleetState, None] = None
+        self._view: Optional[View] = None
         self._trends: Dict[str, Deque[float]] = {}
         self._started_s = time.monotonic()
         self._drawn_s = float("-inf")
@@ -93,7 +72,7 @@ class LiveView(Output):
         self._has_news = True
         super().put(item)
 
-    def show(self, shown: Shown) -> None:
+    def show(self, shown: Monitors) -> None:
         """Redraws the table once a second, and at once after an event."""
         now_s = time.monotonic()
         due = now_s - self._drawn_s >= _REDRAW_S
@@ -102,9 +81,9 @@ class LiveView(Output):
         if due or self._has_news:
             self._has_news = False
             if len(shown.robots) == 1:
-                self._state = self._state_of_one(shown, due)
+                self._view = self._view_of_one(shown, due)
             else:
-                self._state = fleet_state(shown, self._size()[1])
+                self._view = fleet_view(shown, self._size()[1], self._shown)
             self.wake()
 
     def _stop_process(self) -> None:
@@ -116,8 +95,8 @@ class LiveView(Output):
         self._suspending = False
         self.wake()
 
-    def _state_of_one(self, shown: Shown, due: bool) -> _State:
-        """Returns the state of the only robot; notes its values if that is `due`."""
+    def _view_of_one(self, shown: Monitors, due: bool) -> View:
+        """Returns what is shown of the only robot; notes its values if that is `due`."""
         (robot,) = shown.robots
         system = robot.alert_system
         monitor = system.monitor
@@ -130,15 +109,15 @@ class LiveView(Output):
                 value = monitor.shown_value(name)
                 trend.append(float("nan") if value is None else value)
             self._trends = trends
-        known = (system.status(name) for name in monitor.signals())
+        known = (system.announcements.status(name) for name in monitor.signals())
         # Before the first call there are none, but the report says that they are waiting.
         statuses = [status for status in known if status is not None] or monitor.report(robot.now_s).statuses.values()
-        rows = []
+        signals = []
         for status in statuses:
             config = configs.get(status.name)
             bounds = "" if config is None else short_bounds(config)
-            rows.append(SignalRow(status, bounds, tuple(self._trends.get(status.name, ()))))
-        return _State(system.robot, rows, shown.system_health)
+            signals.append((status, bounds, tuple(self._trends.get(status.name, ()))))
+        return robot_view(system.robot, signals, shown.system_health, self._shown, self._utf8)
 
     # In the writer's thread
 
@@ -168,16 +147,12 @@ class LiveView(Output):
 
     def _table_lines(self, width: int, height: int) -> List[Tuple[str, int]]:
         """Returns the lines of the table with their widths in cells."""
-        state = self._state
-        if state is None:
+        view = self._view
+        if view is None:
             return []
         with self._console.capture() as table:
-            self._console.print(self._title(state, width), no_wrap=True, overflow="ellipsis")
-            if isinstance(state, FleetState):
-                lines = fleet_lines(state, width, max(2, height - 3), self._shown)
-            else:
-                lines = signal_lines(state.rows, width, max(2, height - 2), self._shown, bars=self._utf8)
-            for line in lines:
+            title = self._title(view, width)
+            for line in (title, *table_lines(view, width, max(2, height - 2), self._shown)):
                 self._console.print(line, no_wrap=True, overflow="ellipsis")
         return [(line, cell_len(_STYLING.sub("", line))) for line in table.get().rstrip().split("\n")]
 
@@ -197,22 +172,11 @@ class LiveView(Output):
         rows = sum(max(1, -(-cells // width)) for _, cells in self._frame)
         return "\r" + (f"\x1b[{rows - 1}A" if rows > 1 else "")
 
-    def _title(self, state: Union[_State, FleetState], width: int) -> Text:
-        if isinstance(state, FleetState):
-            title = fleet_summary(state, self._shown)
-        else:
-            title = Text(self._shown(state.robot), style="bold")
-            title.append(" is ", style="not bold")
-            nothing = watches_nothing(state.rows)
-            worst = None if nothing else max((row.status for row in state.rows), key=rank)
-            title.append(level_text(worst) if worst else Text("not watched", style="cyan"))
-            if state.system_health is not None and width >= 60:
-                title.append(f"   system_health {state.system_health:.1f}", style="not bold")
+    def _title(self, view: View, width: int) -> Text:
         minutes, seconds = divmod(int(time.monotonic() - self._started_s), 60)
+        title = view.title.copy().append(view.further if width >= 60 else "", style="not bold")
         title.append(f"   {minutes // 60}:{minutes % 60:02}:{seconds:02}", style="not bold dim")
-        if width >= 60:
-            title.append("   Ctrl-C ends", style="not bold dim")
-        return title
+        return title.append("   Ctrl-C ends" if width >= 60 else "", style="not bold dim")
 
     def _entry_text(self, entry: Entry) -> Text:
         """Returns the line of an event, with the word of its level in colour."""

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import time
 from itertools import accumulate
-from typing import Callable, Iterable, List, NamedTuple, Optional, Sequence, Union
+from typing import Callable, Iterable, List, NamedTuple, Optional, Sequence, Tuple, Union
 
 from rich.cells import cell_len
 from rich.console import Console
@@ -17,7 +17,7 @@ from ...core.config.signal_config import LINK, OF_ARRIVALS, SignalConfig
 from ...core.values.formatting import bound_text, count_text, with_hint
 from ...core.values.model import Level, Status
 from ...runtime.times import local_time
-from .lines import Shown
+from .lines import Monitors
 
 STYLE_OF_LEVEL = {
     Level.OK: "green",
@@ -82,7 +82,7 @@ def _widest(texts: Iterable[Union[str, Text]]) -> int:
     return max(cell_len(str(text)) for text in texts)
 
 
-class _Row(NamedTuple):
+class Row(NamedTuple):
     """A row of a table."""
 
     rank: int
@@ -96,13 +96,50 @@ class _Row(NamedTuple):
     """Of further columns, which are shown where there is room."""
 
 
-class _Table:
-    """A table that is fitted to `width` cells and `room` lines; `shown` is for texts from outside."""
+class View(NamedTuple):
+    """What is shown of one robot or of several, read at one moment."""
 
-    def __init__(self, head: _Row, rows: Sequence[_Row], width: int, room: int, shown: Escape) -> None:
+    title: Text
+    further: str
+    """Follows the title where there is room."""
+    head: Row
+    rows: Sequence[Row]
+    """In the order in which they are shown. There may be none: then nothing is watched."""
+    rest: Callable[[Sequence[int]], str]
+    """Returns what is not shown if these rows are: `3 more: 3 OK`; empty if everything is."""
+
+
+def table_lines(view: View, width: int, room: int, shown: Escape) -> List[Text]:
+    """Returns a table of at most `room` lines of at most `width` cells, at least one row; of its rows the worst.
+
+    `shown` is for texts from outside.
+    """
+    if not view.rows:
+        return list(Text(_NOTHING).wrap(_CONSOLE, width))
+    layout = _Layout([view.head, *view.rows], width, shown)
+    header = layout.block(view.head)[0]
+    header.stylize("bold")
+    blocks = list(map(layout.block, view.rows))
+    chosen = list(range(len(blocks)))
+    if 1 + sum(map(len, blocks)) > room or view.rest(chosen):
+        order = sorted(chosen, key=lambda at: -view.rows[at].rank)
+        ends = accumulate(len(blocks[at]) for at in order)
+        chosen = sorted(at for at, end in zip(order, ends) if at == order[0] or 2 + end <= room)
+    lines = [header, *(line for at in chosen for line in blocks[at])]
+    rest = view.rest(chosen)
+    if rest:
+        lines.append(Text(f"and {rest}", style="dim"))
+        lines[-1].truncate(width, overflow="ellipsis")
+    return lines
+
+
+class _Layout:
+    """Which columns of a table fit, and how a row is divided into lines of at most `width` cells."""
+
+    def __init__(self, rows: Sequence[Row], width: int, shown: Escape) -> None:
         self._width = width
         self._shown = shown
-        columns = list(zip(*([self._text(cell) for cell in row.cells] for row in (head, *rows))))
+        columns = list(zip(*([self._text(cell) for cell in row.cells] for row in rows)))
         widest_name = max(_NARROWEST_NAME, 2 * width // (3 * len(columns)))
         self._widths = [min(_widest(column), width if at == 1 else widest_name) for at, column in enumerate(columns)]
         self._indent = sum(self._widths) + _GAP * len(columns)
@@ -111,31 +148,9 @@ class _Table:
         self._is_narrow = self._reason < _NARROWEST_REASON
         if self._is_narrow:
             self._indent, self._reason = _GAP, width - _GAP
-        else:
-            self._add_further_columns([head, *rows])
-        self._header = self._block(head)[:1]
-        self._header[0].stylize("bold")
-        self._blocks = list(map(self._block, rows))
-        self.chosen = list(range(len(rows)))
-        """Places of the rows that are shown: all in their order, or as many as fit of the highest ranks."""
-        needed = 1
-        if sum(map(len, self._blocks)) + needed > room:
-            order = sorted(self.chosen, key=lambda at: -rows[at].rank)
-            needed += 1  # for what does not fit
-            ends = accumulate(len(self._blocks[at]) for at in order)
-            self.chosen = [at for at, end in zip(order, ends) if at == order[0] or needed + end <= room]
-
-    def lines(self, chosen: Iterable[int], rest: str) -> List[Text]:
-        """Returns the lines of rows, and one that says what does not fit."""
-        lines = [*self._header, *(line for at in chosen for line in self._blocks[at])]
-        if rest:
-            lines.append(Text(f"and {rest}", style="dim"))
-            lines[-1].truncate(self._width, overflow="ellipsis")
-        return lines
-
-    def _add_further_columns(self, rows: Sequence[_Row]) -> None:
-        """Adds the columns for which there is room beside the widest reason."""
-        reason = _widest(self._shown(row.reason) for row in rows)
+            return
+        # Further columns, if there is room beside the widest reason.
+        reason = _widest(shown(row.reason) for row in rows)
         spare, widths = self._reason - reason, []
         for at, column in enumerate(zip(*(row.more for row in rows))):
             spare -= _widest(column) + _GAP if any(column[1:]) else 0
@@ -144,7 +159,7 @@ class _Table:
                 widths.append(_widest(column))
         self._widths += [reason if widths else self._reason, *widths]
 
-    def _block(self, row: _Row) -> List[Text]:
+    def block(self, row: Row) -> List[Text]:
         """Returns the lines of a row."""
         cells = list(map(self._text, row.cells))
         if self._is_narrow:
@@ -171,16 +186,6 @@ class _Table:
         return parts if len(parts) <= _MOST_LINES else [*parts[: _MOST_LINES - 1], "..."]
 
 
-class SignalRow(NamedTuple):
-    """What is shown of one signal."""
-
-    status: Status
-    bounds: str
-    """As `short_bounds` returns them."""
-    trend: Sequence[float]
-    """The latest values, the oldest first; NaN where there was none."""
-
-
 def short_bounds(config: SignalConfig) -> str:
     """Returns the bounds of a signal: `WARN < 20, ERROR < 10`; comparisons are strict."""
     parts = ((name.partition("_"), bound) for name, bound in config.bounds.items())
@@ -189,35 +194,41 @@ def short_bounds(config: SignalConfig) -> str:
     )
 
 
-def watches_nothing(rows: Sequence[SignalRow]) -> bool:
-    """Whether no signal is watched; a link that is up is none."""
-    return all(row.status.name == LINK and rank(row.status) == 0 for row in rows)
+def robot_view(
+    robot: str,
+    signals: Sequence[Tuple[Status, str, Sequence[float]]],
+    system_health: Optional[float],
+    shown: Escape,
+    bars: bool = True,
+) -> View:
+    """Returns what is shown of one robot, with a row for each of its signals.
 
-
-def signal_lines(rows: Sequence[SignalRow], width: int, room: int, shown: Escape, bars: bool = True) -> List[Text]:
-    """Returns the lines of the table of one robot: at most `room`, of at most `width` cells.
-
-    The signals are in the order of `rows`, but the worst come first if not all fit. A link that is up takes no line.
-    `bars` draws trends, which need UTF-8.
+    `signals` has their statuses, bounds as `short_bounds` returns them, and trends: the latest values, the oldest
+    first, NaN where there was none. `bars` draws trends, which need UTF-8. A link that is up takes no line.
     """
-    if watches_nothing(rows):
-        return list(Text(_NOTHING).wrap(_CONSOLE, width))
-    names = {row.status.name for row in rows}
-    table = [
-        _Row(
+    names = {status.name for status, _, _ in signals}
+    rows = [
+        Row(
             rank(status),
             (status.name, level_text(status)),
             _reason(status),
             more=(bounds, _bars(trend) if bars else "", *(_statistic(status, name) for name in _STATISTICS)),
         )
-        for status, bounds, trend in rows
+        for status, bounds, trend in signals
         # Effects are counted at their cause.
         if status.cause not in names and (status.name != LINK or rank(status) > 0)
     ]
-    head = _Row(0, ("signal", "level"), "value", more=("bounds", "trend".ljust(TREND_SAMPLES), *_STATISTICS))
-    fitted = _Table(head, table, width, room, shown)
-    hidden = [row.rank for at, row in enumerate(table) if at not in fitted.chosen]
-    return fitted.lines(fitted.chosen, f"{len(hidden)} more: {rank_counts(hidden)}" if hidden else "")
+    title = Text(shown(robot), style="bold").append(" is ", style="not bold")
+    statuses = [status for status, _, _ in signals]
+    title.append(level_text(max(statuses, key=rank)) if rows else Text("not watched", style=_STYLE_OF_UNKNOWN))
+
+    def rest(chosen: Sequence[int]) -> str:
+        hidden = [row.rank for at, row in enumerate(rows) if at not in chosen]
+        return f"{len(hidden)} more: {rank_counts(hidden)}" if hidden else ""
+
+    head = Row(0, ("signal", "level"), "value", more=("bounds", "trend".ljust(TREND_SAMPLES), *_STATISTICS))
+    further = "" if system_health is None else f"   system_health {system_health:.1f}"
+    return View(title, further, head, rows, rest)
 
 
 def _statistic(status: Status, name: str) -> str:
@@ -238,105 +249,58 @@ def _bars(values: Sequence[float]) -> str:
     )
 
 
-class RobotState(NamedTuple):
-    """What is shown of one robot."""
-
-    name: str
-    rank: int
-    """That of its worst signal."""
-    worst: Optional[Status]
-    """The status of its worst signal; None while nothing is known, and for a robot that is OK."""
-    alarms: int
-    """Number of its signals that are not OK, silent or invalid ones included, unknown ones not."""
-    others: Sequence[Status]
-    """Statuses of its other alarms, the worst first; as many as could be shown."""
-    main: Sequence[Status]
-    """Statuses of its main signals; none unless it is OK."""
-
-
-class FleetState(NamedTuple):
-    """What the table of several robots shows, read at one moment."""
-
-    robots: Sequence[RobotState]
-    """The worst first; as many as could be shown."""
-    total: int
-    """Number of all robots."""
-    ranks: Sequence[int]
-    """Ranks of all robots, in the order of `robots`."""
-    silenced: int
-    """Number of signals that are not OK and silenced."""
-
-
-def fleet_state(shown: Shown, lines: int) -> FleetState:
-    """Reads the state of all robots. Statuses are made only for what a terminal of `lines` lines can show."""
-    systems = [robot.alert_system for robot in shown.robots]
-    ranks = [
+def fleet_view(fleet: Monitors, lines: int, shown: Escape) -> View:
+    """Returns what is shown of several robots. Statuses are made only for what a terminal of `lines` lines can show."""
+    systems = [robot.alert_system for robot in fleet.robots]
+    levels = [
         {name: _rank_of(level, state) for name, (level, state) in system.monitor.levels().items()} for system in systems
     ]
-    worst = [max(of_robot.values(), default=1) for of_robot in ranks]
+    worst = [max(of_robot.values(), default=1) for of_robot in levels]
     order = sorted(range(len(systems)), key=lambda index: -worst[index])
     room = lines
-    robots: List[RobotState] = []
+    rows: List[Row] = []
+    alarms: List[int] = []  # signals of each robot that are not OK, silent or invalid ones included, unknown ones not
     for index in order[:lines]:
-        monitor, of_robot = systems[index].monitor, ranks[index]
+        system, of_robot = systems[index], levels[index]
         # Effects are counted at their cause.
-        judgements = monitor.judgements(shown.robots[index].now_s) if worst[index] > 1 else {}
+        judgements = system.monitor.judgements(fleet.robots[index].now_s) if worst[index] > 1 else {}
         effects = {name for name, judgement in judgements.items() if judgement.cause}
         names = sorted((name for name in of_robot if name not in effects), key=lambda name: -of_robot[name])
-        alarms = sum(of_robot[name] > 1 for name in names)
-        wanted = min(max(alarms, 1), 1 + max(0, room)) if worst[index] > 0 else 0
-        found = (systems[index].status(name) for name in names[:wanted])
-        statuses = [status for status in found if status is not None]
-        first = statuses.pop(0) if statuses else None
-        room -= len(statuses)
-        main = monitor.config.main_signals if worst[index] == 0 else ()
-        values = [status for status in map(systems[index].status, main) if status is not None]
-        robots.append(RobotState(systems[index].robot, worst[index], first, alarms, statuses, values))
+        alarms.append(sum(of_robot[name] > 1 for name in names))
+        wanted = min(max(alarms[-1], 1), 1 + max(0, room)) if worst[index] > 0 else 0
+        statuses = [status for status in map(system.announcements.status, names[:wanted]) if status is not None]
+        room -= max(0, len(statuses) - 1)
+        for number, status in enumerate(statuses):
+            cells = ("" if number else system.robot, level_text(status), _since_text(status), status.name)
+            rows.append(Row(int(number == 0), cells, _reason(status)))
+        if not statuses:
+            main = system.monitor.config.main_signals if worst[index] == 0 else ()
+            values = [f"{each.name} {each.message}" for each in map(system.announcements.status, main) if each is not None]
+            level = Text("waiting", _STYLE_OF_UNKNOWN) if worst[index] else Text("OK", STYLE_OF_LEVEL[Level.OK])
+            rows.append(Row(1, (system.robot, level, "", ""), "no connection yet" if worst[index] else "", values))
+    ranks = [worst[index] for index in order]
+
+    def rest(chosen: Sequence[int]) -> str:
+        count = sum(rows[at].rank for at in chosen)
+        hidden = sum(max(0, number - 1) for number in alarms[:count]) - (len(chosen) - count)
+        robots = f"{count_text(len(systems) - count, 'more robot')}: {rank_counts(ranks[count:])}"
+        signals = f"{count_text(hidden, 'more signal')} not OK"
+        return "; ".join([*([robots] if count < len(systems) else []), *([signals] if hidden else [])])
+
+    title = Text(f"{len(systems)} robots", style="bold")
+    if ranks and ranks[0] > 0:
+        title.append(", worst: ", style="not bold").append(shown(systems[order[0]].robot))
+        if rows[0].cells[3]:
+            title.append(" ").append(rows[0].cells[1])
+    title.append(f"   {rank_counts(ranks)}", style="not bold")
     silenced = sum(
         rank > 1 and system.silence_of(name) is not None
-        for system, of_robot in zip(systems, ranks)
+        for system, of_robot in zip(systems, levels)
         for name, rank in of_robot.items()
     )
-    return FleetState(robots, len(systems), [worst[index] for index in order], silenced)
-
-
-def fleet_summary(state: FleetState, shown: Escape) -> Text:
-    """Returns how many robots have which level, and which robot is the worst."""
-    text = Text(f"{state.total} robots", style="bold")
-    worst = state.robots[0] if state.robots else None
-    if worst is not None and worst.rank > 0:
-        text.append(", worst: ", style="not bold")
-        text.append(shown(worst.name))
-        if worst.worst is not None:
-            text.append(" ")
-            text.append(level_text(worst.worst))
-    text.append(f"   {rank_counts(state.ranks)}", style="not bold")
-    if state.silenced:
-        text.append(f"   {state.silenced} silenced", style="not bold")
-    return text
-
-
-def fleet_lines(state: FleetState, width: int, room: int, shown: Escape) -> List[Text]:
-    """Returns the lines of the table of several robots: at most `room`, of at most `width` cells."""
-    rows: List[_Row] = []
-    for robot in state.robots:
-        if robot.worst is None:
-            level = Text("waiting", _STYLE_OF_UNKNOWN) if robot.rank else Text("OK", STYLE_OF_LEVEL[Level.OK])
-            values = [f"{status.name} {status.message}" for status in robot.main]
-            rows.append(_Row(1, (robot.name, level, "", ""), "no connection yet" if robot.rank else "", values))
-            continue
-        for number, status in enumerate((robot.worst, *robot.others)):
-            cells = ("" if number else robot.name, level_text(status), _since_text(status), status.name)
-            rows.append(_Row(int(number == 0), cells, _reason(status)))
-    fitted = _Table(_Row(0, ("robot", "level", "since", "signal"), "reason"), rows, width, room, shown)
-    count = sum(rows[at].rank for at in fitted.chosen)
-    hidden = sum(max(0, robot.alarms - 1) for robot in state.robots[:count]) - (len(fitted.chosen) - count)
-    rest = []
-    if count < state.total:
-        rest.append(f"{count_text(state.total - count, 'more robot')}: {rank_counts(state.ranks[count:])}")
-    if hidden:
-        rest.append(f"{count_text(hidden, 'more signal')} not OK")
-    return fitted.lines(sorted(fitted.chosen), "; ".join(rest))
+    if silenced:
+        title.append(f"   {silenced} silenced", style="not bold")
+    return View(title, "", Row(0, ("robot", "level", "since", "signal"), "reason"), rows, rest)
 
 
 def _since_text(status: Status) -> str:

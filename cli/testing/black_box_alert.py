@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import math
 import os
-from typing import Dict, List, Tuple
+from typing import Dict, List, Optional, Tuple
 
 from ...core.config.monitor_config import Section, read_monitor
 from ...core.config.signal_config import SignalConfig, template_name
-from ...core.values.errors import ConfigError
+from ...core.config.yaml_file import YamlFile, parse_yaml
+from ...core.judge.attachments import STATE, THRESHOLDS, SavedMonitor, read_saved_monitor
+from ...core.values.errors import ConfigError, MessageError
 from ...core.values.formatting import printable
 from ...core.values.model import Level, Transition
-from ...recordings.judging import Judge, JudgedEvent, Samples
+from ...recordings.judging import Judge, JudgedEvent, JudgedSample
 from ...recordings.middleware import Player
 from ...recordings.reading import Recordings
-from .black_box_file import attached_file, attached_section, attached_states
+from ..embedded import sections_of_nodes
 from .past_alert import FROM_ALERT, PastAlert, depends_on, needed_before_s, needed_settings
 
 _JUDGED = "black box"  # name of its configuration within `Judge`
@@ -30,11 +32,9 @@ def black_box_alerts(path: str) -> List[PastAlert]:
         file = attached_file(recordings)
         if file is None:
             raise ConfigError(f"{FROM_ALERT}: has no thresholds.yaml; expected a black box", file=path)
-        section = attached_section(file)
-        try:
+        section = sections_of_nodes(file)["alert_system"]
+        with file.located(section.path):
             replayed = _Replay(recordings, section)
-        except ConfigError as error:
-            raise file.locate(error.below(section.path)) from None
         alerts = replayed.alerts(os.path.basename(path))
     if not alerts:
         raise ConfigError(f"{FROM_ALERT}: gives no alert when it is replayed", file=path)
@@ -92,6 +92,23 @@ class _Replay:
         if isinstance(judged.event, Transition) and not judged.event.repeat:
             self._transitions.append((judged.wall_s, judged.event))
 
-    def _collect(self, _: str, signal: SignalConfig, samples: Samples) -> None:
-        found = self._samples.setdefault(signal.name, [])
-        found += zip(samples.now_s.tolist(), samples.values.tolist())
+    def _collect(self, _: str, signal: SignalConfig, sample: JudgedSample) -> None:
+        value = math.nan if sample.value is None else sample.value
+        self._samples.setdefault(signal.name, []).append((sample.now_s, value))
+
+
+def attached_file(recordings: Recordings) -> Optional[YamlFile]:
+    """Returns the attached thresholds, None if there are none. Raises ConfigError if they are no YAML."""
+    if THRESHOLDS not in recordings.attachments:
+        return None
+    return parse_yaml(recordings.attachments[THRESHOLDS].text, os.path.join(recordings.paths[0], THRESHOLDS))
+
+
+def attached_states(recordings: Recordings) -> Optional[SavedMonitor]:
+    """Returns the states at the beginning, None if there are none. Raises ConfigError if they cannot be read."""
+    if STATE not in recordings.attachments:
+        return None
+    try:
+        return read_saved_monitor(recordings.attachments[STATE].text)
+    except MessageError as error:
+        raise ConfigError(str(error), file=recordings.paths[0]) from None

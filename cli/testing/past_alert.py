@@ -1,6 +1,6 @@
 """The unit test of a past alert: its recorded series, the thresholds in force then, and the alert that came.
 
-`history_alert.py` reads the alert from a history, `black_box_alert.py` from a black box. What they have is written as
+`history_alert` reads the alert from a history, `black_box_alert.py` from a black box. What they have is written as
 a person would write it: a period and digits that are easy to read. If the alert does not come again with them, its
 exact times and values are tried; if it does not come with those either, something is missing, and is named.
 """
@@ -9,18 +9,22 @@ from __future__ import annotations
 
 import json
 import math
+import sqlite3
 import textwrap
 from itertools import groupby
 from statistics import median
 from typing import Any, Dict, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
-from ...core.config.kept_settings import settings_of
+from ...core.config.kept_settings import read_kept, settings_of
 from ...core.config.monitor_config import MonitorConfig, load_config
-from ...core.config.signal_config import LINK, LINK_CONFIG, SignalConfig, template_name
+from ...core.config.signal_config import LINK, LINK_CONFIG, OF_ARRIVALS, SignalConfig, template_name
+from ...core.judge.continuity import MAX_EVIDENCE
 from ...core.nodes.alert_system import TICK_PERIOD_S
 from ...core.values.errors import ConfigError
-from ...core.values.formatting import count_text, number_text, printable
+from ...core.values.formatting import count_text, duration_text, list_text, number_text, printable
 from ...core.values.model import Level
+from ...ops.store import queries
+from ...ops.store.rows import StoredTransition
 from ..history.history_entries import time_text
 from .threshold_cases import TIME_TOLERANCE_S, Alert, ThresholdTest, compare, parse_tests, run_test
 
@@ -32,8 +36,6 @@ _SAME_TIME_S = 0.002
 """Two times closer than this are the same: those of stored samples are rounded."""
 _INTERVALS_S = (1.0, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.001)
 _MOST_STEPS = 120_000
-_SHARE = 0.05
-"""How much of its time a readable period may move an alert."""
 _WIDTH = 100
 _INDENT = " " * 8
 
@@ -81,7 +83,6 @@ class _Series(NamedTuple):
     """By signal; in the unit of the messages, before `scale`."""
     at_s: float
     """When the alert should come, in s since the begin."""
-    tolerance_s: float
     alerts: Sequence[Alert] = ()
     """All that occur, until the alert."""
     remark: str = ""
@@ -138,7 +139,7 @@ def alert_test(alert: PastAlert, thresholds: Optional[str] = None, *, exact: boo
         for name, samples in alert.samples.items()
     }
     alert = alert._replace(samples={name: samples for name, samples in known.items() if samples})
-    tried = [_exact(config, alert)] if exact else [_readable(config, alert), _exact(config, alert)]
+    tried = [_series(config, alert, True)] if exact else [_series(config, alert, each) for each in (False, True)]
     found = next((each for each in (_run(config, alert, series) for series in tried) if each is not None), None)
     if found is None:
         raise ConfigError(f"{FROM_ALERT}: {alert.title} does not occur again: {_reason(config, alert, tried[-1])}")
@@ -151,51 +152,37 @@ def alert_test(alert: PastAlert, thresholds: Optional[str] = None, *, exact: boo
     return AlertTest(text, f"the test of {alert.title} fails with {thresholds or 'these thresholds'}: {what}", False)
 
 
-def _readable(config: MonitorConfig, alert: PastAlert) -> _Series:
-    """Returns the samples at equal times, and rounded to a hundredth of their range."""
-    own = alert.samples.get(alert.signal, ())
-    gaps_s = [after[0] - before[0] for before, after in zip(own, own[1:])]
-    span_s = alert.time_s - own[0][0] if own else _config_of(config, alert.signal).startup_grace_s
-    interval_s = max(_readable_number(median(gaps_s) if gaps_s else 1.0), span_s / _MOST_STEPS)
-    places = [0]
-    for gap_s in gaps_s:
-        places.append(places[-1] + max(1, round(gap_s / interval_s)))
-    last_s = own[-1][0] if own else alert.time_s - span_s
-    at_s = places[-1] * interval_s + alert.time_s - last_s
-    steps = math.ceil((at_s + TICK_PERIOD_S) / interval_s) + 1
-    placed: Dict[str, Dict[int, float]] = {}
-    for name, samples in alert.samples.items():
-        if name != alert.signal:
-            # The value before the first sample of the alert's signal is that at the begin.
-            placed[name] = {max(0, places[-1] - round((last_s - at) / interval_s)): value for at, value in samples}
-    if own:
-        placed[alert.signal] = {place: value for place, (_, value) in zip(places, own)}
-    values = {name: _listed(_rounded(_unscaled(config, name, found)), steps) for name, found in placed.items()}
-    return _Series(
-        interval_s, values or {alert.signal: [None] * steps}, at_s, TICK_PERIOD_S + interval_s + _SHARE * at_s
-    )
+def _series(config: MonitorConfig, alert: PastAlert, exact: bool) -> _Series:
+    """Returns the samples in steps of one interval: a readable one that is close to theirs, or one with exact times.
 
-
-def _exact(config: MonitorConfig, alert: PastAlert) -> _Series:
-    """Returns the samples at their times, the alert at a whole second: then a tick coincides with it, as it did."""
+    The series begins with the first sample; if times are exact, so that the alert comes at a whole second: then a tick
+    coincides with it, as it did. Values that are not exact are rounded to a hundredth of their range.
+    """
     own = alert.samples.get(alert.signal, ())
-    first_s = min((samples[0][0] for samples in alert.samples.values()), default=alert.time_s)
-    span_s = alert.time_s - first_s if own else _config_of(config, alert.signal).startup_grace_s + 1.0
-    seconds = max(1.0, math.ceil(span_s - _SAME_TIME_S))
-    times_s = [seconds + at - alert.time_s for samples in alert.samples.values() for at, _ in samples]
+    times_s = [at for samples in alert.samples.values() for at, _ in samples]
+    begin_s = min(times_s) if own else alert.time_s - _config_of(config, alert.signal).startup_grace_s - exact
+    if exact:
+        begin_s = alert.time_s - max(1.0, math.ceil(alert.time_s - begin_s - _SAME_TIME_S))
+    span_s = alert.time_s - begin_s
 
     def fits(interval_s: float) -> bool:
-        off_s = (abs(at_s / interval_s - round(at_s / interval_s)) * interval_s for at_s in times_s)
-        return all(each <= _SAME_TIME_S / 10.0 for each in off_s)
+        steps = [(at - begin_s) / interval_s for at in times_s]
+        return all(abs(each - round(each)) * interval_s <= _SAME_TIME_S / 10.0 for each in steps)
 
-    possible = [each for each in _INTERVALS_S if seconds / each <= _MOST_STEPS]
-    interval_s = next(filter(fits, possible), possible[-1])
-    steps = round(seconds / interval_s) + 1
+    gaps_s = [after[0] - before[0] for before, after in zip(own, own[1:])]
+    interval_s = max(_readable_number(median(gaps_s) if gaps_s else 1.0), span_s / _MOST_STEPS)
+    if exact:
+        possible = [each for each in _INTERVALS_S if span_s / each <= _MOST_STEPS]
+        interval_s = next(filter(fits, possible), possible[-1])
     values = {}
     for name, samples in alert.samples.items():
-        places = {min(round((seconds + at - alert.time_s) / interval_s), steps - 1): value for at, value in samples}
-        values[name] = _listed(_unscaled(config, name, places), steps)
-    return _Series(interval_s, values or {alert.signal: [None] * steps}, seconds, interval_s)
+        signal = _config_of(config, name)
+        scale = 1.0 if signal.reduce else signal.scale  # values of a reduction are in its unit
+        places = {max(0, round((at - begin_s) / interval_s)): value / scale for at, value in samples}
+        values[name] = places if exact else _rounded(places)
+    steps = range(math.ceil((span_s + TICK_PERIOD_S) / interval_s) + 1)
+    listed = {name: list(map(places.get, steps)) for name, places in (values or {alert.signal: {}}).items()}
+    return _Series(interval_s, listed, span_s)
 
 
 def _run(config: MonitorConfig, alert: PastAlert, series: _Series) -> Optional[_Series]:
@@ -204,7 +191,7 @@ def _run(config: MonitorConfig, alert: PastAlert, series: _Series) -> Optional[_
     before, found = Level.OK, []
     for each in occurred:
         if each.signal == alert.signal:
-            is_near = abs(each.at_s - series.at_s) <= series.tolerance_s + TIME_TOLERANCE_S
+            is_near = abs(each.at_s - series.at_s) <= TICK_PERIOD_S + series.interval_s + TIME_TOLERANCE_S
             if each.level is alert.to_level and is_near:
                 found.append((before is alert.from_level, each))
             before = each.level
@@ -230,13 +217,6 @@ def _config_of(config: MonitorConfig, signal: str) -> SignalConfig:
     return LINK_CONFIG if signal == LINK else config.signals[template_name(signal)]
 
 
-def _unscaled(config: MonitorConfig, name: str, places: Mapping[int, float]) -> Dict[int, float]:
-    """Returns values as they are in messages; those of a reduction are in its unit."""
-    signal = _config_of(config, name)
-    scale = 1.0 if signal.reduce else signal.scale
-    return {place: value if scale == 1.0 else value / scale for place, value in places.items()}
-
-
 def _rounded(places: Mapping[int, float]) -> Dict[int, float]:
     numbers = [value for value in places.values() if math.isfinite(value)]
     size = max(map(abs, numbers), default=0.0)
@@ -252,10 +232,6 @@ def _readable_number(value: float) -> float:
     decimals = -math.floor(math.log10(max(value, 0.001)))
     short = round(value, decimals)
     return short if abs(short - value) <= 0.04 * value else max(round(value, decimals + 1), 0.001)
-
-
-def _listed(places: Mapping[int, float], steps: int) -> List[Optional[float]]:
-    return [places.get(place) for place in range(steps)]
 
 
 def _lines(alert: PastAlert, found: _Series, thresholds: Optional[str]) -> Iterator[str]:
@@ -305,3 +281,65 @@ def _number(value: float) -> str:
 
 def _quoted(text: str) -> str:
     return json.dumps(text, ensure_ascii=False)
+
+
+def history_alert(connection: sqlite3.Connection, number: int) -> PastAlert:
+    """Returns the alert with this id; raises ConfigError if there is none, or if no test can have its input."""
+    transition = queries.transition(connection, number)
+    if transition is None:
+        raise ConfigError(f"there is no alert {number} in this history")
+    if transition.repeat:
+        raise ConfigError(f"{FROM_ALERT}: {number} repeats an earlier alert; expected the id of that one")
+    robot = printable(transition.robot)
+    kept = queries.configuration(connection, transition.robot, transition.wall_s)
+    if kept is None:
+        raise ConfigError(f"{FROM_ALERT}: this history has no configuration of {robot}")
+    try:
+        signals = read_kept(kept)
+    except ConfigError as error:
+        raise ConfigError(f"{FROM_ALERT}: the configuration of {robot} cannot be read: {error}") from None
+    settings = needed_settings(signals, transition.signal, robot)
+    signal = signals[template_name(transition.signal)]
+    stored = [each for each in queries.evidence(connection, transition.id) if math.isfinite(each[0])]
+    is_of_arrivals = signal.statistic in OF_ARRIVALS
+    samples: Samples = [] if is_of_arrivals else stored  # else those are values of the statistic
+    if not is_of_arrivals and _is_invalid(transition, signal):
+        number_ = float(transition.value) if isinstance(transition.value, (int, float)) else math.nan
+        samples = [*samples, (transition.wall_s, number_)]
+    recorder = f"a black box (ops.yaml: black_box, before_s: {needed_before_s(signal)}) would have recorded it"
+    if transition.black_box:
+        recorder = f"its black box {transition.black_box} has it: name its folder by --ops, or the file itself"
+    return PastAlert(
+        title=f"alert {transition.id} of {transition.robot}",
+        line=transition.text,
+        wall_s=transition.wall_s,
+        settings=settings,
+        signal=transition.signal,
+        from_level=transition.from_level,
+        to_level=transition.to_level,
+        time_s=transition.wall_s,
+        samples={transition.signal: samples},
+        missing=f"{_missing(transition, signal, samples)}; {recorder}",
+        black_box=transition.black_box,
+    )
+
+
+def _is_invalid(transition: StoredTransition, signal: SignalConfig) -> bool:
+    """Returns whether bad data gave the alert."""
+    is_judged = signal.is_status or transition.signal == LINK or transition.bound is not None
+    return transition.to_level is Level.ERROR and not is_judged
+
+
+def _missing(transition: StoredTransition, signal: SignalConfig, samples: Samples) -> str:
+    others = depends_on(signal)
+    if signal.statistic in OF_ARRIVALS:
+        return "a history has no times of arrivals"
+    if not samples:
+        return "no samples are stored with it"
+    if others:
+        return f"the samples of {list_text(others)}, which it depends on, are not stored with it"
+    if len(samples) >= MAX_EVIDENCE:
+        return f"only {MAX_EVIDENCE} of the samples in its window are stored"
+    if _is_invalid(transition, signal):
+        return "bad samples before it are not stored"
+    return f"what came more than {duration_text(transition.wall_s - samples[0][0])} before it is not stored"

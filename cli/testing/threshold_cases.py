@@ -13,13 +13,15 @@ Source: https://prometheus.io/docs/prometheus/latest/configuration/unit_testing_
 
 from __future__ import annotations
 
+import heapq
 import os
 import re
-from dataclasses import replace
-from typing import Any, Dict, Iterator, List, Mapping, NamedTuple, NoReturn, Optional, Sequence, Tuple
+from dataclasses import dataclass, replace
+from typing import Any, Dict, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 from ...core.config.monitor_config import MonitorConfig, load_config
-from ...core.config.parameters import Parameter, read_parameters, require_mapping
+from ...core.config.parameters import Parameter, require_mapping
+from ...core.config.schema import REQUIRED, declared, read_section
 from ...core.config.signal_config import LINK, SignalConfig, is_element_name, template_name
 from ...core.config.yaml_file import YamlFile, parse_yaml, read_yaml
 from ...core.judge.monitor import Monitor
@@ -33,28 +35,37 @@ TIME_TOLERANCE_S = 1e-6  # two times closer than this are the same: `3 * 0.1` is
 LONGEST_TEST_S = 1e6
 MOST_SAMPLES = 1_000_000  # longest series
 
-_FILE_PARAMETERS = (Parameter("thresholds", str, None, "path of a thresholds.yaml, relative to this file"),)
-_THRESHOLDS = "the path of a thresholds.yaml, relative to this file, or its contents"
-_TEST_PARAMETERS = (
-    Parameter("name", str, None, "what the test shows"),
-    Parameter("interval_s", float, 1.0, "time between the samples of a series, in s", 0.0001, LONGEST_TEST_S),
-)
-_ALERT_PARAMETERS = (
-    Parameter("at_s", float, None, "time since the first sample, in s", 0.0),
-    Parameter("signal", str, None, "name of the signal"),
-    Parameter("level", str, None, "the new level", choices=tuple(level.name for level in Level)),
-)
+_TEXT = Parameter("", str, None, "")
 _NUMBER = r"(?:\d+(?:\.\d*)?|\.\d+)(?:e[+-]?\d+)?"
 _VALUE = re.compile(rf"(?P<value>[+-]?(?:{_NUMBER}|nan|inf))(?:(?P<step>[+-]{_NUMBER})?x(?P<times>\d+))?\Z", re.I)
 _MISSING = re.compile(r"_(?:x(?P<times>\d+))?\Z")
 
 
-class Alert(NamedTuple):
+@dataclass(frozen=True)
+class _File:
+    """The keys of a file of tests."""
+
+    thresholds: Any = declared(REQUIRED, "path of a thresholds.yaml, relative to this file, or its contents")
+    tests: Any = declared(REQUIRED, "list of tests")
+
+
+@dataclass(frozen=True)
+class _Test:
+    """The keys of a test."""
+
+    name: str = declared(REQUIRED, "text that says what the test shows")
+    input: Any = declared(REQUIRED, "series of each signal")
+    alerts: Any = declared(REQUIRED, "list of alerts, [] for none")
+    interval_s: float = declared(1.0, "time between the samples of a series, in s", 0.0001, LONGEST_TEST_S)
+
+
+@dataclass(frozen=True)
+class Alert:
     """A transition that a test expects, or that occurred."""
 
-    at_s: float  # since the first sample
-    signal: str
-    level: Level  # the new one
+    at_s: float = declared(REQUIRED, "time since the first sample, in s", 0.0)
+    signal: str = declared(REQUIRED, "name of the signal")
+    level: Level = declared(REQUIRED, "new level")
     text: str = ""  # the alert line; empty for an expected alert
 
     def __str__(self) -> str:
@@ -89,72 +100,61 @@ def _tests_of(read: YamlFile, folder: str) -> Tuple[MonitorConfig, List[Threshol
     problems = Problems()
     config = MonitorConfig({})
     tests: Dict[str, ThresholdTest] = {}
-    try:
+    with read.located():
         with problems:
-            config = _read_thresholds(read.tree, folder)
+            read_section(_File, read.tree)
         with problems:
-            found = _list(read.tree, "tests", "a list of tests", ())
-            if not found:
-                raise ConfigError("expected at least one test, got none", ("tests",))
-            for number, each in enumerate(found):
-                path = ("tests", str(number))
+            config = _read_thresholds(read.tree.get("thresholds"), folder)
+        with problems:
+            for number, each in enumerate(_list(read.tree, ("tests",))):
                 with problems:
-                    test = _read_test(each, path, config)
+                    test = _read_test(each, ("tests", str(number)), config)
                     if test.name in tests:
-                        raise ConfigError("another test of this file has the same name", (*path, "name"))
+                        problem = "another test of this file has the same name"
+                        raise ConfigError(problem, ("tests", str(number), "name"))
                     tests[test.name] = test
+        if read.tree.get("tests") == []:
+            problems.add(ConfigError("expected at least one test, got none", ("tests",)))
         problems.raise_if_any()
-    except ConfigError as error:
-        raise read.locate(error) from None
     return config, list(tests.values())
 
 
-def _read_thresholds(tree: Mapping[str, Any], folder: str) -> MonitorConfig:
-    given = tree.get("thresholds")
+def _read_thresholds(given: object, folder: str) -> MonitorConfig:
     if isinstance(given, Mapping):
-        read_parameters(tree, (), sections=("tests", "thresholds"))
         try:
             return load_config(given)
         except ConfigError as error:
             raise error.below(("thresholds",)) from None
-    thresholds = read_parameters(tree, _FILE_PARAMETERS, sections=("tests",))["thresholds"]
-    if not thresholds:
-        _raise_missing(_THRESHOLDS, ("thresholds",))
-    return load_config(os.path.join(folder, thresholds))
+    return load_config(os.path.join(folder, _TEXT.read(given, ("thresholds",)))) if given else MonitorConfig({})
 
 
 def _read_test(found: object, path: Path, config: MonitorConfig) -> ThresholdTest:
     tree = require_mapping(found, path)
     problems = Problems()
-    values: Dict[str, Any] = {"name": "", "interval_s": 1.0}
+    test = _Test("", {}, [])
     with problems:
-        values = read_parameters(tree, _TEST_PARAMETERS, path, ("input", "alerts"))
-        if values["name"] is None:
-            _raise_missing("what the test shows", (*path, "name"))
+        test = read_section(_Test, tree, path)
     series: Dict[str, List[Optional[float]]] = {}
     with problems:
-        series = _read_series(tree, (*path, "input"), values["interval_s"], config)
+        series = _read_series(tree.get("input"), (*path, "input"), test.interval_s, config)
     expected: List[Alert] = []
-    with problems:
-        for number, alert in enumerate(_list(tree, "alerts", "a list of alerts, [] for none", path)):
-            with problems:
-                expected.append(_read_alert(alert, (*path, "alerts", str(number)), series))
+    for number, each in enumerate(_list(tree, (*path, "alerts"))):
+        with problems:
+            alert = read_section(Alert, each, (*path, "alerts", str(number)))
+            expected.append(alert)
+            if series and alert.signal not in (*series, *map(template_name, series)):
+                problem = f"expected a signal of `input` ({', '.join(list(series)[:20])}), got {describe(alert.signal)}"
+                raise ConfigError(problem, (*path, "alerts", str(number), "signal"))
     problems.raise_if_any()
-    return ThresholdTest(values["name"], values["interval_s"], series, sorted(expected, key=lambda each: each.at_s))
+    return ThresholdTest(test.name, test.interval_s, series, sorted(expected, key=lambda each: each.at_s))
 
 
 def _read_series(
-    tree: Mapping[str, Any], path: Path, interval_s: float, config: MonitorConfig
+    given: object, path: Path, interval_s: float, config: MonitorConfig
 ) -> Dict[str, List[Optional[float]]]:
-    if "input" not in tree:
-        _raise_missing("a series per signal", path)
-    found = require_mapping(tree["input"], path)
-    if not found:
-        raise ConfigError("expected a series for at least one signal, got none", path)
     problems = Problems()
     series: Dict[str, List[Optional[float]]] = {}
-    text = Parameter("input", str, None, "")
-    for name, value in found.items():
+    for name, value in require_mapping(given, path).items():
         with problems:
             if config.signals and not _is_input(name, config):
                 known = ", ".join([*list(config.signals)[:20], LINK])
@@ -165,9 +165,11 @@ def _read_series(
                 value = " ".join(value.split())  # may have several lines, such as YAML's `|`
             elif isinstance(value, (int, float)) and not isinstance(value, bool):
                 value = repr(value)  # one sample, such as `25`
-            series[name] = parse_series(text.read(value, (*path, name)), (*path, name))
+            series[name] = parse_series(_TEXT.read(value, (*path, name)), (*path, name))
             if (len(series[name]) - 1) * interval_s > LONGEST_TEST_S:
                 raise ConfigError(f"expected at most {number_text(LONGEST_TEST_S)} s", (*path, name))
+    if given == {}:
+        raise ConfigError("expected a series for at least one signal, got none", path)
     problems.raise_if_any()
     return series
 
@@ -206,31 +208,11 @@ def _times(digits: str, samples: List[Optional[float]], path: Path) -> int:
     return times
 
 
-def _read_alert(found: object, path: Path, series: Mapping[str, Any]) -> Alert:
-    values = read_parameters(require_mapping(found, path), _ALERT_PARAMETERS, path)
-    problems = Problems()
-    for parameter in _ALERT_PARAMETERS:
-        with problems:
-            if values[parameter.name] is None:
-                _raise_missing(parameter.description, (*path, parameter.name))
-    if values["signal"] is not None and series and values["signal"] not in (*series, *map(template_name, series)):
-        problem = f"expected a signal of `input` ({', '.join(list(series)[:20])}), got {describe(values['signal'])}"
-        problems.add(ConfigError(problem, (*path, "signal")))
-    problems.raise_if_any()
-    return Alert(values["at_s"], values["signal"], Level[values["level"]])
-
-
-def _list(tree: Mapping[str, Any], key: str, expected: str, path: Path) -> List[Any]:
-    if key not in tree:
-        _raise_missing(expected, (*path, key))
-    if not isinstance(tree[key], list):
-        raise ConfigError(f"expected {expected}, got {describe(tree[key])}", (*path, key))
-    found: List[Any] = tree[key]
+def _list(tree: Mapping[str, Any], path: Path) -> List[Any]:
+    found = tree.get(path[-1], [])
+    if not isinstance(found, list):
+        raise ConfigError(f"expected a list of {path[-1]}, got {describe(found)}", path)
     return found
-
-
-def _raise_missing(expected: str, path: Path) -> NoReturn:
-    raise ConfigError(f"is missing; expected {expected}", path)
 
 
 def run_test(config: MonitorConfig, test: ThresholdTest) -> List[Alert]:
@@ -275,18 +257,16 @@ def _steps(test: ThresholdTest) -> Iterator[Tuple[float, List[Tuple[str, float]]
         for number, value in enumerate(series):
             if value is not None:
                 samples.setdefault(number, []).append((name, value))
-    last = max(map(len, test.series.values())) - 1
-    ticks = 1
-    for number in sorted({*samples, last}):
-        now_s = number * test.interval_s
-        while ticks * TICK_PERIOD_S < now_s - TIME_TOLERANCE_S:
-            yield ticks * TICK_PERIOD_S, []
-            ticks += 1
-        if number in samples:
-            yield now_s, samples[number]
-        if ticks * TICK_PERIOD_S <= now_s + TIME_TOLERANCE_S:
-            yield max(now_s, ticks * TICK_PERIOD_S), []
-            ticks += 1
+    end_s = (max(map(len, test.series.values())) - 1) * test.interval_s
+    given = ((number * test.interval_s, samples[number]) for number in sorted(samples))
+    nothing: List[Tuple[str, float]] = []
+    ticks = (
+        (count * TICK_PERIOD_S, nothing) for count in range(1, int((end_s + TIME_TOLERANCE_S) / TICK_PERIOD_S) + 1)
+    )
+    latest_s = 0.0
+    for now_s, each in heapq.merge(given, ticks, key=lambda step: (round(step[0], 6), not step[1])):
+        latest_s = max(latest_s, now_s)
+        yield latest_s, each
 
 
 def compare(expected: Sequence[Alert], actual: Sequence[Alert]) -> List[Difference]:

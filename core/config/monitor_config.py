@@ -147,10 +147,8 @@ def load_config(source: Union[Mapping[str, Any], PathLike], node: str = "alert_s
     """
     if isinstance(source, (str, os.PathLike)):
         read = read_yaml(source)
-        try:
+        with read.located():
             return read_monitor(find_section(read.tree, node))
-        except ConfigError as error:
-            raise read.locate(error) from None
     tree = require_mapping(source)
     return read_monitor(find_section(tree, node) if is_whole_file(tree) else Section((), tree))
 

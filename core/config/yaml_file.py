@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import stat
-from typing import Any, Mapping, NamedTuple, Optional, Union
+from typing import Any, Iterator, Mapping, NamedTuple, Optional, Union
 
 from ..values.errors import ConfigError, Path, Problems
 from .parameters import require_mapping
@@ -46,6 +47,14 @@ class YamlFile(NamedTuple):
             # An error of another file, which this one refers to, keeps its place.
             located.append(each if each.file else each.at(each.path, self.file, line))
         return ConfigError.joined(sorted(located, key=lambda each: each.line or 0))
+
+    @contextlib.contextmanager
+    def located(self, path: Path = ()) -> Iterator[None]:
+        """Gives errors of what is below `path` this file and the line of their key; see `locate`."""
+        try:
+            yield
+        except ConfigError as error:
+            raise self.locate(error.below(path)) from None
 
 
 def read_yaml(file: PathLike, problems: Optional[Problems] = None) -> YamlFile:

@@ -63,15 +63,16 @@ class Nodes:
 
     def add_to(self, proposed: Proposed, proposal: Proposal) -> None:
         """Adds the nodes to what is proposed, and what depends on what where the names make that certain."""
-        watched: Dict[str, List[Signal]] = {}
-        for signal in proposed.signals:
-            if not signal.is_shown_only:
-                watched.setdefault(signal.topic, []).append(signal)
         own = {node for topic in proposal.own_topics for node in self._publishers.get(topic, ())}
-        for topic in [signal.topic for signal in proposed.signals if signal.given.get("statistic") == "count"]:
-            if not self.problem and all(map(_TOOLS.match, self._publishers.get(topic, own) - own)):
-                proposed.signals = [signal for signal in proposed.signals if signal.topic != topic]
-                proposed.not_watched[topic] = PUBLISHED_HERE
+        watched: Dict[str, List[Signal]] = {}
+        for signal in tuple(proposed.signals):
+            topic = signal.topic
+            if signal.given.get("statistic") == "count":  # the log, which every node publishes
+                if not self.problem and all(map(_TOOLS.match, self._publishers.get(topic, own) - own)):
+                    proposed.signals.remove(signal)
+                    proposed.not_watched[topic] = PUBLISHED_HERE
+            elif not signal.is_shown_only:
+                watched.setdefault(topic, []).append(signal)
         statuses = self._statuses(proposal)
         others: List[str] = []
         for node in sorted(name for key, name in self._wanted if key == "node" and name not in own):

@@ -158,7 +158,9 @@ class RobotBlackBox:
         recording = self._recording
         if recording is None:
             return
-        self._record(DIAGNOSTICS, ARRAY_TYPE, self._alert_system.diagnostics(self._middleware.now_s()), steady_s)
+        self._record(
+            DIAGNOSTICS, ARRAY_TYPE, self._alert_system.announcements.diagnostics(self._middleware.now_s()), steady_s
+        )
         if recording.is_failed or recording.is_large or steady_s >= recording.end_s:
             self._end_recording()
 

@@ -10,12 +10,13 @@ from __future__ import annotations
 
 import base64
 import contextlib
+import functools
 import json
 import math
 import re
 import struct
 import zlib
-from typing import Any, Dict, Iterator, List, Mapping, Optional, Tuple, Union
+from typing import Any, Callable, Dict, Iterator, List, Mapping, Optional, Tuple, Union
 
 from ...core.values.errors import MessageError
 from ...runtime.libraries import missing_text
@@ -178,14 +179,14 @@ class _CborDecoder:
         if kind == _NEGATIVE:
             return -1 - argument
         if kind == _BYTES:
-            return base64.b64encode(self._take(argument)).decode("ascii")
+            return base64.b64encode(self.take(argument)).decode("ascii")
         if kind == _TAG:
             return self._typed_array(argument)
         return self._container(kind, argument, levels)
 
     def head(self) -> Tuple[int, Any]:
         """Reads the start of an item; returns its major type and its length or value."""
-        first = self._take(1)[0]
+        first = self.take(1)[0]
         kind, info = first >> 5, first & 31
         if kind == _SIMPLE:
             return kind, self._simple(info)
@@ -193,27 +194,28 @@ class _CborDecoder:
             return kind, info
         if info > 27:
             raise ProtocolError("CBOR items of indefinite length are not supported")
-        return kind, int.from_bytes(self._take(1 << (info - 24)), "big")
+        return kind, int.from_bytes(self.take(1 << (info - 24)), "big")
+
+    def argument(self, expected: int) -> Any:
+        """Reads the start of an item of a major type; returns its length or value."""
+        kind, argument = self.head()
+        if kind != expected:
+            raise ProtocolError(f"expected a CBOR item of type {expected}, got {kind}")
+        return argument
 
     def key(self) -> str:
         """Reads an item that must be a text."""
-        kind, length = self.head()
-        if kind != _TEXT:
-            raise ProtocolError("a key is not a string")
-        return self._text(length)
+        return self._text(self.argument(_TEXT))
 
-    def serialized(self) -> Optional[bytes]:
-        """Reads a map of `secs`, `nsecs` and `bytes`; returns the bytes, None for another map."""
-        if self.head() != (_MAP, 3):
-            return None
-        data = None
-        for _ in range(3):
-            name, (kind, argument) = self.key(), self.head()
-            if name == "bytes" and kind == _BYTES:
-                data = self._take(argument)
-            elif name not in ("secs", "nsecs") or kind != _UNSIGNED:
-                return None
-        return data
+    def members(self, **read: Callable[[], Any]) -> Dict[str, Any]:
+        """Reads a map of exactly these keys, in any order; raises ProtocolError or KeyError for another item."""
+        if self.argument(_MAP) != len(read):
+            raise ProtocolError("a map of another length")
+        found = {}
+        while read:
+            name = self.key()
+            found[name] = read.pop(name)()
+        return found
 
     def _container(self, kind: int, length: int, levels: int) -> Any:
         if levels == 0:
@@ -230,27 +232,26 @@ class _CborDecoder:
     def _simple(self, info: int) -> Any:
         if info in _FLOATS:
             form = _FLOATS[info]
-            return form.unpack(self._take(form.size))[0]
+            return form.unpack(self.take(form.size))[0]
         if info not in _CONSTANTS:
             raise ProtocolError(f"unknown CBOR value {info}")
         return _CONSTANTS[info]
 
     def _text(self, length: int) -> str:
-        return self._take(length).decode("utf-8", "replace")
+        return self.take(length).decode("utf-8", "replace")
 
     def _typed_array(self, tag: int) -> List[Any]:
         form = _TYPED_ARRAYS.get(tag)
         if form is None:
             raise ProtocolError(f"CBOR tag {tag} is not supported")
-        kind, length = self.head()
-        if kind != _BYTES:
-            raise ProtocolError("a typed array is not a byte string")
+        length = self.argument(_BYTES)
         count, rest = divmod(length, struct.calcsize(f"<{form}"))
         if rest:
             raise ProtocolError("a typed array is cut off")
-        return list(struct.unpack(f"<{count}{form}", self._take(length)))
+        return list(struct.unpack(f"<{count}{form}", self.take(length)))
 
-    def _take(self, length: int) -> bytes:
+    def take(self, length: int) -> bytes:
+        """Reads so many bytes."""
         end = self.position + length
         if end > len(self._data):
             raise ProtocolError("the CBOR message is cut off")
@@ -298,18 +299,15 @@ def _members_of_cbor(data: bytes) -> Iterator[Tuple[str, str]]:
 def serialized_publication(data: bytes) -> Optional[Tuple[str, bytes]]:
     """Returns topic and bytes of a message of the compression `cbor-raw`, of any size; None for another message."""
     decoder = _CborDecoder(data, DEFAULT_LIMITS)
-    fields: Dict[str, Any] = {}
+    count = functools.partial(decoder.argument, _UNSIGNED)
+    message = functools.partial(
+        decoder.members, secs=count, nsecs=count, bytes=lambda: decoder.take(decoder.argument(_BYTES))
+    )
     try:
-        if decoder.head() != (_MAP, 3):
-            return None
-        for _ in range(3):
-            name = decoder.key()
-            fields[name] = decoder.serialized() if name == "msg" else decoder.key()
-    except ProtocolError:
+        fields = decoder.members(op=decoder.key, topic=decoder.key, msg=message)
+    except (ProtocolError, KeyError):
         return None
-    if fields.keys() != {"op", "topic", "msg"} or fields["op"] != "publish" or fields["msg"] is None:
-        return None
-    return fields["topic"], fields["msg"]
+    return (fields["topic"], fields["msg"]["bytes"]) if fields["op"] == "publish" else None
 
 
 _BYTES_PER_PIXEL = 3

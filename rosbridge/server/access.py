@@ -91,28 +91,22 @@ def is_loopback(host: str) -> bool:
         return False
 
 
-class Refusal(NamedTuple):
-    """The reason for which a request is refused."""
+def check_request(request: web.Request, access: Access, *, check_host: bool) -> Optional[Tuple[str, str]]:
+    """Checks the host and the origin of a request, whatever it asks for.
 
-    text: str
-    """The reason for the client."""
-    log_text: str
-    """One line for the log."""
-
-
-def check_request(request: web.Request, access: Access, *, check_host: bool) -> Optional[Refusal]:
-    """Checks the host and the origin of a request, whatever it asks for; returns None if it may be served.
-
-    With `check_host`, `Host` must be a loopback name. Otherwise a web page could reach a server on loopback through a
-    name that resolves to 127.0.0.1 (DNS rebinding).
+    Returns None if it may be served, else the reason for the client and a line for the log. With `check_host`, `Host`
+    must be a loopback name. Otherwise a web page could reach a server on loopback through a name that resolves to
+    127.0.0.1 (DNS rebinding).
     """
     host, origin = request.headers.get("Host", ""), request.headers.get("Origin", "")
     if check_host and not is_loopback(host):
         reason = "without a token, only loopback names are served"
-        return Refusal(reason, f"refused a request for host {shown(host)}: {reason}")
+        return (reason, f"refused a request for host {shown(host)}: {reason}")
     if not access.origin_allowed(origin, host):
-        log_text = f"refused a web page of {shown(origin, 100)}: origin not allowed"
-        return Refusal("pages of this origin may not connect", log_text)
+        return (
+            "pages of this origin may not connect",
+            f"refused a web page of {shown(origin, 100)}: origin not allowed",
+        )
     return None
 
 

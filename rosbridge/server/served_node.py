@@ -10,7 +10,7 @@ from __future__ import annotations
 import asyncio
 import threading
 import time
-from typing import Any, Callable, Mapping, Optional, Tuple, TypeVar
+from typing import Any, Callable, Mapping, Tuple, TypeVar
 
 from ...core.messages.standard_messages import definition
 from ...core.port.middleware import Graph, NodeInfo, ServedMiddleware
@@ -99,7 +99,11 @@ class ServedNode:
                 wake = not self._waking
                 self._waking = True
             if wake:
-                self._wake(loop)
+                try:
+                    loop.call_soon_threadsafe(self._deliver)
+                except RuntimeError:  # the loop has ended
+                    with self._lock:
+                        self._messages.clear()
 
         return callback
 
@@ -127,8 +131,10 @@ class ServedNode:
     def definition(self, type_name: str) -> str:
         """Returns the definition of a message type, with the types that it contains; empty if it is not known.
 
-        May block, as `graph`.
+        May block.
         """
+        if not type_name:
+            return ""
         try:
             raw_format = self.middleware.raw_format(type_name)
         except ConfigError:
@@ -137,39 +143,15 @@ class ServedNode:
 
     async def topic_type(self, topic: str) -> str:
         """Returns the type of a topic, empty if it is not known; raises ServiceError as `graph` does."""
-        graph = await self.call(self.graph)
-        return graph.topics.get(self.resolve(topic), "")
-
-    async def has_service(self, service: str) -> bool:
-        """Returns whether the middleware has a service of this absolute name; raises ServiceError as `graph` does."""
-        graph = await self.call(self.middleware.graph)
-        return service in graph.services
-
-    async def message_definition(self, type_name: str) -> str:
-        """Like `definition`, for the loop."""
-        return await self.call(self.definition, type_name) if type_name else ""
-
-    def _wake(self, loop: asyncio.AbstractEventLoop) -> None:
-        try:
-            loop.call_soon_threadsafe(self._deliver)
-        except RuntimeError:  # the loop has ended
-            with self._lock:
-                self._messages.clear()
+        return (await self.call(self.graph)).topics.get(self.resolve(topic), "")
 
     def _deliver(self) -> None:
         end_s = time.monotonic() + _SLICE_S
-        while True:
-            message = self._next()
-            if message is None:
-                return
-            message[0](message[1])
-            if time.monotonic() > end_s:  # let other tasks of the loop run
-                asyncio.get_event_loop().call_soon(self._deliver)
-                return
-
-    def _next(self) -> Optional[Tuple[Callable[[Any], None], Any]]:
-        with self._lock:
-            if not self._messages:
-                self._waking = False
-                return None
-            return self._messages.pop()
+        while time.monotonic() <= end_s:
+            with self._lock:
+                if not self._messages:
+                    self._waking = False
+                    return
+                function, value = self._messages.pop()
+            function(value)
+        asyncio.get_event_loop().call_soon(self._deliver)  # other tasks of the loop run before

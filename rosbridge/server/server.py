@@ -116,17 +116,16 @@ class Server:
         self._rosapi = Rosapi(node.graph, node.definition, own_parameters, time.time)
         self.services = Services(node, self._rosapi, self.access, call_timeout_s)
         """The services as clients see them."""
-        encoder = ThreadPool("rosbridge-encode", 1, 1_000)
+        codec = ThreadPool("rosbridge-codec", 2, 2_000)
         self._parts = ServerParts(
             self.access,
             limits,
             node,
-            Topics(node, encoder, limits, self.log),
+            Topics(node, codec, limits, self.log),
             Publications(node, self.access),
             self.services,
             slow_client_timeout_s,
-            encoder,
-            ThreadPool("rosbridge-decode", 1, 1_000),
+            codec,
             self.log,
         )
 
@@ -176,8 +175,7 @@ class Server:
         self._connections.abort_all()
         await asyncio.sleep(0)  # aborted connections are closed in the next turn of the loop
         self._parts.node.close()
-        self._parts.encoder.close()
-        self._parts.decoder.close()
+        self._parts.codec.close()
 
     @property
     def clients(self) -> int:
@@ -199,7 +197,7 @@ class Server:
         self._client_log.write(text)
 
     def _added_services(self) -> Mapping[str, str]:
-        return {**self._rosapi.services, **self.services.of_clients.types}
+        return {**self._rosapi.services, **self.services.types}
 
     def _accept(self, runner: web.AppRunner) -> asyncio.Protocol:
         assert runner.server is not None
@@ -225,8 +223,9 @@ class Server:
         check_host = not self._tokens.required and not self._has_certificates
         refusal = check_request(request, self.access, check_host=check_host)
         if refusal is not None:
-            self.log(refusal.log_text)
-            return json_error(403, refusal.text)
+            text, line = refusal
+            self.log(line)
+            return json_error(403, text)
         client = self._tokens.client(request)
         if client.token is Credentials.WRONG:
             self.log(f"refused a client at {request.remote}: wrong token")

@@ -3,26 +3,34 @@
 from __future__ import annotations
 
 import asyncio
-from typing import Any, Dict, List, Mapping, Optional, Protocol, Union
+from typing import Any, Dict, Mapping, Optional, Protocol
 
 from ...core.values.errors import MessageError, ServiceError
 from ..calls import PendingCalls
 from ..protocol import Operation
 from ..protocol.definitions import service_definition
-from ..protocol.operations import ServiceResponse
+from ..protocol.operations import Arguments, ServiceResponse
 from .access import Access, matches
 from .rosapi import PREFIX, Rosapi
 from .served_node import ServedNode
 
-Arguments = Union[Mapping[str, Any], List[Any]]
+
+class Provider(Protocol):
+    """A client that provides services."""
+
+    def send(self, operation: Operation) -> None:
+        """Sends an operation to the client."""
 
 
 class Services:
-    """The services that clients may call."""
+    """The services that clients may call: rosapi, those of other clients, and those of the middleware."""
 
     def __init__(self, node: ServedNode, rosapi: Rosapi, access: Access, timeout_s: float) -> None:
         """Stores the providers; `timeout_s` is the longest wait for a response."""
-        self.of_clients = ClientServices()
+        self.types: Dict[str, str] = {}
+        """Type per service that a client provides."""
+        self._providers: Dict[str, Provider] = {}
+        self._pending = PendingCalls()
         self._access = access
         self._node = node
         self._rosapi = rosapi
@@ -40,31 +48,14 @@ class Services:
             try:
                 return await asyncio.wait_for(self._node.call(self._rosapi.answer, service, arguments), timeout_s)
             except asyncio.TimeoutError:
-                raise _no_response(service, timeout_s) from None
+                raise ServiceError(f"{service} did not respond within {timeout_s:g} s") from None
         if not matches(service, self._access.services):
             raise ServiceError(f"clients may not call {service}")
-        type_name = self.of_clients.types.get(service, "")
-        request = _by_name(service, type_name, arguments)
-        call = self.of_clients.call if type_name else self._node.call_service
-        return await call(service, request, timeout_s)
-
-
-class Provider(Protocol):
-    """A client that provides services."""
-
-    def send(self, operation: Operation) -> None:
-        """Sends an operation to the client."""
-
-
-class ClientServices:
-    """The services that clients provide to other clients, and the calls that wait for a response."""
-
-    def __init__(self) -> None:
-        """Starts without services."""
-        self.types: Dict[str, str] = {}
-        """Type per service."""
-        self._providers: Dict[str, Provider] = {}
-        self._pending = PendingCalls()
+        provider = self._providers.get(service)
+        request = _by_name(service, self.types.get(service, ""), arguments)
+        if provider is None:
+            return await self._node.call_service(service, request, timeout_s)
+        return await self._pending.call(provider.send, provider, service, request, timeout_s)
 
     def add(self, service: str, type_name: str, provider: Provider) -> None:
         """Routes calls of a service to a client, in place of an earlier provider."""
@@ -77,20 +68,9 @@ class ClientServices:
             del self._providers[service], self.types[service]
         self._pending.fail(ServiceError(f"the provider of {service} disconnected"), service, provider)
 
-    async def call(self, service: str, request: Mapping[str, Any], timeout_s: float) -> Any:
-        """Calls a service of a client; raises ServiceError if it failed, disconnected or did not respond in time."""
-        provider = self._providers.get(service)
-        if provider is None:
-            raise ServiceError(f"no service {service}")
-        return await self._pending.call(provider.send, provider, service, request, timeout_s)
-
     def respond(self, response: ServiceResponse, provider: Provider) -> None:
         """Processes a response. Ignores one that is not expected, or not from this client."""
         self._pending.receive(response, provider, str(response.values))
-
-
-def _no_response(service: str, timeout_s: float) -> ServiceError:
-    return ServiceError(f"{service} did not respond within {timeout_s:g} s")
 
 
 def _by_name(service: str, type_name: str, arguments: Arguments) -> Mapping[str, Any]:

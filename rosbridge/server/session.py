@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import functools
 from typing import Callable, Dict, NamedTuple, Optional, Set
 
 from ...core.values.errors import ConfigError, MessageError, ServiceError
@@ -13,10 +14,12 @@ from .access import Access, matches
 from .sending import LARGE_BYTES, ClientQueue, estimated_bytes, frame
 from .served_node import ServedNode
 from .services import Services
-from .topic import ByteBudget, Options, merge, options_of
+from .topic import ByteBudget, merge
 from .topics import Publications, Topics
 
 _NO_STATUS = operations.STATUS_LEVELS.index("none")
+_FAILURES = (ServiceError, MessageError, ConfigError, OSError)
+"""What an operation may fail with."""
 _ABORTED = 6
 """STATUS_ABORTED of action_msgs/GoalStatus."""
 _LARGE_RECEIVED_BYTES = 10_000
@@ -37,8 +40,7 @@ class ServerParts(NamedTuple):
     publications: Publications
     services: Services
     slow_client_timeout_s: float
-    encoder: ThreadPool
-    decoder: ThreadPool
+    codec: ThreadPool
     log: Callable[[str], None]
 
 
@@ -59,7 +61,7 @@ class Session:
         """Disconnects a client that is behind."""
         self._reported = 0
         """Dropped messages that were reported to the client."""
-        self._subscriptions: Dict[str, Dict[Id, Options]] = {}
+        self._subscriptions: Dict[str, Dict[Id, operations.Subscribe]] = {}
         self._advertised: Dict[str, str] = {}
         self._provided: Set[str] = set()
         self._calls: Set[asyncio.Task[None]] = set()
@@ -86,12 +88,9 @@ class Session:
                 handler = getattr(self, f"_{operations.name_of(operation)}", None)
                 if handler is not None:
                     await handler(operation)
-        except (ServiceError, MessageError, ConfigError, OSError) as error:
-            if operation is None:
-                self.send_status("error", str(error), getattr(error, "id", None))
-            else:
-                text = f"{operations.name_of(operation)}: {error}"
-                self.send_status("error", text, getattr(operation, "id", None))
+        except _FAILURES as error:
+            text = str(error) if operation is None else f"{operations.name_of(operation)}: {error}"
+            self.send_status("error", text, getattr(operation or error, "id", None))
         except Exception as error:
             self._parts.log(f"an operation of a client failed: {type(error).__name__}: {error}")
             self.send_status("error", "internal error")
@@ -139,19 +138,19 @@ class Session:
         for call in tuple(self._calls):
             call.cancel()
         for service in self._provided:
-            self._parts.services.of_clients.remove(service, self)
+            self._parts.services.remove(service, self)
         for topic in tuple(self._subscriptions):
             del self._subscriptions[topic]
             try:
                 await self._parts.topics.subscribe(self, topic, "", None)
-            except (ServiceError, MessageError, ConfigError, OSError) as error:
+            except _FAILURES as error:
                 self._parts.log(f"unsubscribing from {topic} failed: {error}")
 
     async def _decode(self, data: Wire) -> Optional[Operation]:
         now_s = asyncio.get_event_loop().time()
         if len(data) + self._connection.reassembly.chars <= _LARGE_RECEIVED_BYTES:
             return self._connection.receive(data, now_s)
-        return await self._parts.decoder.run(self._connection.receive, data, now_s)
+        return await self._parts.codec.run(self._connection.receive, data, now_s)
 
     async def _subscribe(self, request: operations.Subscribe) -> None:
         requests = self._subscriptions.get(request.topic, {})
@@ -160,9 +159,9 @@ class Session:
             raise MessageError(f"more than {limits.subscriptions} subscriptions")
         if CBOR_PROBLEM and request.compression in ("cbor", "cbor-raw"):
             raise MessageError(f"compression {request.compression}: {CBOR_PROBLEM}")
-        merged = self._subscriptions[request.topic] = {**requests, request.id: options_of(request, limits)}
+        every = self._subscriptions[request.topic] = {**requests, request.id: request}
         try:
-            await self._parts.topics.subscribe(self, request.topic, request.type, merge(merged.values()))
+            await self._parts.topics.subscribe(self, request.topic, request.type, merge(every.values(), limits))
         except Exception:
             if requests:
                 self._subscriptions[request.topic] = requests
@@ -181,7 +180,7 @@ class Session:
         requests.pop(request.id, None)
         if not requests:
             del self._subscriptions[request.topic]
-        merged = merge(requests.values()) if requests else None
+        merged = merge(requests.values(), self._parts.limits) if requests else None
         await self._parts.topics.subscribe(self, request.topic, "", merged)
 
     async def _advertise(self, request: operations.Advertise) -> None:
@@ -216,20 +215,20 @@ class Session:
         try:
             values = await self._parts.services.call(request.service, request.args, request.timeout)
             await self._respond(request, values, result=True)
-        except (ServiceError, MessageError, ConfigError, OSError) as error:
+        except _FAILURES as error:
             await self._respond(request, str(error) or type(error).__name__, result=False)
         except Exception as error:
             self._parts.log(f"a service call of a client failed: {type(error).__name__}: {error}")
             await self._respond(request, f"{type(error).__name__}: {error}", result=False)
 
     async def _respond(self, request: operations.CallService, values: object, *, result: bool) -> None:
-        response = operations.ServiceResponse(request.service, values, result, request.id)
-        compression = "png" if request.compression == "png" else self._compression
-        options = {"fragment_size": request.fragment_size, "compression": compression}
-        if estimated_bytes(values) > LARGE_BYTES:
-            wires = await self._parts.encoder.run(lambda: self._connection.send(response, **options))  # type: ignore[arg-type]
-        else:
-            wires = self._connection.send(response, **options)  # type: ignore[arg-type]
+        send = functools.partial(
+            self._connection.send,
+            operations.ServiceResponse(request.service, values, result, request.id),
+            fragment_size=request.fragment_size,
+            compression="png" if request.compression == "png" else self._compression,
+        )
+        wires = await self._parts.codec.run(send) if estimated_bytes(values) > LARGE_BYTES else send()
         self.put(b"".join(map(frame, wires)))
 
     async def _advertise_service(self, request: operations.AdvertiseService) -> None:
@@ -237,18 +236,18 @@ class Session:
         service = self._parts.node.resolve(request.service)
         if not matches(service, self._parts.access.offer):
             raise ServiceError(f"clients may not provide {service}")
-        if await self._parts.node.has_service(service):
+        if service in (await self._parts.node.call(self._parts.node.middleware.graph)).services:
             raise ServiceError(f"{service} exists already")
-        self._parts.services.of_clients.add(service, request.type, self)
+        self._parts.services.add(service, request.type, self)
         self._provided.add(service)
 
     async def _unadvertise_service(self, request: operations.UnadvertiseService) -> None:
         service = self._parts.node.resolve(request.service)
         self._provided.discard(service)
-        self._parts.services.of_clients.remove(service, self)
+        self._parts.services.remove(service, self)
 
     async def _service_response(self, response: operations.ServiceResponse) -> None:
-        self._parts.services.of_clients.respond(response, self)
+        self._parts.services.respond(response, self)
 
     async def _set_level(self, request: operations.SetLevel) -> None:
         self._level = operations.STATUS_LEVELS.index(request.level)

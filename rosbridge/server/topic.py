@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Callable, Deque, Dict, Iterable, List, NamedTuple, Optional, Protocol, Sequence, Tuple
 
 from ...core.messages.dialect import Message
+from ...core.port.middleware import Subscription
 from ...core.values.errors import MessageError
 from ...runtime.event_loops import ThreadPool
 from ..protocol import Limits
@@ -33,25 +34,18 @@ class Options(NamedTuple):
         return Encoding(self.compression, self.fragment_size)
 
 
-def options_of(request: Subscribe, limits: Limits) -> Options:
-    """Returns the options that a client requests, within the limits."""
-    queue_length = min(request.queue_length, limits.queue_messages)
-    return Options(request.throttle_rate / 1000.0, queue_length, request.fragment_size, request.compression)
-
-
-def merge(requests: Iterable[Options]) -> Options:
-    """Returns one set of options for all subscriptions of a client to one topic.
+def merge(requests: Iterable[Subscribe], limits: Limits) -> Options:
+    """Returns one set of options, within the limits, for all subscriptions of a client to one topic.
 
     As in the reference server: the fastest rate, the shortest queue, the smallest fragments, and the compression that
     is last in COMPRESSIONS.
     """
     every = list(requests)
-    sizes = [options.fragment_size for options in every if options.fragment_size is not None]
     return Options(
-        min(options.throttle_s for options in every),
-        min(options.queue_length for options in every),
-        min(sizes) if sizes else None,
-        max((options.compression for options in every), key=COMPRESSIONS.index),
+        min(each.throttle_rate for each in every) / 1000.0,
+        min(limits.queue_messages, *(each.queue_length for each in every)),
+        min((each.fragment_size for each in every if each.fragment_size is not None), default=None),
+        max((each.compression for each in every), key=COMPRESSIONS.index),
     )
 
 
@@ -126,25 +120,25 @@ class Receiver(Protocol):
 class Topic:
     """The clients of one topic. Used in the event loop only."""
 
-    def __init__(
-        self,
-        name: str,
-        type_name: str,
-        serialize: Optional[Serializer],
-        encoder: ThreadPool,
-        on_failure: Callable[[str], None],
-        limits: Limits,
-    ) -> None:
+    def __init__(self, name: str, encoder: ThreadPool, on_failure: Callable[[str], None], limits: Limits) -> None:
         """Starts without clients.
 
-        `name` is as sent to clients. `serialize` makes raw bytes of a message if the middleware gives none, None: not
-        possible. `encoder` encodes large messages. `on_failure` is called with the reason if a message cannot be sent.
+        `name` is as sent to clients. `encoder` encodes large messages. `on_failure` is called with the reason if a
+        message cannot be sent.
         """
         self.name = name
-        self.type_name = type_name
+        self.type_name = ""
+        """The type, empty if it is not known yet."""
+        self.serialize: Optional[Serializer] = None
+        """Makes raw bytes of a message if the middleware gives none; None: not possible."""
         self.native_raw = False
         """Whether the middleware gives raw bytes, through `deliver_raw`."""
-        self._serialize = serialize
+        self.messages: Optional[Subscription] = None
+        """The subscription of the middleware that supplies `deliver`."""
+        self.raw: Optional[Subscription] = None
+        """The subscription of the middleware that supplies `deliver_raw`."""
+        self.lock = asyncio.Lock()
+        """Held while clients and subscriptions change."""
         self._encoder = encoder
         self._on_failure = on_failure
         self._limits = limits
@@ -154,11 +148,6 @@ class Topic:
         self._timers: Dict[Receiver, asyncio.TimerHandle] = {}
         self._queues: Dict[Encoding, EncodingQueue] = {}
         self._dropped = 0
-
-    def set_type(self, type_name: str, serialize: Optional[Serializer]) -> None:
-        """Sets the type and what makes raw bytes of a message, of a topic whose type was not known."""
-        self.type_name = type_name
-        self._serialize = serialize
 
     @property
     def compressions(self) -> Sequence[str]:
@@ -195,7 +184,7 @@ class Topic:
 
     def deliver(self, message: Message) -> None:
         """Sends a message to every client, except those that receive it from `deliver_raw`."""
-        self._deliver(EncodedMessage(self.name, message, serialize=self._serialize), raw=False)
+        self._deliver(EncodedMessage(self.name, message, serialize=self.serialize), raw=False)
 
     def deliver_raw(self, data: bytes) -> None:
         """Sends the raw bytes of a message to every client that requested them."""

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import asyncio
 import time
-from dataclasses import dataclass, field
 from typing import Any, Callable, Dict, Mapping, Optional
 
 from ...core.messages.dialect import Message
 from ...core.port.local import LogLine
-from ...core.port.middleware import Severity, Subscription
+from ...core.port.middleware import Severity
 from ...core.values.errors import ConfigError, MessageError
 from ...core.values.names import canonical_type
 from ...runtime.event_loops import ThreadPool
 from ..protocol import Limits
-from ..protocol.definitions import Serializer, null_reader, serializer
+from ..protocol.definitions import null_reader, serializer
 from .access import Access, matches
 from .served_node import ROSOUT, ROSOUT_TYPE, ServedNode
 from .topic import Options, Receiver, Topic
@@ -26,16 +24,6 @@ _LOG_LEVELS = {Severity.DEBUG: 1, Severity.INFO: 2, Severity.WARN: 4, Severity.E
 """Severity in rosgraph_msgs/Log."""
 
 
-@dataclass(eq=False)
-class _Subscribed:
-    """A topic and the subscriptions of the middleware that supply it."""
-
-    topic: Topic
-    messages: Optional[Subscription] = None
-    raw: Optional[Subscription] = None
-    lock: asyncio.Lock = field(default_factory=asyncio.Lock)
-
-
 class Topics:
     """The topics that clients subscribe to."""
 
@@ -45,13 +33,13 @@ class Topics:
         self._encoder = encoder
         self._limits = limits
         self._log = log
-        self._topics: Dict[str, _Subscribed] = {}
+        self._topics: Dict[str, Topic] = {}
         self._dropped = 0
 
     @property
     def dropped(self) -> int:
         """Messages that were not sent to any client."""
-        return self._dropped + self._node.dropped + sum(one.topic.dropped for one in self._topics.values())
+        return self._dropped + self._node.dropped + sum(topic.dropped for topic in self._topics.values())
 
     def publish_log(self, line: LogLine) -> None:
         """Publishes a log line on `/rosout`, for a middleware without this topic."""
@@ -61,45 +49,42 @@ class Topics:
         seconds, nanoseconds = divmod(time.time_ns(), 1_000_000_000)
         header = {"seq": 0, "stamp": {"secs": seconds, "nsecs": nanoseconds}, "frame_id": ""}
         content = {"level": _LOG_LEVELS[line.severity], "name": line.node, "msg": line.text}
-        rosout.topic.deliver({"header": header, **content, "file": "", "function": "", "line": 0, "topics": []})
+        rosout.deliver({"header": header, **content, "file": "", "function": "", "line": 0, "topics": []})
 
-    async def subscribe(self, receiver: Receiver, topic: str, type_name: str, options: Optional[Options]) -> None:
+    async def subscribe(self, receiver: Receiver, name: str, type_name: str, options: Optional[Options]) -> None:
         """Sends the messages of a topic to a client as in `options`; with None, no longer.
 
         Raises MessageError, ConfigError, ServiceError or OSError if the type is not known or is not that of the topic,
         or the middleware does not respond.
         """
         while True:
-            subscribed = self._topics.get(topic)
-            if subscribed is None:
+            topic = self._topics.get(name)
+            if topic is None:
                 if options is None:
                     return
-                subscribed = self._topics.setdefault(topic, _Subscribed(await self._create(topic, type_name)))
+                known = await self._node.topic_type(name)
+                _require_same_type(name, known, type_name)
+                topic = await self._typed(Topic(name, self._encoder, self._log, self._limits), known or type_name)
+                topic = self._topics.setdefault(name, topic)
             elif options is not None:
-                _require_same_type(topic, subscribed.topic.type_name, type_name)
-                if type_name and not subscribed.topic.type_name:
-                    subscribed.topic.set_type(type_name, await self._serializer(type_name))
-            async with subscribed.lock:
-                if self._topics.get(topic) is subscribed:
-                    await self._set_options(subscribed, receiver, options)
+                _require_same_type(name, topic.type_name, type_name)
+                if type_name and not topic.type_name:
+                    await self._typed(topic, type_name)
+            async with topic.lock:
+                if self._topics.get(name) is topic:
+                    await self._set_options(topic, receiver, options)
                     return
             # The last other client left meanwhile and the topic was removed: start again.
 
-    async def _create(self, name: str, type_name: str) -> Topic:
-        known = await self._node.topic_type(name)
-        _require_same_type(name, known, type_name)
-        type_name = known or type_name
-        serialize = await self._serializer(type_name)
-        return Topic(name, type_name, serialize, self._encoder, self._log, self._limits)
+    async def _typed(self, topic: Topic, type_name: str) -> Topic:
+        topic.serialize = serializer(type_name, await self._node.call(self._node.definition, type_name))
+        topic.type_name = type_name
+        return topic
 
-    async def _serializer(self, type_name: str) -> Optional[Serializer]:
-        return serializer(type_name, await self._node.message_definition(type_name))
-
-    async def _set_options(self, subscribed: _Subscribed, receiver: Receiver, options: Optional[Options]) -> None:
-        topic = subscribed.topic
+    async def _set_options(self, topic: Topic, receiver: Receiver, options: Optional[Options]) -> None:
         topic.set_options(receiver, options)
         try:
-            await self._update(subscribed)
+            await self._update(topic)
         except Exception:
             topic.set_options(receiver, None)
             raise
@@ -108,35 +93,31 @@ class Topics:
                 self._dropped += topic.dropped
                 del self._topics[topic.name]
 
-    async def _update(self, subscribed: _Subscribed) -> None:
+    async def _update(self, topic: Topic) -> None:
         """Subscribes to what the clients of a topic need, and ends what they no longer need."""
-        topic, middleware = subscribed.topic, self._node.middleware
         if not self._node.threads and topic.name == ROSOUT and topic.type_name == ROSOUT_TYPE:
             return
-        needed = set(topic.compressions)
-        if "cbor-raw" in needed and subscribed.raw is None and self._node.threads:
+        middleware, needed = self._node.middleware, set(topic.compressions)
+        if "cbor-raw" in needed and topic.raw is None and self._node.threads:
             topic.native_raw = True  # until it has subscribed, nothing is serialized in its place, as ROS 1 does
+            take = self._node.hand_over(lambda message: topic.deliver_raw(message[0]))
             try:
-                take = self._node.hand_over(topic.deliver_raw)
-                subscribed.raw = await self._node.call(
-                    middleware.subscribe_raw,
-                    topic.name,
-                    topic.type_name,
-                    lambda message, now_s: take(message[0], now_s),
-                )
+                topic.raw = await self._node.call(middleware.subscribe_raw, topic.name, topic.type_name, take)
             except ConfigError:
                 topic.native_raw = False
+        ended = []
+        if topic.raw is not None and "cbor-raw" not in needed:
+            ended.append(topic.raw)
+            topic.raw, topic.native_raw = None, False
         if topic.native_raw:
             needed.discard("cbor-raw")
-        if needed and subscribed.messages is None:
+        if needed and topic.messages is None:
             take = self._node.hand_over(topic.deliver)
-            subscribed.messages = await self._node.call(middleware.subscribe, topic.name, topic.type_name, take)
-        if not needed and subscribed.messages is not None:
-            subscription, subscribed.messages = subscribed.messages, None
-            await self._node.call(middleware.unsubscribe, subscription)
-        if subscribed.raw is not None and "cbor-raw" not in topic.compressions:
-            subscription, subscribed.raw = subscribed.raw, None
-            topic.native_raw = False
+            topic.messages = await self._node.call(middleware.subscribe, topic.name, topic.type_name, take)
+        if not needed and topic.messages is not None:
+            ended.append(topic.messages)
+            topic.messages = None
+        for subscription in ended:
             await self._node.call(middleware.unsubscribe, subscription)
 
 
@@ -167,7 +148,7 @@ class Publications:
         _require_same_type(topic, known, type_name)
         type_name = type_name or known
         await self._node.call(self._node.middleware.advertise, topic, type_name)
-        self._readers[topic] = null_reader(type_name, await self._node.message_definition(type_name))
+        self._readers[topic] = null_reader(type_name, await self._node.call(self._node.definition, type_name))
         self._types[topic] = type_name
 
     async def publish(self, topic: str, message: Message) -> None:

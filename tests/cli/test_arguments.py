@@ -29,7 +29,7 @@ MODULES = {path.stem[: -len("_command")]: path for path in FOLDER.glob("*_comman
 
 _WITHOUT_LIBRARIES = """
 import sys
-LIBRARIES = "aiohttp cbor2 lz4 mcap numpy psutil rich rosbags yaml zstandard".split()
+LIBRARIES = "aiohttp cbor2 lz4 mcap psutil rich rosbags yaml zstandard".split()
 class Missing:
     def find_spec(self, name, path=None, target=None):
         if name.partition(".")[0] in LIBRARIES:

@@ -14,7 +14,7 @@ pytest.importorskip("rosbags", reason="rosbags, which serializes the messages, i
 from harness.foxglove_server import FoxgloveServer
 from harness.line_process import LineProcess
 
-from robot_health_monitor.cli.bridges import bridge_client
+from robot_health_monitor.cli.fleet import bridge_client
 from robot_health_monitor.core.config.monitor_config import load_config
 from robot_health_monitor.core.port.local import LocalBus
 from robot_health_monitor.core.values.errors import ConfigError
@@ -106,3 +106,4 @@ def test_init_listens_to_a_foxglove_server(robot_health: Start, tmp_path: Path, 
     signals = load_config(file).signals
     assert {signal.topic for signal in signals.values()} == {"battery"}
     assert "frequency_hz" in {signal.statistic for signal in signals.values()}
+    assert "    #   nodes: the robot's graph is not known here" in file.read_text()

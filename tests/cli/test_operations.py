@@ -12,7 +12,7 @@ from harness.histories import texts
 from harness.line_process import LineProcess
 from harness.waiting import wait_for
 
-from robot_health_monitor.cli.operations import Operations, configured_ops, open_operations
+from robot_health_monitor.cli.operations import Operations, configured_ops, read_config
 from robot_health_monitor.core import Level
 from robot_health_monitor.core.nodes.outlets import Event
 from robot_health_monitor.core.port.local import LocalBus
@@ -74,18 +74,7 @@ def operations(config: OpsConfig) -> Iterator[Operations]:
         yield opened
 
 
-def test_without_an_ops_yaml_nothing_is_opened() -> None:
-    with closing(open_operations("")) as operations:
-        robot = Robot(operations, only=True)
-        robot.publish(10.0)
-        assert robot.announced == [Level.WARN]
-        assert (operations.history, operations.silences, operations.config.server) == (None, None, None)
-        assert operations.silence_text("r3", "battery_level") is None
-        assert not [line for line in robot.lines if line.text.startswith("operations")]
-
-
 def test_the_silence_of_a_cause_covers_its_effects(operations: Operations) -> None:
-    assert operations.silences is not None
     wheels = {"wheel": {"type": "std_msgs/Float32", "depends_on": ["battery_level"], "stale_after_s": 0.0}}
     signals = {"battery_level": {**SIGNALS["battery_level"], "error_below": 10.0, "stale_after_s": 0.0}}
     robot = Robot(operations, signals={**wheels, **signals})
@@ -98,17 +87,18 @@ def test_the_silence_of_a_cause_covers_its_effects(operations: Operations) -> No
     assert operations.silence_text("r3", "wheel") is None
 
 
-def test_a_history_that_is_always_kept_is_in_memory_without_a_file() -> None:
-    with closing(open_operations("", always_history=True)) as operations:
+def test_without_an_ops_yaml_the_history_is_in_memory() -> None:
+    with closing(Operations(read_config(""))) as operations:
         robot = Robot(operations, only=True)
         robot.publish(10.0)
-        assert operations.history is not None and operations.silences is not None
-        assert operations.history.file is None
+        assert operations.history.file is None and operations.config.server is None
         [alert] = [event for event in robot.events if isinstance(event, Transition)]
         assert texts(operations.history) == [alert.text]
+        assert operations.silence_text("r3", "battery_level") is None
         [line] = [line for line in robot.lines if "history" in line.text]
         assert line.severity is Severity.INFO
         assert "in memory" in line.text
+        assert not [line for line in robot.lines if line.text.startswith("operations")]
 
 
 def test_a_restarted_monitor_does_not_announce_an_open_alert_again(config: OpsConfig) -> None:
@@ -146,7 +136,6 @@ def test_what_is_in_use_is_one_line_in_the_log(config: OpsConfig, operations: Op
 
 def test_a_silenced_alert_is_announced_and_marked(operations: Operations) -> None:
     robot = Robot(operations)
-    assert operations.silences is not None
     operations.silences.add(parse_matchers("robot=r3,signal=battery*"), for_s=60.0, reason="fan is being replaced")
     robot.publish(10.0)
     assert robot.announced == [Level.WARN]
@@ -162,7 +151,6 @@ def test_a_silenced_alert_is_announced_and_marked(operations: Operations) -> Non
 
 def test_a_silence_that_matches_nothing_that_is_wrong_is_not_counted(operations: Operations) -> None:
     robot = Robot(operations)
-    assert operations.silences is not None
     operations.silences.add(parse_matchers("robot=*"), for_s=60.0)
     robot.publish(50.0)
     assert operations.count_silenced() == 0
@@ -216,7 +204,7 @@ def test_a_wrong_ops_yaml_is_an_error_before_anything_is_opened(tmp_path: Path) 
     file = tmp_path / "ops.yaml"
     file.write_text("history: {file: history.db, keep_days: -1}\n")
     with pytest.raises(ConfigError, match=r"ops\.yaml:1: history\.keep_days: expected a number from "):
-        open_operations(str(file))
+        read_config(str(file))
     assert not (tmp_path / "history.db").exists()
 
 

@@ -6,14 +6,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Callable, List, Mapping, Optional
 
-import numpy as np
 from harness.recorded import values, write_bag
 
-from robot_health_monitor.cli.output.lines import plain_table
-from robot_health_monitor.cli.replay_output import header, range_cells, row, sentence, worst_first
+from robot_health_monitor.cli.output.lines import plain_table, range_cells
+from robot_health_monitor.cli.replay import header, row, sentence, worst_first
 from robot_health_monitor.core.config.signal_config import read_signal
 from robot_health_monitor.core.values.model import Level
-from robot_health_monitor.recordings.judging import Samples, SignalStatistics, SignalSummary
+from robot_health_monitor.recordings.judging import SignalStatistics, SignalSummary
 
 THRESHOLDS = """
 alert_system:
@@ -46,7 +45,7 @@ def test_a_terminal_shows_progress_alerts_and_the_table(tmp_path: Path, on_termi
         "battery 20000 0 50.0 % 50.0 % 0 % 0 % 0 % 1 10 % 30 % 50 % 0.1 s",
     ]
     assert rest[-2:] == ["gps      not recorded", "1 alert; 1 signal not judged"]
-    assert b"\x1b[?25h" in program.bytes  # the cursor is visible again
+    assert b"\x1b[?25l" not in program.bytes  # the cursor stays visible
 
 
 def test_a_simple_terminal_gets_plain_lines(tmp_path: Path, on_terminal: Callable[..., Any]) -> None:
@@ -64,7 +63,7 @@ def test_json_on_a_terminal_is_one_line_per_object(tmp_path: Path, on_terminal: 
     assert line.rstrip().endswith("}")
 
 
-def test_alerts_go_to_the_file_of_stdout_while_the_progress_bar_is_on_the_terminal(
+def test_alerts_go_to_the_file_of_stdout_while_the_progress_is_on_the_terminal(
     tmp_path: Path, on_terminal: Callable[..., Any]
 ) -> None:
     alerts = tmp_path / "alerts.txt"
@@ -98,8 +97,8 @@ def summary(
     config = read_signal("battery", {"unit": "%"})
     statistics = SignalStatistics()
     if samples:
-        times_s, numbers = np.array([0.0, 1.0, 701.0]), np.array([10.0, 20.0, 60.0])
-        statistics.add(Samples(times_s, times_s, numbers, numbers))
+        for time_s, number in ((0.0, 10.0), (1.0, 20.0), (701.0, 60.0)):
+            statistics.add(time_s, number, True)
     return SignalSummary("a.yaml", config, "/battery", recorded, "", statistics, shares or {}, unknown, 2)
 
 

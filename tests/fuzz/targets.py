@@ -302,7 +302,7 @@ class Protocol(Target):
             except ProtocolError as error:
                 check_text(str(error), self.longest_error)
                 continue
-            assert connection.fragment_chars <= Limits().message_bytes
+            assert connection.reassembly.chars <= Limits().message_bytes
             if operation is not None:
                 for compression in COMPRESSIONS:
                     for size in (None, 300):
@@ -321,6 +321,9 @@ class _Transport(asyncio.WriteTransport):
 
     def get_write_buffer_size(self) -> int:
         return 0
+
+    def set_write_buffer_limits(self, high: Any = None, low: Any = None) -> None:
+        pass
 
     def is_closing(self) -> bool:
         return False

@@ -16,7 +16,7 @@ from harness.requirements import recordings_requirements, runtime_requirements
 ROS1 = {"genpy", "rosgraph", "roslib", "rospy", "rosservice"}
 ROS2 = {"ament_index_python", "builtin_interfaces", "rcl_interfaces", "rclpy", "rosidl_runtime_py"}
 MESSAGES = {"diagnostic_msgs", "rosgraph_msgs", "sensor_msgs", "std_msgs", "std_srvs"}
-RECORDINGS = {"lz4", "mcap", "numpy", "rosbags", "zstandard"}
+RECORDINGS = {"lz4", "mcap", "rosbags", "zstandard"}
 """The extra [recordings]: pip installs it, the ROS package does not depend on it."""
 BY_HAND = {"pynvml"}
 """Only for computers with a card of NVIDIA, whose owners install it; without it there is one clear line."""
@@ -28,8 +28,8 @@ ALLOWED = {
     "rosbridge": {"aiohttp", "cbor2"},
     "foxglove": {"aiohttp"},
     "recordings": {"yaml"} | RECORDINGS,
-    "ops": {"aiohttp", "mcap", "numpy", "yaml", "zstandard"},
-    "cli": {"numpy", "rich"},
+    "ops": {"aiohttp", "mcap", "yaml", "zstandard"},
+    "cli": {"rich"},
     NAME: set(),
 }
 """Packages that a folder may import, in addition to the standard library and this package."""

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Any, Dict, Iterable, List, Mapping, NamedTuple, Sequence, Tuple
+from typing import Any, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
-import numpy as np
 import pytest
 from harness.recorded import ROS1, ROS2, START_NS, Recorded, message_of, values, write_bag, write_mcap
 
@@ -19,7 +18,7 @@ from robot_health_monitor.recordings.judging import (
     Differences,
     Judge,
     JudgedEvent,
-    Samples,
+    JudgedSample,
     SignalStatistics,
     SignalSummary,
 )
@@ -56,14 +55,15 @@ def judge_bags(bags: Sequence[Any], *configurations: Mapping[str, Any], **option
             at_s = round(judged.wall_s - START_S, 3)
             result.transitions.append((at_s, judged.file, event.signal, event.to_level.name))
 
-    def on_samples(file: str, config: Any, samples: Samples) -> None:
-        shown = samples.values if config.statistic == "forecast" else samples.judged
-        times_s = [round(at_s - START_S, 3) for at_s in samples.wall_s.tolist()]
-        result.samples.setdefault((file, config.name), []).extend(zip(times_s, shown.tolist()))
-        result.bad_times.extend(at_s for at_s, value in zip(times_s, samples.values.tolist()) if value != value)
+    def on_sample(file: str, config: Any, sample: JudgedSample) -> None:
+        shown = sample.value if config.statistic == "forecast" else sample.judged
+        time_s = round(sample.wall_s - START_S, 3)
+        result.samples.setdefault((file, config.name), []).append((time_s, math.nan if shown is None else shown))
+        if sample.value is None:
+            result.bad_times.append(time_s)
 
     with Recordings(bags) as recordings:
-        found = Judge(Player(recordings, **options), on_event, on_samples)
+        found = Judge(Player(recordings, **options), on_event, on_sample)
         for name, configuration in zip("abc", configurations):
             found.add(name, configuration)
         found.run()
@@ -159,7 +159,7 @@ def test_arrivals_are_counted_where_no_field_is_read(tmp_path: Path) -> None:
     assert (statistics.samples, statistics.min, statistics.max) == (3, 1.0, 1.0)
 
 
-def test_more_samples_than_one_chunk(tmp_path: Path) -> None:
+def test_every_sample_is_passed_on(tmp_path: Path) -> None:
     result = judge(tmp_path, values("/battery", [50.0] * 10_000, period_s=0.01), BATTERY)
     assert result.summaries["a", "battery"].statistics.samples == 10_000
     assert len(result.samples["a", "battery"]) == 10_000
@@ -227,20 +227,23 @@ def test_recordings_that_overlap_have_no_gap(tmp_path: Path) -> None:
     assert levels == ["STALE", "OK", "STALE"]
 
 
-def statistics(*chunks: Sequence[float]) -> SignalStatistics:
-    """Returns the statistics of values that came every second, in chunks; NaN is bad."""
+def statistics(*values: Optional[float]) -> SignalStatistics:
+    """Returns the statistics of values that came every second; None is bad."""
     found = SignalStatistics()
-    start = 0
-    for chunk in chunks:
-        times_s, values = np.arange(start, start + len(chunk), dtype=float), np.array(chunk, dtype=float)
-        found.add(Samples(times_s, times_s, values, values))
-        start += len(chunk)
+    for second, value in enumerate(values):
+        found.add(float(second), value, value is not None)
     return found
 
 
-def test_range_and_mean_are_those_of_all_chunks() -> None:
-    found = statistics([1.0, 2.0], [9.0], [4.0, math.nan, 4.0])
+def test_range_and_mean_are_those_of_all_good_samples() -> None:
+    found = statistics(1.0, 2.0, 9.0, 4.0, None, 4.0)
     assert (found.samples, found.bad_samples, found.min, found.max, found.mean) == (6, 1, 1.0, 9.0, 4.0)
+
+
+def test_a_statistic_that_is_not_defined_yet_is_a_good_sample_without_a_value() -> None:
+    found = SignalStatistics()
+    found.add(0.0, None, True)
+    assert (found.samples, found.bad_samples, found.min, found.mean) == (1, 0, None, None)
 
 
 def test_without_samples_nothing_is_known() -> None:
@@ -248,20 +251,19 @@ def test_without_samples_nothing_is_known() -> None:
     assert (found.samples, found.min, found.mean, found.max, found.longest_gap_s) == (0, None, None, None, None)
 
 
-def test_the_longest_gap_may_lie_between_two_chunks() -> None:
+def test_the_longest_gap_is_that_between_two_samples_in_a_row() -> None:
     found = SignalStatistics()
-    for times in ([0.0, 1.0], [31.0, 33.0], [34.0]):
-        zeros = np.zeros(len(times))
-        found.add(Samples(np.array(times), np.array(times), zeros, zeros))
+    for time_s in (0.0, 1.0, 31.0, 33.0, 34.0):
+        found.add(time_s, 0.0, True)
     assert (found.longest_gap_s, found.first_s) == (30.0, 0.0)
 
 
 def test_one_sample_has_no_gap() -> None:
-    assert statistics([1.0]).longest_gap_s is None
+    assert statistics(1.0).longest_gap_s is None
 
 
 def test_the_mean_of_the_largest_doubles_is_a_double() -> None:
-    found = statistics([1.7e308] * 10, [1.7e308] * 3)
+    found = statistics(*[1.7e308] * 13)
     assert found.mean == pytest.approx(1.7e308)
 
 

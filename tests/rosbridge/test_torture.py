@@ -289,7 +289,7 @@ def test_an_expensive_subscription_is_bounded_and_disturbs_no_other_client(optio
         async with robot.peer(max_msg_size=0) as reader, robot.peer() as other:
             await reader.subscribe("/image", type="sensor_msgs/Image", **options)
             (session,) = [one for one in robot.server._sessions if one._subscriptions]
-            (topic,) = [one.topic for one in robot.server._parts.topics._topics.values()]
+            (topic,) = robot.server._parts.topics._topics.values()
             for _ in range(30):
                 robot.node.publish("/image", IMAGE)
                 waiting = sum(queue._waiting.size for queue in topic._queues.values())
@@ -301,7 +301,7 @@ def test_an_expensive_subscription_is_bounded_and_disturbs_no_other_client(optio
         await robot.until(lambda: robot.server.clients == 0)
         await robot.until(lambda: not robot.server._parts.topics._topics)
         assert (session.throttled.used, _waiting(session.queue)) == (0, 0)
-        await robot.until(lambda: robot.server._parts.encoder.pending == 0)
+        await robot.until(lambda: robot.server._parts.codec.pending == 0)
         message = weakref.ref(topic)
         del topic, session
         # A transport of asyncio lets go of its last buffer in a later turn of the loop.
@@ -312,29 +312,27 @@ def test_an_expensive_subscription_is_bounded_and_disturbs_no_other_client(optio
 
 @with_robot()
 async def test_large_messages_are_encoded_and_decoded_outside_the_loop(robot: Robot) -> None:
-    threads: Dict[str, str] = {}
-    for pool in (robot.server._parts.encoder, robot.server._parts.decoder):
+    threads: List[str] = []
+    pool: Any = robot.server._parts.codec
+    run = pool.submit
 
-        def work(pool: Any = pool, run: Any = pool.submit) -> None:
-            def submit(function: Any, *arguments: Any) -> Any:
-                def called(*called_with: Any) -> Any:
-                    threads[pool._name] = threading.current_thread().name
-                    return function(*called_with)
+    def submit(function: Any, *arguments: Any) -> Any:
+        def called(*called_with: Any) -> Any:
+            threads.append(threading.current_thread().name)
+            return function(*called_with)
 
-                return run(called, *arguments)
+        return run(called, *arguments)
 
-            pool.submit = submit
-
-        work()
+    pool.submit = submit
     robot.node.advertise("/image", "sensor_msgs/Image")
     async with robot.peer(max_msg_size=0) as peer:
         await peer.subscribe("/image")
-        assert threads == {}
+        assert threads == []
         robot.node.publish("/image", IMAGE)
         assert (await peer.receive())["msg"]["width"] == 640
         await peer.send("publish", topic="/image", msg={"data": "x" * 500_000})
         await peer.settle()
-    assert threads == {"rosbridge-encode": "rosbridge-encode", "rosbridge-decode": "rosbridge-decode"}
+    assert threads == ["rosbridge-codec", "rosbridge-codec"]
 
 
 @with_robot(limits=Limits(sent_bytes=1_000_000))

@@ -204,11 +204,12 @@ def test_a_file_that_is_no_recording_is_one_line(robot_health: Start, tmp_path: 
 
 
 def test_a_missing_library_is_one_line_with_the_command_that_installs_it(robot_health: Start, tmp_path: Path) -> None:
-    (tmp_path / "numpy.py").write_text("raise ModuleNotFoundError('gone', name='numpy')\n")
+    (tmp_path / "zstandard.py").write_text("raise ModuleNotFoundError('gone', name='zstandard')\n")
+    (tmp_path / "a.mcap").write_bytes(b"")
     root = Path(__file__).resolve().parents[3]
-    process = robot_health("suggest", tmp_path / "a.bag", PYTHONPATH=f"{tmp_path}{os.pathsep}{root}")
+    process = robot_health("suggest", tmp_path / "a.mcap", PYTHONPATH=f"{tmp_path}{os.pathsep}{root}")
     assert process.wait() == 3
-    assert [line.text for line in process.lines] == ["robot-health: numpy is not installed: pip install numpy"]
+    assert [line.text for line in process.lines] == ["robot-health: zstandard is not installed: pip install zstandard"]
 
 
 def test_messages_that_are_out_of_order_are_named(robot_health: Start, tmp_path: Path) -> None:
@@ -296,3 +297,32 @@ def test_a_sensor_at_1_hz_is_not_left_out_silently(robot_health: Start, tmp_path
     assert process.wait() == 0, process.text
     reason = "only 59 valid samples in 58 s; a range needs 100, which takes about 120 s"
     assert f"      # /battery, data: no bounds: {reason}" in out(process)
+
+
+def test_what_this_package_published_is_left_out_by_its_status_not_by_its_name(
+    robot_health: Start, tmp_path: Path
+) -> None:
+    """A driver's own /temperature is watched, beside a /battery_level that battery_sensor published."""
+    types, bag = STORE.types, tmp_path / "a.bag"
+    values = [types["diagnostic_msgs/msg/KeyValue"]("published_topics", "/battery_level, /_simulated_sensors")]
+    status = types["diagnostic_msgs/msg/DiagnosticStatus"](0, "battery_sensor: metrics", "ok", "robot", values)
+    header = types["std_msgs/msg/Header"](0, types["builtin_interfaces/msg/Time"](1, 0), "")
+    statuses = types["diagnostic_msgs/msg/DiagnosticArray"](header, [status])
+    with Writer(bag) as writer:
+        for topic, message in (
+            ("/battery_level", types["std_msgs/msg/Float32"](50.0)),
+            ("/_simulated_sensors", types["std_msgs/msg/String"]("battery_level")),
+            ("/temperature", types["std_msgs/msg/Float32"](50.0)),
+            ("/diagnostics", statuses),
+        ):
+            connection = writer.add_connection(topic, message.__msgtype__, typestore=STORE)
+            data = bytes(STORE.serialize_ros1(message, message.__msgtype__))
+            for second in range(60):
+                writer.write(connection, (1_000 + second) * 10**9, data)
+    process = robot_health("suggest", bag)
+    assert process.wait() == 0, process.text
+    assert [line for line in out(process) if line.endswith("published by this monitor")] == [
+        "    #   /_simulated_sensors: published by this monitor",
+        "    #   /battery_level: published by this monitor",
+    ]
+    assert [line.strip() for line in out(process) if line.endswith("_rate:")] == ["temperature_rate:"]

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from harness.past import START_S, output, write_past
 
-from robot_health_monitor.cli.history.alert_details import text_plot
+from robot_health_monitor.cli.history.history_entries import text_plot
 from robot_health_monitor.cli.history.history_file import change_history
 from robot_health_monitor.ops.store.notes import add_note
 

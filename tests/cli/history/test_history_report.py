@@ -11,9 +11,6 @@ from pathlib import Path
 from typing import Any, Dict, List
 
 import pytest
-
-pytest.importorskip("numpy", reason="numpy, which the report needs, is not installed")
-
 from harness.histories import transition
 from harness.past import START_S, output
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Dict, List, Mapping, Optional, Sequence
+from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 
 import pytest
 
@@ -15,19 +15,18 @@ from rich.cells import cell_len
 
 from robot_health_monitor.cli.output.tables import (
     UNKNOWN_STATES,
-    FleetState,
-    SignalRow,
-    fleet_lines,
-    fleet_state,
-    fleet_summary,
+    View,
+    fleet_view,
     level_text,
     rank,
     rank_counts,
+    robot_view,
     short_bounds,
-    signal_lines,
+    table_lines,
 )
 from robot_health_monitor.core.config.signal_config import LINK, read_signal
 from robot_health_monitor.core.nodes import AlertSystem
+from robot_health_monitor.core.nodes.announcements import Announcements
 from robot_health_monitor.core.port.local import LocalBus
 from robot_health_monitor.core.values.formatting import printable
 from robot_health_monitor.core.values.model import Level, Sample, Status
@@ -76,12 +75,15 @@ def test_the_page_uses_the_same_words() -> None:
 BATTERY = "WARN < 20, ERROR < 10"
 
 
-def row(name: str, level: int, message: str, bounds: str = "", trend: Sequence[float] = (), **values: str) -> SignalRow:
-    return SignalRow(Status(name, Level(level), message, "atlas", values), bounds, trend)
+Signal = Tuple[Status, str, Sequence[float]]
 
 
-def lines(rows: Sequence[SignalRow], width: int = 80, room: int = 20) -> List[str]:
-    return [line.plain for line in signal_lines(rows, width, room, printable)]
+def row(name: str, level: int, message: str, bounds: str = "", trend: Sequence[float] = (), **values: str) -> Signal:
+    return Status(name, Level(level), message, "atlas", values), bounds, trend
+
+
+def lines(rows: Sequence[Signal], width: int = 80, room: int = 20) -> List[str]:
+    return [line.plain for line in table_lines(robot_view("atlas", rows, None, printable), width, room, printable)]
 
 
 def test_a_row_has_level_value_and_bounds_and_no_value_twice() -> None:
@@ -113,7 +115,7 @@ def test_a_reason_without_end_has_six_lines() -> None:
 
 def test_the_reason_ends_with_the_hint_why_there_are_no_samples() -> None:
     status = Status("battery", Level.STALE, "no sample for 6 s", "atlas", {}, "no publisher on /battery")
-    shown = lines([SignalRow(status, "", ())])
+    shown = lines([(status, "", ())])
     assert shown[1] == "battery  STALE  no sample for 6 s [no publisher on /battery]"
 
 
@@ -121,7 +123,7 @@ def test_a_forecast_says_when_it_reaches_a_bound_before_any_hint() -> None:
     status = Status(
         "soon", Level.OK, "forecast 26 % in 30 min", "atlas", {}, "a voltage", outlook="reaches 20 % in 45 min"
     )
-    assert lines([SignalRow(status, "WARN < 20", ())], 90) == [
+    assert lines([(status, "WARN < 20", ())], 90) == [
         "signal  level  value                                                        bounds",
         "soon    OK     forecast 26 % in 30 min, reaches 20 % in 45 min [a voltage]  WARN < 20",
     ]
@@ -144,7 +146,7 @@ def test_a_rate_of_arrivals_has_no_statistics_of_its_values() -> None:
 def test_effects_are_counted_at_their_cause_and_take_no_line() -> None:
     cause = Status("/joint_states", Level.STALE, "no message for 6 s (limit 5 s): 2 signals", "atlas", {}, affects=2)
     effects = [Status(name, Level.STALE, "no sample", "atlas", {}, cause="/joint_states") for name in ("left", "right")]
-    shown = lines([SignalRow(each, "", ()) for each in (cause, *effects)], 100)[1:]
+    shown = lines([(each, "", ()) for each in (cause, *effects)], 100)[1:]
     assert [" ".join(line.split()) for line in shown] == [
         "/joint_states STALE no message for 6 s (limit 5 s): 2 signals (+ 2 affected)"
     ]
@@ -170,7 +172,8 @@ def test_values_that_are_all_the_same_have_a_flat_trend() -> None:
 
 def test_a_terminal_without_utf8_has_no_trend() -> None:
     rows = [row("a", 0, "1", trend=[5.0, 5.0])]
-    assert all(line.plain.isascii() for line in signal_lines(rows, 80, 20, printable, bars=False))
+    view = robot_view("atlas", rows, None, printable, bars=False)
+    assert all(line.plain.isascii() for line in table_lines(view, 80, 20, printable))
 
 
 def test_without_a_signal_there_is_what_to_run() -> None:
@@ -186,17 +189,18 @@ def test_a_link_that_is_up_takes_no_line() -> None:
 
 
 def test_only_the_word_of_the_level_is_coloured() -> None:
-    (_, line) = signal_lines([row("a", 2, "5 is above 3")], 80, 20, printable)
+    view = robot_view("atlas", [row("a", 2, "5 is above 3")], None, printable)
+    (_, line) = table_lines(view, 80, 20, printable)
     assert [line.plain[span.start : span.end] for span in line.spans if span.style] == ["ERROR"]
 
 
-def test_signals_for_which_there_is_no_room_are_counted_and_the_worst_come_first() -> None:
+def test_signals_for_which_there_is_no_room_are_counted_and_the_worst_are_shown() -> None:
     rows = [row(f"s{number}", 0, "1") for number in range(9)] + [row("bad", 2, "5"), row("low", 1, "2")]
     assert lines(rows, room=5) == [
         "signal  level  value",
+        "s0      OK     1",
         "bad     ERROR  5",
         "low     WARN   2",
-        "s0      OK     1",
         "and 8 more: 8 OK",
     ]
 
@@ -263,11 +267,10 @@ class Robots:
         return self.robots[-1]
 
     def lines(self, width: int, height: int) -> List[str]:
-        state = self.state(height)
-        return [line.plain for line in fleet_lines(state, width, height, printable)]
+        return [line.plain for line in table_lines(self.view(height), width, height, printable)]
 
-    def state(self, height: int = 24) -> FleetState:
-        return fleet_state(self, height)  # type: ignore[arg-type]  # its clock is a property of the bus
+    def view(self, height: int = 24) -> View:
+        return fleet_view(self, height, printable)  # type: ignore[arg-type]  # a fleet in all that is shown
 
 
 @pytest.fixture
@@ -362,18 +365,16 @@ def test_it_fits_and_never_cuts_a_reason(width: int, height: int, count: int) ->
 
 
 def test_the_title_names_the_worst_robot_and_counts_the_levels(five: Robots) -> None:
-    assert (
-        fleet_summary(five.state(), printable).plain == "5 robots, worst: gone ERROR   2 ERROR, 1 WARN, 1 unknown, 1 OK"
-    )
+    assert five.view().title.plain == "5 robots, worst: gone ERROR   2 ERROR, 1 WARN, 1 unknown, 1 OK"
     calm = Robots()
     for name in ("a", "b"):
         calm.add(name).measure(77.0, 40.0)
-    assert fleet_summary(calm.state(), printable).plain == "2 robots   2 OK"
+    assert calm.view().title.plain == "2 robots   2 OK"
 
 
 def test_silenced_alarms_are_marked_and_counted(five: Robots) -> None:
     five.silences["warm"] = "until 12:00, by ana"
-    assert fleet_summary(five.state(), printable).plain.endswith("   1 silenced")
+    assert five.view().title.plain.endswith("   1 silenced")
     assert any(row.startswith("warm WARN silenced motor_temperature") for row in rows(five.lines(110, 20)))
 
 
@@ -397,8 +398,8 @@ def test_states_are_read_only_for_what_can_be_shown(monkeypatch: pytest.MonkeyPa
     for number in range(200):
         robots.add(f"r{number}").measure(77.0, 40.0)
     asked: List[Any] = []
-    original = AlertSystem.status
-    monkeypatch.setattr(AlertSystem, "status", lambda system, name: asked.append(name) or original(system, name))
-    state = robots.state(24)
-    assert state.total == 200 and len(state.robots) == 24
+    original = Announcements.status
+    monkeypatch.setattr(Announcements, "status", lambda system, name: asked.append(name) or original(system, name))
+    view = robots.view(24)
+    assert view.title.plain == "200 robots   200 OK" and len(view.rows) == 24
     assert len(asked) <= 48

@@ -6,7 +6,8 @@ from typing import Any, Dict
 
 import pytest
 
-from robot_health_monitor.cli.testing.black_box_file import attached_file, attached_section, attached_states
+from robot_health_monitor.cli.embedded import sections_of_nodes
+from robot_health_monitor.cli.testing.black_box_alert import attached_file, attached_states
 from robot_health_monitor.core.judge.attachments import SavedMonitor
 from robot_health_monitor.core.values.errors import ConfigError
 from robot_health_monitor.recordings.recording import Attachment
@@ -34,7 +35,7 @@ def test_the_thresholds_are_those_of_alert_system() -> None:
     file = attached_file(opened(thresholds_yaml=text))
     assert file is not None
     assert file.file == "/box/r1.mcap/thresholds.yaml"
-    tree: Dict[str, Any] = dict(attached_section(file).tree)
+    tree: Dict[str, Any] = dict(sections_of_nodes(file)["alert_system"].tree)
     assert tree == {"robot_name": "r1", "signals": {"battery": {"warn_below": 20.0}}}
 
 

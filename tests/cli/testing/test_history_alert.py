@@ -14,7 +14,7 @@ from harness.black_boxes import BOOT_S, START_S, RecordedRobot
 from robot_health_monitor.__main__ import main
 from robot_health_monitor.cli.history.history_file import reading_history
 from robot_health_monitor.cli.operations import Operations
-from robot_health_monitor.cli.testing.history_alert import history_alert
+from robot_health_monitor.cli.testing.past_alert import history_alert
 from robot_health_monitor.core import Level
 from robot_health_monitor.ops.configuration import BlackBoxSettings, HistorySettings, OpsConfig
 
@@ -70,8 +70,8 @@ def test_the_test_is_written_from_the_black_box_if_its_folder_is_known(
     assert printed.out.splitlines()[-6:] == [
         "    interval_s: 0.1",
         "    input:",
-        '      "driving": "0x59 1x80"',
         '      "battery": "50x99 15x40"',
+        '      "driving": "0x59 1x80"',
         "    alerts:",
         '      - {at_s: 14, signal: "battery", level: WARN}',
     ]

@@ -328,10 +328,11 @@ def test_every_mistake_is_reported_with_its_line(folder: Path) -> None:
         "  - 7\n",
     )
     assert [line.split(", got")[0] for line in found] == [
-        "a.test.yaml:3: tests.0.alerts: is missing; expected a list of alerts, [] for none",
+        "a.test.yaml:3: tests.0.alerts: is missing; expected the list of alerts, [] for none",
         "a.test.yaml:4: tests.0.interval: unknown key; did you mean interval_s?",
         "a.test.yaml:5: tests.0.input.batery: expected a signal of the thresholds (battery, arm, link)",
         "a.test.yaml:6: tests.1.interval_s: expected a number from 0.0001 to 1000000",
+        "a.test.yaml:6: tests.1.name: is missing; expected the text that says what the test shows",
         "a.test.yaml:8: tests.1.input.battery: expected a series such as '25x9 15-0.5x20 _x3 nan'",
         "a.test.yaml:9: tests.1.input.arm: expected printable text",
         "a.test.yaml:11: tests.1.alerts.0.level: expected one of OK, WARN, ERROR, STALE",
@@ -348,7 +349,7 @@ def test_every_mistake_is_reported_with_its_line(folder: Path) -> None:
             "a.test.yaml: thresholds: is missing; expected the path of a thresholds.yaml, relative to this file, or "
             "its contents",
         ),
-        ("thresholds: thresholds.yaml\n", "a.test.yaml: tests: is missing; expected a list of tests"),
+        ("thresholds: thresholds.yaml\n", "a.test.yaml: tests: is missing; expected the list of tests"),
         ("thresholds: thresholds.yaml\ntests: []\n", "a.test.yaml:2: tests: expected at least one test, got none"),
         ("thresholds: thresholds.yaml\ntests: {}\n", "a.test.yaml:2: tests: expected a list of tests, got a mapping"),
         (
@@ -365,7 +366,8 @@ def test_every_mistake_is_reported_with_its_line(folder: Path) -> None:
             "a.test.yaml:6: tests.0.alerts.0.signal: expected a signal of `input` (arm), got 'battery'",
         ),
         (
-            "thresholds: thresholds.yaml\ntests:\n- name: a\n  interval_s: 100\n  input: {arm: 1x20000}\n\n",
+            "thresholds: thresholds.yaml\ntests:\n- name: a\n  interval_s: 100\n  input: {arm: 1x20000}\n"
+            "  alerts: []\n",
             "a.test.yaml:5: tests.0.input.arm: expected at most 1000000 s",
         ),
     ],

@@ -8,13 +8,12 @@ import pytest
 from harness.kept_history import KeptHistory
 from harness.parameters import set_parameter
 from harness.port_conformance import levels_to
-from harness.stage import FLOAT32, Stage, status, values_of
+from harness.stage import Stage, status, values_of
 
-from robot_health_monitor.core.judge.monitor import Monitor
-from robot_health_monitor.core.nodes import Aggregator, AlertSystem, BatterySensor
-from robot_health_monitor.core.nodes.outlets import Event, Notice
+from robot_health_monitor.core.nodes import AlertSystem
+from robot_health_monitor.core.nodes.outlets import Event
 from robot_health_monitor.core.nodes.self_monitor import SelfReport
-from robot_health_monitor.core.port.local import LocalBus, LocalMiddleware, LogLine
+from robot_health_monitor.core.port.local import LocalBus, LocalMiddleware
 from robot_health_monitor.core.port.middleware import Severity, Timer
 from robot_health_monitor.core.values.errors import ConfigError
 from robot_health_monitor.core.values.faults import Fault
@@ -54,36 +53,6 @@ def test_an_hour_of_low_battery_is_one_line_and_one_alert(stage: Stage) -> None:
     assert alert["hardware_id"] == "robot1"
 
 
-def test_diagnostics_come_every_second_and_at_once_on_a_transition(stage: Stage) -> None:
-    arrays = stage.listen("/diagnostics")
-    stage.alert_system(LATCHING)
-    stage.bus.run_until(3.0)
-    assert len(arrays) == 3
-    stage.publish("battery_level", 19.0)
-    assert len(arrays) == 4
-    assert status(arrays[-1], "alert_system: battery_level")["level"] == 1
-    stage.bus.run_until(4.0)
-    assert [one["name"] for one in arrays[-1]["status"]] == [
-        "alert_system: battery_level",
-        "alert_system: temperature",
-        "alert_system: monitor",
-    ]
-
-
-@pytest.mark.parametrize("node", [AlertSystem, Aggregator])
-def test_no_report_is_made_without_subscribers(stage: Stage, node: Any, monkeypatch: Any) -> None:
-    made: List[float] = []
-    report = Monitor.report
-    monkeypatch.setattr(Monitor, "report", lambda self, now_s: made.append(now_s) or report(self, now_s))
-    node(stage.bus.node("watching"))
-    stage.bus.run_until(3.0)
-    assert made == []
-    arrays = stage.listen("/diagnostics")
-    stage.bus.run_until(5.0)
-    assert made == [4.0, 5.0]
-    assert len(arrays) == 2
-
-
 def test_reset_clears_a_latched_alert_and_says_which(stage: Stage) -> None:
     stage.alert_system(LATCHING)
     stage.publish("battery_level", 19.0)
@@ -118,27 +87,10 @@ def test_a_change_of_one_signal_does_not_disturb_the_pending_duration_of_another
     assert stage.log(Severity.WARN) == ["battery_level WARN: 19 is below 20 (was OK for 3 s)"]
 
 
-def test_a_new_topic_is_followed_and_the_old_one_left(stage: Stage) -> None:
-    _, middleware = stage.alert_system(LATCHING)
-    set_parameter(middleware, "signals.temperature.topic", "motor_temperature")
-    stage.publish("temperature", 90.0)
-    assert stage.log(Severity.WARN) == []
-    stage.publish("motor_temperature", 90.0)
-    assert len(stage.log(Severity.WARN)) == 1
-
-
 def test_the_robots_name_can_only_be_given_at_the_start(stage: Stage) -> None:
     _, middleware = stage.alert_system(LATCHING)
     with pytest.raises(ConfigError, match="robot_name"):
         set_parameter(middleware, "robot_name", "robot2")
-
-
-def test_a_wrong_type_names_its_signal_and_nothing_stays_subscribed(stage: Stage) -> None:
-    signals = {"battery_level": {"type": FLOAT32}, "temperature": {"type": "Float32"}}
-    with pytest.raises(ConfigError, match=r"^signals\.temperature\.type: expected a type such as std_msgs/Float32"):
-        stage.alert_system({"signals": signals})
-    stage.publish("battery_level", float("nan"))
-    assert stage.log(Severity.WARN, Severity.ERROR) == []
 
 
 def test_time_that_goes_back_is_one_info_line(stage: Stage) -> None:
@@ -159,18 +111,6 @@ def test_the_response_of_a_change_lists_what_changed(stage: Stage) -> None:
     assert changes == "publish_rate: 1 -> 2; added wheel; removed temperature"
 
 
-def test_a_change_of_a_default_signal_keeps_the_rest_of_it_and_the_other_default_signals() -> None:
-    stage = Stage()
-    alert_system, middleware = stage.alert_system({})
-    assert set_parameter(middleware, "signals.battery_level.warn_below", 30.0) == "battery_level.warn_below: 20 -> 30"
-    battery = alert_system.monitor.config.signals["battery_level"]
-    assert (battery.warn_below, battery.error_below, battery.unit, battery.valid_max) == (30.0, 10.0, "%", 100.0)
-    assert list(alert_system.monitor.config.signals) == ["battery_level", "temperature", "cpu_usage"]
-    assert set_parameter(middleware, "signals.wheel.warn_above", 1.0) == "added wheel"
-    with pytest.raises(ConfigError, match=r"signals\.battery_level: expected a mapping"):
-        middleware.set_parameters({"signals": {"battery_level": 30.0}})
-
-
 def test_a_signal_that_latches_is_announced_to_begin_anew(stage: Stage) -> None:
     stage.alert_system(LATCHING)
     lines = [text for text in stage.log(Severity.INFO) if "latched" in text]
@@ -178,58 +118,6 @@ def test_a_signal_that_latches_is_announced_to_begin_anew(stage: Stage) -> None:
     other = Stage()
     other.alert_system(BATTERY)
     assert not any("latched" in text for text in other.log(Severity.INFO))
-
-
-def test_each_outlet_gets_each_transition_once_before_it_is_published(stage: Stage) -> None:
-    order: List[str] = []
-    stage.outside.subscribe("alerts", "", lambda value, now_s: order.append("alerts"), field="message")
-    stage.alert_system(BATTERY, {"history": lambda event: order.append("history")})
-    stage.publish("battery_level", 15.0)
-    assert order == ["history", "alerts"]
-
-
-def test_alerts_and_notices_are_not_logged_where_an_outlet_shows_them(stage: Stage) -> None:
-    events: List[Event] = []
-    _, middleware = stage.alert_system(BATTERY, {"screen": events.append}, log_alerts=False)
-    stage.publish("battery_level", 15.0)
-    middleware.faults.report("rosbridge", "port 9090 is in use")
-    stage.bus.run_until(1.0)
-    assert [type(event) for event in events] == [Transition, Notice]
-    assert stage.log(Severity.WARN, Severity.ERROR) == []
-
-
-def test_an_outlet_that_raises_stops_no_other_outlet_and_no_tick(stage: Stage) -> None:
-    def fail(event: Event) -> None:
-        raise OSError("No space left on device")
-
-    alerts, arrays = stage.listen("alerts"), stage.listen("/diagnostics")
-    stage.alert_system(BATTERY, {"history": fail})
-    for level in (50.0, 15.0, 50.0):
-        stage.publish("battery_level", level)
-    assert [alert["level"] for alert in alerts] == [1, 0]
-    stage.bus.run_until(6.0)
-    assert [one["level"] for one in alerts if one["name"] == "alert_system: battery_level"] == [1, 0, 3]
-    assert status(arrays[-1], "alert_system: monitor")["level"] == 2
-    errors = stage.log(Severity.ERROR)
-    assert errors == ["outlet history: OSError: No space left on device"]
-
-
-def test_a_log_that_cannot_be_written_stops_nothing() -> None:
-    def fail(line: LogLine) -> None:
-        raise BrokenPipeError("Broken pipe")
-
-    bus = LocalBus(on_log=fail)
-    node = bus.node("alert_system", parameters=BATTERY)
-    AlertSystem(node)
-    alerts: List[Any] = []
-    outside = bus.node("outside")
-    outside.subscribe("alerts", "", lambda value, now_s: alerts.append(value), field="level")
-    outside.advertise("battery_level", FLOAT32)
-    for level in (50.0, 15.0, 5.0, 50.0):
-        outside.publish("battery_level", {"data": level})
-    bus.run_until(6.0)
-    assert alerts[:2] == [1, 0] and alerts[-1] == 3
-    assert node.faults.current()["log"].text == "BrokenPipeError: Broken pipe"
 
 
 class TestItself:
@@ -455,108 +343,6 @@ class TestSimulatedTime:
         assert values_of(status(arrays[-1], "alert_system: monitor"))["uptime_s"] in ("59", "60")
 
 
-class TestSimulatedSensors:
-    """Signals that battery_sensor lists as simulated."""
-
-    def list_topics(self, stage: Stage, text: str) -> None:
-        stage.outside.advertise("_simulated_sensors", "std_msgs/String", latched=True)
-        stage.outside.publish("_simulated_sensors", {"data": text})
-
-    def test_they_are_known_judged_and_shown(self, stage: Stage) -> None:
-        arrays = stage.listen("/diagnostics")
-        alert_system, _ = stage.alert_system(LATCHING)
-        assert not alert_system.is_simulated("battery_level")
-        self.list_topics(stage, "/battery_level, /other")
-        assert alert_system.is_simulated("battery_level") and not alert_system.is_simulated("temperature")
-        stage.publish("battery_level", 15.0)
-        stage.bus.run_until(1.0)
-        assert [line for line in stage.log(Severity.WARN) if "battery_level WARN" in line]
-        assert values_of(status(arrays[-1], "alert_system: monitor"))["simulated"] == "battery_level"
-        self.list_topics(stage, "")
-        assert not alert_system.is_simulated("battery_level")
-
-    def test_a_list_that_came_before_is_known_at_once(self, stage: Stage) -> None:
-        self.list_topics(stage, "/battery_level")
-        alert_system, _ = stage.alert_system(BATTERY)
-        assert alert_system.is_simulated("battery_level")
-
-    def test_every_signal_on_a_simulated_topic_is_simulated(self, stage: Stage) -> None:
-        self.list_topics(stage, "/power/level")
-        signals = {"low": {"topic": "power/level"}, "rate": {"topic": "/power/level", "field": ""}}
-        alert_system, middleware = stage.alert_system({"signals": signals})
-        assert alert_system.is_simulated("low") and alert_system.is_simulated("rate")
-        assert alert_system.is_simulated("low[7]")  # an element of an array
-        set_parameter(middleware, "signals.low.topic", "real/level")
-        assert not alert_system.is_simulated("low") and alert_system.is_simulated("rate")
-
-    def test_names_follow_namespaces_and_remapping(self, stage: Stage) -> None:
-        def node(name: str) -> LocalMiddleware:
-            return stage.bus.node(name, namespace="robot1", remap={"/robot1/battery_level": "/power/level"})
-
-        alert_system = AlertSystem(node("alert_system"))
-        BatterySensor(node("battery_sensor"))
-        assert alert_system.is_simulated("battery_level") and alert_system.is_simulated("temperature")
-
-
-class TestUnavailableSensors:
-    """Signals that battery_sensor lists as without a sensor."""
-
-    def list_sensors(self, stage: Stage, text: str) -> None:
-        stage.outside.advertise("_unavailable_sensors", "std_msgs/String")
-        stage.outside.publish("_unavailable_sensors", {"data": text})
-
-    def test_a_signal_without_a_sensor_never_becomes_stale(self, stage: Stage) -> None:
-        arrays = stage.listen("/diagnostics")
-        stage.alert_system({**LATCHING})
-        self.list_sensors(stage, "battery_level, temperature")
-        self.list_sensors(stage, "battery_level, temperature")
-        stage.bus.run_until(60.0)
-        assert stage.log(Severity.WARN, Severity.ERROR) == []
-        (own,) = arrays[-1]["status"]
-        assert values_of(own)["without_sensor"] == "battery_level, temperature"
-        lines = [text for text in stage.log(Severity.INFO) if "no such sensor" in text]
-        assert [line.partition(" ")[0] for line in lines] == ["battery_level", "temperature"]
-
-    def test_a_sensor_that_had_a_sample_is_still_watched(self, stage: Stage) -> None:
-        stage.alert_system(BATTERY)
-        stage.publish("battery_level", 50.0)
-        self.list_sensors(stage, "battery_level")
-        stage.bus.run_until(10.0)
-        assert [text.partition(":")[0] for text in stage.log(Severity.WARN)] == ["battery_level STALE"]
-
-    def test_a_sample_brings_the_signal_back_at_once(self, stage: Stage) -> None:
-        stage.alert_system(BATTERY)
-        self.list_sensors(stage, "battery_level")
-        stage.bus.run_until(20.0)
-        stage.publish("battery_level", 15.0)
-        assert [text.partition(":")[0] for text in stage.log(Severity.WARN)] == ["battery_level WARN"]
-
-    def test_a_sensor_that_is_no_longer_listed_is_watched_again(self, stage: Stage) -> None:
-        stage.alert_system(BATTERY)
-        self.list_sensors(stage, "battery_level")
-        stage.bus.run_until(20.0)
-        self.list_sensors(stage, "")
-        stage.bus.run_until(29.0)
-        assert stage.log(Severity.WARN) == []
-        stage.bus.run_until(31.0)
-        assert [text.partition(":")[0] for text in stage.log(Severity.WARN)] == ["battery_level STALE"]
-
-    def test_a_signal_on_another_topic_is_still_watched(self, stage: Stage) -> None:
-        signals = {"battery_level": {"topic": "/driver/battery", "type": FLOAT32, "warn_below": 20.0}}
-        stage.alert_system({"signals": signals})
-        self.list_sensors(stage, "battery_level")
-        stage.bus.run_until(20.0)
-        assert len(stage.log(Severity.WARN)) == 1
-
-    def test_a_change_of_parameters_keeps_it_unwatched(self, stage: Stage) -> None:
-        _, middleware = stage.alert_system(LATCHING)
-        self.list_sensors(stage, "battery_level")
-        assert set_parameter(middleware, "signals.temperature.warn_above", 70.0) == "temperature.warn_above: 80 -> 70"
-        stage.publish("temperature", 50.0)
-        stage.bus.run_until(5.0)
-        assert stage.log(Severity.WARN) == []
-
-
 def test_a_sample_can_be_given_without_a_topic(stage: Stage) -> None:
     levels: List[Any] = []
     alert_system, _ = stage.alert_system(BATTERY, {"test": levels_to(levels)})
@@ -576,25 +362,6 @@ def test_other_threads_read_and_reset_it_as_a_callback_would(stage: Stage) -> No
     middleware.faults.report("disk", "full")
     assert alert_system.own_faults() == {"disk": Fault(Level.ERROR, "full")}
     assert alert_system.tick_age_s == 0.0
-
-
-def test_a_silenced_signal_says_so_and_is_counted(stage: Stage) -> None:
-    arrays, alerts = stage.listen("/diagnostics"), stage.listen("alerts")
-    silences = {"battery_level": "until 14:00: battery swap (ann)"}
-    stage.alert_system(LATCHING, silence_of=silences.get)
-    stage.publish("battery_level", 15.0)
-    stage.publish("temperature", 90.0)
-    assert [values_of(alert).get("silenced") for alert in alerts] == ["until 14:00: battery swap (ann)", None]
-    stage.bus.run_until(1.0)
-    for array in arrays[0], arrays[-1]:
-        battery = status(array, "alert_system: battery_level")
-        assert values_of(battery)["silenced"] == "until 14:00: battery swap (ann)"
-    assert "silenced" not in values_of(status(arrays[-1], "alert_system: temperature"))
-    assert values_of(status(arrays[-1], "alert_system: monitor"))["silenced"] == "1"
-    stage.publish("battery_level", 50.0)  # latched
-    stage.bus.call_service("/alert_system/reset")
-    stage.bus.run_until(2.0)
-    assert values_of(status(arrays[-1], "alert_system: monitor"))["silenced"] == "0"
 
 
 def test_after_a_restart_a_late_first_tick_is_no_silence(stage: Stage) -> None:

@@ -113,7 +113,7 @@ def test_a_live_change_is_followed() -> None:
     robot.bus.run_until(2.0)
     assert robot.system.monitor.report(2.0).statuses["camera"].message == "node /camera is there"
     robot.system._middleware.set_parameters({"signals": {"x": {"topic": "/x"}}})  # type: ignore[attr-defined]
-    assert robot.system._graph_timer is None
+    assert robot.system.watched._graph_timer is None
 
 
 @pytest.mark.parametrize(

@@ -275,7 +275,9 @@ def test_errors_in_the_log_are_counted_with_a_bound_above_what_was_seen(bus: Loc
 def test_a_log_without_errors_has_a_bound_of_5(bus: LocalBus) -> None:
     driver(bus, "laser", "scan")
     send_log(bus.node("base"), 1e6)
-    assert errors_of(listened(bus))["warn_above"] == 5.0
+    proposed = listened(bus)
+    assert errors_of(proposed)["warn_above"] == 5.0
+    assert "base_node" not in settings(proposed)  # every node publishes the log
 
 
 def test_of_a_short_time_the_bound_is_that_of_a_minute(bus: LocalBus) -> None:

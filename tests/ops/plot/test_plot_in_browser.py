@@ -8,7 +8,6 @@ from html import unescape
 from pathlib import Path
 from typing import Any, Dict
 
-import numpy as np
 import pytest
 from harness.browser import show
 
@@ -246,7 +245,8 @@ def test_a_steep_line_leaves_room_for_the_values(found: Dict[str, Any]) -> None:
 def test_the_report_draws_its_plots_under_its_own_policy(tmp_path: Path, width: int) -> None:
     config = read_signal("battery", {"unit": "%", "warn_below": 20.0, "hysteresis": 2.0})
     plotted = PlottedSignal(config, "", START_S, 99.0, 64)
-    plotted.add_samples(START_S + np.arange(100.0), np.linspace(60.0, 10.0, 100), np.empty(0))
+    for second in range(100):
+        plotted.add(START_S + second, 60.0 - 50.0 * second / 99.0)
     status = Status("battery", Level.WARN, "", "robot", {})
     transition = Transition(
         "battery", Level.OK, Level.WARN, 19.9, "last", 20.0, 80.0, 0.0, "robot", "0" * 16, "battery WARN", status

@@ -95,6 +95,23 @@ async def test_every_reading_counts_what_a_robot_with_ros_1_has_now() -> None:
 
 
 @scenario
+async def test_init_learns_which_nodes_publish_and_which_have_a_lifecycle() -> None:
+    reader = Reader()
+    reader.rosapi.nodes = ["/lidar", "/nav", SERVER]
+    reader.rosapi.publishers = {"/scan": ["/lidar"], "/plan": ["/nav"], "/points": ["/lidar", "/late"]}
+    reader.rosapi.others = {"/rosapi/services": {"services": ["/nav/get_state", "/lidar/get_loggers"]}}
+    await reader.start()
+    await until(lambda: reader.watched.ups == [True])
+    assert await reader.watched.client.known_nodes(["/scan", "/plan", "/points", "/other"]) == {
+        "/lidar": (["/scan", "/points"], (), []),
+        "/nav": (["/plan"], (), ["/nav/get_state"]),
+        SERVER: ([], (), []),
+        "/late": (["/points"], (), []),  # it came after the nodes were listed
+    }
+    await reader.close()
+
+
+@scenario
 async def test_the_servers_own_node_does_not_count_where_it_subscribes_for_this_monitor() -> None:
     reader = Reader(("subscribers", "/scan"), ("subscribers", "/map"))
     reader.rosapi.subscribers = {"/map": [SERVER]}  # for another client

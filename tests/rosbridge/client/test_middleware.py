@@ -26,7 +26,7 @@ async def test_a_client_that_only_watches_leaves_no_trace(robot: Robot) -> None:
     await robot.until(lambda: watched.ups == [True])
     await watched.settle()
     assert "/alerts" not in robot.bus.graph().topics
-    assert robot.server.services.of_clients.types == {}
+    assert robot.server.services.types == {}
     robot.publish(1.0)
     await robot.until(lambda: watched.heard == [1.0])
     await watched.close()

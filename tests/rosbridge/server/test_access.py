@@ -106,7 +106,7 @@ def check(headers: Dict[str, str], access: Access, method: str = "GET") -> Optio
     refusal = check_request(make_mocked_request(method, "/", headers), access, check_host=not access.token)
     if refusal is None:
         return None
-    assert refusal.log_text.isprintable()
+    assert refusal[1].isprintable()
     return 403
 
 

@@ -134,17 +134,13 @@ def test_the_servers_topics_and_services_are_added_to_the_middlewares() -> None:
         assert list(found.nodes["/rosbridge"].services) == ["/offered"]
         assert await node.topic_type("battery_level") == "std_msgs/Float32"
         assert await node.topic_type("/unknown") == ""
-        assert await node.has_service("/robot/reset") and not await node.has_service("/offered")
         assert "/rosout" not in ServedNode(server, dict, threads=True).graph().topics
 
     asyncio.run(scenario())
 
 
 def test_definitions_that_the_middleware_lacks_are_known_here() -> None:
-    async def scenario() -> None:
-        node = ServedNode(LocalBus().node("rosbridge"), dict, threads=False)
-        assert await node.message_definition("std_msgs/Float32") == "float32 data\n"
-        assert await node.message_definition("nav_msgs/Odometry") == ""
-        assert await node.message_definition("") == ""
-
-    asyncio.run(scenario())
+    node = ServedNode(LocalBus().node("rosbridge"), dict, threads=False)
+    assert node.definition("std_msgs/Float32") == "float32 data\n"
+    assert node.definition("nav_msgs/Odometry") == ""
+    assert node.definition("") == ""

@@ -14,7 +14,7 @@ from robot_health_monitor.core.values.errors import LinkError, ServiceError
 from robot_health_monitor.rosbridge.protocol.operations import CallService, ServiceResponse
 from robot_health_monitor.rosbridge.server.access import Access
 from robot_health_monitor.rosbridge.server.server import Server
-from robot_health_monitor.rosbridge.server.services import ClientServices
+from robot_health_monitor.rosbridge.server.services import Services
 
 
 @with_robot(Access(offer=("/offered",)))
@@ -107,7 +107,12 @@ class Client:
         self.sent.append(operation)
 
 
-async def start_call(services: ClientServices, timeout_s: float = 20.0) -> asyncio.Future[Any]:
+def of_clients() -> Services:
+    """The services of a server without clients."""
+    return Server(LocalBus().node("rosbridge"), access=Access(services=("*",))).services
+
+
+async def start_call(services: Services, timeout_s: float = 20.0) -> asyncio.Future[Any]:
     call = asyncio.ensure_future(services.call("/dock", {"x": 1}, timeout_s))
     await asyncio.sleep(0)
     return call
@@ -115,7 +120,7 @@ async def start_call(services: ClientServices, timeout_s: float = 20.0) -> async
 
 def test_a_call_goes_to_the_provider_and_its_response_to_the_caller() -> None:
     async def scenario() -> None:
-        services, provider, other = ClientServices(), Client(), Client()
+        services, provider, other = of_clients(), Client(), Client()
         services.add("/dock", "some_srvs/Dock", provider)
         call = await start_call(services)
         (request,) = provider.sent
@@ -131,7 +136,7 @@ def test_a_call_goes_to_the_provider_and_its_response_to_the_caller() -> None:
 
 def test_a_failed_call_a_lost_provider_and_a_missing_response_are_service_errors() -> None:
     async def scenario() -> None:
-        services, provider = ClientServices(), Client()
+        services, provider = of_clients(), Client()
         services.add("/dock", "some_srvs/Dock", provider)
         call = await start_call(services)
         services.respond(ServiceResponse("/dock", "jammed", False, provider.sent[0].id), provider)
@@ -151,7 +156,7 @@ def test_a_failed_call_a_lost_provider_and_a_missing_response_are_service_errors
 
 
 def test_a_service_is_removed_only_by_its_provider() -> None:
-    services, first, second = ClientServices(), Client(), Client()
+    services, first, second = of_clients(), Client(), Client()
     services.add("/dock", "some_srvs/Dock", first)
     services.add("/dock", "some_srvs/Dock", second)
     services.remove("/dock", first)

@@ -7,7 +7,7 @@ from typing import Any, Awaitable, Callable, List, Optional
 
 from robot_health_monitor.rosbridge.protocol.limits import Limits
 from robot_health_monitor.rosbridge.protocol.operations import Subscribe
-from robot_health_monitor.rosbridge.server.topic import ByteBudget, Options, Pacer, Topic, merge, options_of
+from robot_health_monitor.rosbridge.server.topic import ByteBudget, Options, Pacer, Topic, merge
 from robot_health_monitor.runtime.event_loops import ThreadPool
 
 
@@ -28,7 +28,8 @@ def run(scenario: Callable[[Topic, List[str]], Awaitable[None]], **options: Any)
     async def start() -> None:
         pool = ThreadPool("encode", 1, 100)
         problems: List[str] = []
-        topic = Topic("/a", "std_msgs/String", None, pool, problems.append, Limits(**options))
+        topic = Topic("/a", pool, problems.append, Limits(**options))
+        topic.type_name = "std_msgs/String"
         await asyncio.wait_for(scenario(topic, problems), 60.0)
         pool.close()
 
@@ -111,14 +112,19 @@ def test_a_message_that_cannot_be_sent_is_counted_and_reported() -> None:
 
 def test_options_are_read_in_seconds_and_within_the_limits() -> None:
     request = Subscribe("/a", throttle_rate=250.0, queue_length=7, fragment_size=100, compression="png")
-    assert options_of(request, Limits()) == Options(0.25, 7, 100, "png")
-    assert options_of(replace(request, queue_length=10**9), Limits(queue_messages=50)).queue_length == 50
+    assert merge([request], Limits()) == Options(0.25, 7, 100, "png")
+    assert merge([replace(request, queue_length=10**9)], Limits(queue_messages=50)).queue_length == 50
 
 
 def test_several_requests_for_a_topic_are_merged_as_the_reference_server_does() -> None:
-    requests = [Options(0.5, 10, 200, "none"), Options(0.1, 2, None, "cbor"), Options(1.0, 5, 100, "png")]
-    assert merge(requests) == Options(0.1, 2, 100, "cbor")
-    assert merge([Options(), Options(compression="cbor-raw"), Options(compression="cbor")]).compression == "cbor-raw"
+    requests = [
+        Subscribe("/a", throttle_rate=500.0, queue_length=10, fragment_size=200, compression="none"),
+        Subscribe("/a", throttle_rate=100.0, queue_length=2, compression="cbor"),
+        Subscribe("/a", throttle_rate=1000.0, queue_length=5, fragment_size=100, compression="png"),
+    ]
+    assert merge(requests, Limits()) == Options(0.1, 2, 100, "cbor")
+    every = [Subscribe("/a", compression=each) for each in ("none", "cbor-raw", "cbor")]
+    assert merge(every, Limits()) == Options(0.0, 0, None, "cbor-raw")
 
 
 def sent(pacer: Pacer[str], offers: List[Optional[str]], step_s: float = 0.1) -> List[Optional[str]]:
