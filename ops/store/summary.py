@@ -87,11 +87,9 @@ def summarize(
         begin_s = max(watched[name][0][0], since_s or 0.0)
         return signals.setdefault((name, signal_name), _Signal(spans, begin_s, now_s, begin_s))
 
-    lasting_s: Dict[Tuple[str, str], float] = {}
     for name, signal_name, state in connection.execute("SELECT robot, signal, state FROM signal_states"):
         if name in watched and isinstance(signal_name, str):
-            signal_of(name, signal_name)
-            lasting_s[name, signal_name] = _known_s(state, now_s)
+            signal_of(name, signal_name).lasting_s = _known_s(state, now_s)
     causes: Dict[Tuple[str, str], str] = {}  # the alert of which each signal was an effect at last
     for wall_s, name, signal_name, *levels, lasted_s, affected in _transitions(connection, robot, "NOT repeat"):
         if name in watched:
@@ -101,8 +99,8 @@ def summarize(
     for (name, signal_name), found in sorted(signals.items()):
         if now_s > found.begin_s and (signal is None or matches_pattern(signal_name, signal)):
             # An element without a state has ended (forget_after_s): what came after is not known.
-            has_ended = signal_name != template_name(signal_name) and (name, signal_name) not in lasting_s
-            found.advance(now_s, 0.0 if has_ended else lasting_s.get((name, signal_name), math.inf))
+            without_state_s = math.inf if signal_name == template_name(signal_name) else 0.0
+            found.advance(now_s, without_state_s if found.lasting_s is None else found.lasting_s)
             was_ok = found.times.keys() <= {Level.OK}
             if not (was_ok and is_source(signal_name)):  # topics are shown while they are silent
                 cause = causes.get((name, signal_name), "") if was_ok else ""
@@ -119,6 +117,8 @@ class _Signal:
     begin_s: float
     end_s: float
     advanced_to_s: float
+    lasting_s: Optional[float] = None
+    """For how long its present level has been known by its state; None: it has none."""
     level: Optional[Level] = None
     """None before the first transition: OK, if there is none."""
     times: Dict[Level, float] = field(default_factory=dict)

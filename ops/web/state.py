@@ -81,7 +81,7 @@ class Samples(NamedTuple):
     full: bool  # True: all samples of the windows. False: those since the time that was asked for
     signals: Mapping[str, Sequence[Tuple[float, float]]]  # time in s since 1970 and value
     window_s: Mapping[str, float]  # length of each window
-    last_s: Mapping[str, float]  # time of the newest sample, on the monitor's clock
+    last_s: Mapping[str, float]  # time of the newest sample, on the monitor's clock; -inf: there is none
     now_s: float  # when they were read, on the same clock
     offset_s: float  # wall time minus the monitor's clock
 
@@ -139,8 +139,7 @@ class RobotReader:
             found = {name: monitor.shown_samples(name, MOST_SAMPLES, since_s.get(name, -math.inf)) for name in configs}
             signals = {name: [(t + self._offset_s, value) for t, value in new] for name, new in found.items()}
             window_s = {name: config.window_s for name, config in configs.items()}
-            last_s = {name: since_s[name] for name in found if name in since_s}
-            last_s.update((name, new[-1][0]) for name, new in found.items() if new)
+            last_s = {name: new[-1][0] if new else since_s.get(name, -math.inf) for name, new in found.items()}
             return Samples(full, signals, window_s, last_s, now_s, self._offset_s)
 
         with self._lock:
