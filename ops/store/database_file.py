@@ -97,14 +97,18 @@ class DatabaseFile:
             """In autocommit mode."""
             on_error.callback(self.connection.close)
             schema.version_of(self.connection)  # what follows would change a file that must not be touched
-            self.connection.execute(f"PRAGMA page_size = {_PAGE_BYTES}")  # these two have an effect in a new file only
-            self.connection.execute("PRAGMA auto_vacuum = INCREMENTAL")
-            mode = self.connection.execute("PRAGMA journal_mode = WAL").fetchone()[0]
+            for setting in (
+                f"page_size = {_PAGE_BYTES}",  # these two have an effect in a new file only
+                "auto_vacuum = INCREMENTAL",
+                "synchronous = FULL",
+                "wal_autocheckpoint = 0",
+                "journal_size_limit = 0",  # shortens the log when it begins anew
+                "secure_delete = OFF",  # Debian's SQLite overwrites what is deleted
+            ):
+                self.connection.execute(f"PRAGMA {setting}")
             # Without a WAL (some network file systems) only FULL survives a power cut.
-            self.connection.execute(f"PRAGMA synchronous = {'NORMAL' if mode == 'wal' else 'FULL'}")
-            self.connection.execute("PRAGMA wal_autocheckpoint = 0")
-            self.connection.execute("PRAGMA journal_size_limit = 0")  # shortens the log when it begins anew
-            self.connection.execute("PRAGMA secure_delete = OFF")  # Debian's SQLite overwrites what is deleted
+            if self.connection.execute("PRAGMA journal_mode = WAL").fetchone()[0] == "wal":
+                self.connection.execute("PRAGMA synchronous = NORMAL")
             schema.prepare(self.connection)
             self._identity = _identity(self.path)
             self._thread = StepThread("history sync", self._sync, self._note_problem)

@@ -11,8 +11,9 @@ import math
 import threading
 import time
 from collections import deque
+from contextlib import contextmanager
 from sqlite3 import Connection, OperationalError
-from typing import Any, Callable, Deque, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple, TypeVar
+from typing import Any, Callable, Deque, Dict, Iterable, Iterator, List, Mapping, Optional, Sequence, Tuple, TypeVar
 
 from ...core.judge.sample_summary import SampleSummary
 from ...core.judge.saved_state import SavedSignal
@@ -170,17 +171,37 @@ class RobotHistory:
 
         Returns when it is committed, after 0.2 s at the latest.
         """
-        try:
-            self._record(transition, json.dumps(saved), evidence)
-        except Exception as error:
-            self._report(f"a transition was not stored: {type(error).__name__}: {error}")
+        with self._reporting("a transition was not stored"):
+            history, signal = self._history, transition.signal
+            wall_s, state = self.wall_s(), {signal: json.dumps(saved)}
+            row = transition_row(transition, wall_s)
+            samples = pack_samples(evidence, self._evidence_until_s.get(signal, -math.inf))
+
+            def insert(connection: Connection) -> None:
+                history.store(connection, row, samples, transition, wall_s)
+                history.state.write_states(connection, self._robot, state)
+
+            job = Job(insert)
+            history.check_progress()
+            with self._lock:
+                is_waiting = history.submit(job)
+                if is_waiting:
+                    self._open_save = None  # later states go behind this transition
+                    if evidence:
+                        self._evidence_until_s.pop(signal, None)  # the newest are at the end
+                        self._evidence_until_s[signal] = evidence[-1][0]
+                    if len(self._evidence_until_s) > _MOST_EVIDENT:
+                        del self._evidence_until_s[next(iter(self._evidence_until_s))]
+            if not is_waiting:
+                history.note_lost()
+                self._save(state)
+            elif history.busy_s < COMMIT_TIMEOUT_S:  # while the disk hangs, the first caller has waited
+                history.wait(job, COMMIT_TIMEOUT_S)
 
     def save(self, states: Mapping[str, SavedSignal]) -> None:
         """Stores states of signals without a transition; returns at once."""
-        try:
+        with self._reporting("states were not stored"):
             self._save({signal: json.dumps(state) for signal, state in states.items()})
-        except Exception as error:
-            self._report(f"states were not stored: {type(error).__name__}: {error}")
 
     @property
     def keeps_samples(self) -> bool:
@@ -189,11 +210,9 @@ class RobotHistory:
 
     def record_samples(self, samples: Mapping[str, Sequence[SampleSummary]]) -> None:
         """Stores what was collected of the samples of signals, by their names; returns at once."""
-        try:
+        with self._reporting("samples were not stored"):
             rows = (summaries_of(self._robot, printable(signal), each) for signal, each in samples.items())
             self._history.put_samples(row for summaries in rows for row in summaries)
-        except Exception as error:
-            self._report(f"samples were not stored: {type(error).__name__}: {error}")
 
     def record_effects(self, effects: Mapping[str, Sequence[str]]) -> None:
         """Stores with open alerts, by the names of their signals, which signals they keep from being announced."""
@@ -237,35 +256,8 @@ class RobotHistory:
         try:
             return self._history.run(function, _RESTORE_TIMEOUT_S)
         except ServiceError as error:
-            self._report(str(error))
+            self._history.faults.report(PART, str(error))
             return None
-
-    def _record(self, transition: Transition, state: str, evidence: Sequence[Tuple[float, Any]]) -> None:
-        history, signal = self._history, transition.signal
-        wall_s = self.wall_s()
-        row = transition_row(transition, wall_s)
-        samples = pack_samples(evidence, self._evidence_until_s.get(signal, -math.inf))
-
-        def insert(connection: Connection) -> None:
-            history.store(connection, row, samples, transition, wall_s)
-            history.state.write_states(connection, self._robot, {signal: state})
-
-        job = Job(insert)
-        history.check_progress()
-        with self._lock:
-            is_waiting = history.submit(job)
-            if is_waiting:
-                self._open_save = None  # later states go behind this transition
-                if evidence:
-                    self._evidence_until_s.pop(signal, None)  # the newest are at the end
-                    self._evidence_until_s[signal] = evidence[-1][0]
-                if len(self._evidence_until_s) > _MOST_EVIDENT:
-                    del self._evidence_until_s[next(iter(self._evidence_until_s))]
-        if not is_waiting:
-            history.note_lost()
-            self._save({signal: state})
-        elif history.busy_s < COMMIT_TIMEOUT_S:  # while the disk hangs, the first caller has waited
-            history.wait(job, COMMIT_TIMEOUT_S)
 
     def _save(self, states: Mapping[str, str]) -> None:
         with self._lock:
@@ -283,5 +275,10 @@ class RobotHistory:
             # Also if many jobs are waiting: between two transitions there is one such job per robot at most.
             self._history.submit(Job(write), is_urgent=True)
 
-    def _report(self, text: str) -> None:
-        self._history.faults.report(PART, text)
+    @contextmanager
+    def _reporting(self, problem: str) -> Iterator[None]:
+        """Reports what a block raises."""
+        try:
+            yield
+        except Exception as error:
+            self._history.faults.report(PART, f"{problem}: {type(error).__name__}: {error}")
