@@ -30,7 +30,7 @@ _GROUPS: Mapping[str, Mapping[str, str]] = {
     },
     "Watch": {
         "run": "monitor this machine or a simulated robot, without ROS",
-        "connect": "monitor robots over rosbridge, without ROS",
+        "connect": "monitor robots over rosbridge or foxglove_bridge, without ROS",
     },
     "Tune": {
         "replay": "show the alerts that recordings would have raised",
