@@ -3,7 +3,7 @@
 A command is a module `<name>_command.py` with two functions:
 
     def add_arguments(parser: Parser) -> None: ...      # the description, arguments and options
-    def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int: ...      # returns the exit code
+    def run(arguments: argparse.Namespace, interrupts: Interrupts) -> Optional[int]: ...      # the exit code, None: 0
 
 It is imported when it is used, and imports libraries that may be missing only in `run`.
 """
@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any, Callable, Mapping, NoReturn, Optional, Sequence, Tuple
 
 from ..core.values.names import is_namespace
+from ..core.values.version import package_version
 from ..runtime.tokens import TOKEN_VARIABLE
 from .exit_codes import ExitCode, exit_codes_text
 
@@ -29,7 +30,7 @@ _GROUPS: Mapping[str, Mapping[str, str]] = {
     },
     "Watch": {
         "run": "monitor this machine or a simulated robot, without ROS",
-        "connect": "monitor robots over rosbridge, without ROS",
+        "connect": "monitor robots over rosbridge or foxglove_bridge, without ROS",
     },
     "Tune": {
         "replay": "show the alerts that recordings would have raised",
@@ -88,18 +89,6 @@ class Parser(argparse.ArgumentParser):
         raise SystemExit(status)
 
 
-class ShowVersion(argparse.Action):
-    """Prints the version of the package, and ends the process."""
-
-    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
-        """Prints the version."""
-        from ..core.values.version import package_version
-
-        sys.stdout.write(f"robot-health {package_version()}\n")
-        parser.exit()
-        raise SystemExit(0)
-
-
 class _RejectToken(argparse.Action):
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
         parser.error(
@@ -142,7 +131,8 @@ def _parser() -> Tuple[Parser, Any]:
         epilog=textwrap.fill(exit_codes_text(), _HELP_COLUMNS),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--version", action=ShowVersion, nargs=0, help="show the version and exit")
+    version = f"robot-health {package_version()}"
+    add(parser, "--version", "show the version and exit", action="version", version=version)
     commands = parser.add_subparsers(
         prog="robot-health",
         dest="command",

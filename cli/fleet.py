@@ -69,9 +69,9 @@ class Fleet:
         name for which `outlet` returns what receives transitions and notices. `self_report` is shown of the process.
         """
         self._reader = reader
-        self._clock = clock
-        self._outlet = outlet
-        self._start_alert_system = start
+        self.clock = clock
+        self.outlet = outlet
+        self.start_alert_system = start
         self.bus = LocalBus(on_log=on_log, wall_time_s=time.time, clock=clock)
         """Where the robots' alerts, statuses and `reset` services are: /alerts, /diagnostics, /ROBOT/alert_system."""
         self._node = self.bus.node(NODE)
@@ -86,7 +86,6 @@ class Fleet:
         """The robots that are watched now, in the order of the configuration."""
         self.on_change: List[Callable[[Sequence[Robot], Sequence[Robot]], object]] = []
         """Called in the loop with the robots that were added and those that were removed."""
-        self._tasks: Dict[Robot, asyncio.Future[None]] = {}
         self._is_running = False
         self_report = replace(
             self_report,
@@ -96,18 +95,13 @@ class Fleet:
         )
         self._self_monitor = SelfMonitor(self._node, host_name(), CHECK_PERIOD_S, outlet(NODE), self_report)
         self._node.create_timer(CHECK_PERIOD_S, self._check)
-        configured = reader.read()
         try:
-            for settings in configured:
-                self.robots.append(self._create(settings, log_details=len(configured) == 1))
+            self.apply(reader.read())
         except ConfigError:
             self.close()
             raise
-        if len(configured) > _MOST_NAMES:
+        if len(self.robots) > _MOST_NAMES:
             self.log(Severity.INFO, f"watching {len(self.robots)} robots, {self._count_signals()} signals")
-        elif len(configured) > 1:
-            for robot in self.robots:
-                robot.log_summary()
 
     @property
     def alert_systems(self) -> Sequence[AlertSystem]:
@@ -132,7 +126,7 @@ class Fleet:
         try:
             await timers
         finally:
-            tasks = {timers, *self._tasks.values()}
+            tasks = {timers, *(robot.task for robot in self.robots if robot.task is not None)}
             for task in tasks:
                 task.cancel()
             await asyncio.wait(tasks)
@@ -146,6 +140,7 @@ class Fleet:
 
     def apply(self, settings: Sequence[RobotSettings]) -> str:
         """Makes the robots those of `settings`; returns what changed. Called in the loop."""
+        is_only = not self.robots and len(settings) == 1
         known = {robot.name: robot for robot in self.robots}
         wanted = {new.name: new for new in settings}
         changes: Dict[str, List[str]] = {}
@@ -162,20 +157,24 @@ class Fleet:
                 replaced.append(name)
         for robot in ended:
             robot.end()
-            if robot in self._tasks:
-                self._tasks.pop(robot).cancel()
+            self.robots.remove(robot)
             del known[robot.name]
-        added = {name: self._create(new) for name, new in wanted.items() if name not in known}
-        if len(added) <= _MOST_NAMES:
-            for robot in added.values():
+        added = []
+        for name, new in wanted.items():
+            if name not in known:
+                added.append(self._create(new, log_details=is_only))
+                self.robots.append(added[-1])
+        places = {name: place for place, name in enumerate(wanted)}
+        self.robots.sort(key=lambda robot: places[robot.name])
+        if len(added) <= _MOST_NAMES and not is_only:
+            for robot in added:
                 robot.log_summary()
-        self.robots = [known[name] if name in known else added[name] for name in wanted]
         if self._is_running:
-            self._start(added.values())
+            self._start(added)
         if added or ended:
             for callback in self.on_change:
-                self.faults.guard("change of the fleet", callback, list(added.values()), ended)
-        new_names = [name for name in added if name not in replaced]
+                self.faults.guard("change of the fleet", callback, added, ended)
+        new_names = [robot.name for robot in added if robot.name not in replaced]
         named = (("added", new_names), ("removed", removed), ("started anew", replaced))
         texts = [f"{change} {_names_text(names)}" for change, names in named if names]
         texts += [f"{_names_text(names)}: {change}" for change, names in changes.items()]
@@ -190,7 +189,7 @@ class Fleet:
     def _count_signals(self) -> int:
         return sum(len(alert_system.monitor.config.signals) for alert_system in self.alert_systems)
 
-    def _create(self, settings: RobotSettings, *, log_details: bool = False) -> Robot:
+    def _create(self, settings: RobotSettings, log_details: bool) -> Robot:
         namespace = re.sub(r"\W", "_", settings.name, flags=re.ASCII)
         namespace = namespace if namespace[:1].isalpha() else f"robot_{namespace}"
         taken = {node.name for node in self.bus.nodes}
@@ -198,22 +197,14 @@ class Fleet:
             namespace += "_"
         outputs = self.bus.node("alert_system", namespace=namespace, remap={"alerts": "/alerts"})
         try:
-            return Robot(
-                settings,
-                outputs=outputs,
-                clock=self._clock,
-                on_log=self.bus.log,
-                outlet=self._outlet(settings.name),
-                log_details=log_details,
-                start=self._start_alert_system,
-            )
+            return Robot(self, settings, outputs, log_details)
         except ConfigError:
             outputs.close()
             raise
 
     def _start(self, robots: Iterable[Robot]) -> None:
         for number, robot in enumerate(robots):
-            self._tasks[robot] = asyncio.ensure_future(robot.run(number * _START_PERIOD_S))
+            robot.task = asyncio.ensure_future(robot.run(number * _START_PERIOD_S))
 
     def _check(self, now_s: float) -> None:
         self._self_monitor.find_pause(now_s)
@@ -230,17 +221,7 @@ def _names_text(names: Sequence[str]) -> str:
 class Robot:
     """The connection to one robot, which publishes and offers nothing there, and the alert_system that judges it."""
 
-    def __init__(
-        self,
-        settings: RobotSettings,
-        *,
-        outputs: LocalMiddleware,
-        clock: Callable[[], float],
-        on_log: Callable[[LogLine], None],
-        outlet: Outlet,
-        log_details: bool,
-        start: StartAlertSystem,
-    ) -> None:
+    def __init__(self, fleet: Fleet, settings: RobotSettings, outputs: LocalMiddleware, log_details: bool) -> None:
         """Starts the alert_system; `run` connects. Raises ConfigError if the configuration cannot be used.
 
         The node `outputs`, which is closed at the end, publishes what the alert_system announces, and offers its
@@ -249,7 +230,7 @@ class Robot:
 
         def log(line: LogLine) -> None:
             if log_details or started or line.severity > Severity.INFO:
-                on_log(line._replace(node=settings.name))
+                fleet.bus.log(line._replace(node=settings.name))
 
         started = False
         self.name = settings.name
@@ -258,17 +239,19 @@ class Robot:
         """Why the connection is down; None while it is up and before the first attempt."""
         self.connected = False
         """Whether the connection is up."""
+        self.task: Optional[asyncio.Future[None]] = None
+        """Keeps the connection up."""
         self._closed = False
         self._outputs = outputs
         self._client = bridge_client(
             settings.url,
             token=settings.token,
             ssl_context=settings.ssl_context,
-            clock=clock,
+            clock=fleet.clock,
             on_log=log,
             on_link=self._note_link,
         )
-        self._log = LimitedLog(self._client.log, clock)
+        self._log = LimitedLog(self._client.log, fleet.clock)
         self._node: BridgeNode = self._client.node(
             "alert_system",
             namespace=settings.namespace,
@@ -276,9 +259,9 @@ class Robot:
             use_sim_time=settings.use_sim_time,
             outputs=outputs,
         )
-        self.alert_system = start(
+        self.alert_system = fleet.start_alert_system(
             self._node,
-            {"output": outlet},
+            {"output": fleet.outlet(settings.name)},
             log_alerts=False,
             announce_pauses=False,
             self_report=SelfReport(dropped=lambda: self._node.dropped),
@@ -344,6 +327,8 @@ class Robot:
     def close(self) -> None:
         """Ends the alert_system and the connection; open alerts stay open."""
         self._closed = True
+        if self.task is not None:
+            self.task.cancel()
         self.alert_system.close()
         self._client.close()
         self._outputs.close()

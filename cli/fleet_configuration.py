@@ -56,14 +56,11 @@ class Options:
 
 
 @dataclass(frozen=True)
-class _Address:
-    name: str
-    url: str = declared("", "ws://host:port, wss://host:port, foxglove://host:port or foxglove+tls://host:port")
-
-
-@dataclass(frozen=True)
-class RobotEntry(Options, _Address):
+class RobotEntry(Options):
     """One robot as fleet.yaml or the command line names it: its name, and its address, empty if it pushes."""
+
+    name: str = ""
+    url: str = declared("", "ws://host:port, wss://host:port, foxglove://host:port or foxglove+tls://host:port")
 
     def mistakes(self, given: Mapping[str, Any]) -> Iterator[Tuple[str, str]]:
         """Yields key and problem of values that cannot be used; see `read_section`."""
@@ -124,7 +121,7 @@ def read_addresses(texts: Sequence[str]) -> List[RobotEntry]:
             name = f"{host}:{port}" if host in entries and port else host
         if name in entries:
             raise ConfigError(f"two robots are named {name}; give them names: one=host:port two=host:port")
-        entries[name] = RobotEntry(name, url)
+        entries[name] = RobotEntry(name=name, url=url)
     return list(entries.values())
 
 

@@ -19,13 +19,11 @@ from ..core.port.middleware import Severity
 from ..core.values.errors import ConfigError, Path
 from ..core.values.formatting import count_text, duration_text, list_text, printable
 from ..core.values.model import Level, Transition
-from ..core.values.version import package_version
 from ..ops.report.plotted_signal import PlottedSignal
-from ..ops.report.report import MOST_ALERTS, Report, ReportedAlert, buckets_of, render
+from ..ops.report.report import MOST_ALERTS, Report, ReportedAlert, buckets_of, facts_of, render
 from ..recordings.judging import Differences, Judge, JudgedEvent, JudgedSample, SignalSummary
 from ..recordings.middleware import Player
 from ..recordings.reading import Recordings
-from ..runtime.times import local_time
 from .arguments import find_installed
 from .embedded import sections_of_nodes
 from .output.events import Entry
@@ -235,16 +233,11 @@ class _Replay:
         summaries = [summary for summary, _ in with_effects]
         plots = [self._plots.get((summary.file, summary.config.name)) for summary in summaries]
         names = list_text([os.path.basename(os.path.abspath(name)) for name in self._arguments.recordings])
-        period = f"{local_time(self._start_s)} to {local_time(end_s)} ({duration_text(end_s - self._start_s)})"
-        offset = local_time(self._start_s, "%z")
+        judged_by = f"judged by {' and '.join(each.name for each in self._configurations)}; "
         return render(
             Report(
                 title=f"Replay of {names}",
-                facts=[
-                    f"{period}, times in UTC{offset[:3]}:{offset[3:]}",
-                    f"judged by {' and '.join(each.name for each in self._configurations)}; "
-                    f"robot-health {package_version()}",
-                ],
+                facts=facts_of(self._start_s, end_s, judged_by),
                 summary=sentence(summaries, end_s - self._start_s),
                 verdict=verdict,
                 problems=problems,

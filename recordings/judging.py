@@ -103,7 +103,7 @@ class SignalStatistics:
 
 @dataclass
 class SignalSummary:
-    """How one configuration judged one signal."""
+    """How one configuration judged one signal; shares, `unknown` and `cause` are there after `finish`."""
 
     file: str  # name of the configuration
     config: SignalConfig
@@ -111,13 +111,73 @@ class SignalSummary:
     recorded: bool  # whether the recordings have its topic, with its type
     missing: str
     """Why it was not judged: it is not recorded, or has no sample that can be read; empty if it was."""
-    statistics: SignalStatistics
+    statistics: SignalStatistics = field(default_factory=SignalStatistics)
     shares: Mapping[Level, float] = field(default_factory=dict)
     """Share of the recorded time per announced level, 0 to 1; empty if it was never known."""
     unknown: float = 1.0
     """Share of the recorded time before the first sample or alert, 0 to 1."""
     alerts: int = 0  # an alert that changes its level counts once
     cause: str = ""  # the latest alert of which it was an effect, if it had none of its own
+    effects: List[str] = field(default_factory=list)  # of its latest alert
+
+    # Times are log times minus the time that was skipped before them.
+    begin_s: float = 0.0
+    skipped_s: float = 0.0
+    level: Level = Level.OK  # the announced one
+    begun_s: float = -math.inf  # when its latest alert began
+    caused: Tuple[float, str] = (-math.inf, "")  # begin and name of the latest alert of which it was an effect
+    _since_s: Optional[float] = None
+    _lasted_s: Dict[Level, float] = field(default_factory=lambda: dict.fromkeys(Level, 0.0))
+    _alerted_s: float = math.inf  # time of the first alert
+    _sampled_s: float = math.inf  # time of the first sample
+
+    def begin(self, level: Level) -> None:
+        """Begins with a level that was announced before."""
+        if level is not Level.OK:
+            self.level, self._since_s = level, self.begin_s
+
+    def skip(self, duration_s: float) -> None:
+        """Leaves a time out."""
+        self._note_first_sample()
+        self.skipped_s += duration_s
+        self.statistics.skip(duration_s)
+
+    def note(self, transition: Transition, wall_s: float) -> None:
+        """Notes what was announced."""
+        if transition.repeat:
+            return
+        now_s = wall_s - self.skipped_s
+        if self._since_s is None:
+            self._alerted_s = now_s
+            if is_source(transition.signal):
+                self._sampled_s = now_s - (transition.now_s - transition.since_s)
+        else:
+            self._lasted_s[self.level] += now_s - self._since_s
+        if transition.from_level is Level.OK:
+            self.alerts += 1
+            self.effects, self.begun_s = [], now_s
+        self.level, self._since_s = transition.to_level, now_s
+
+    def finish(self, wall_s: float) -> None:
+        """Completes the summary."""
+        self._note_first_sample()
+        end_s = wall_s - self.skipped_s
+        if self._since_s is not None:
+            self._lasted_s[self.level] += end_s - self._since_s
+        self._lasted_s[Level.OK] += max(0.0, min(self._alerted_s, end_s) - self._sampled_s)
+        total_s, known_s = end_s - self.begin_s, sum(self._lasted_s.values())
+        if known_s > 0.0:
+            self.shares = {level: lasted_s / total_s for level, lasted_s in self._lasted_s.items()}
+        unknown = 1.0 - min(known_s / total_s, 1.0) if total_s > 0.0 else 1.0
+        self.unknown = 0.0 if unknown < 1e-9 else unknown
+        if not any(lasted_s for level, lasted_s in self._lasted_s.items() if level is not Level.OK):
+            self.cause = self.caused[1]
+        if not self.statistics.samples and not is_source(self.config.name):
+            self.missing = self.missing or f"{self.topic} has no samples"
+
+    def _note_first_sample(self) -> None:
+        if self._sampled_s == math.inf and self.statistics.first_s is not None:
+            self._sampled_s = self.statistics.first_s - self.skipped_s
 
 
 OnEvent = Callable[[JudgedEvent], None]
@@ -133,7 +193,7 @@ class Judge:
         self._player = player
         self._on_event = on_event
         self._on_sample = on_sample
-        self._signals: Dict[Tuple[str, str], _JudgedSignal] = {}
+        self._signals: Dict[Tuple[str, str], SignalSummary] = {}
         self._templates: Dict[Tuple[str, str], SignalConfig] = {}
         player.on_gap.append(self._skip)
 
@@ -169,11 +229,11 @@ class Judge:
         system.monitor.collect_samples(lambda signal: _Collector(partial(self._note_sample, file, signal)))
         self._player.on_gap.append(system.skip)
         for name, signal in recordable.items():
-            own, is_recorded = own_config(signal), not absent[name]
-            summary = SignalSummary(file, own, topics[name], is_recorded, missing[name], SignalStatistics())
-            judged = self._signals[file, name] = _JudgedSignal(summary, self._player.wall_s)
+            summary = SignalSummary(file, own_config(signal), topics[name], not absent[name], missing[name])
+            summary.begin_s = self._player.wall_s
+            self._signals[file, name] = summary
             if saved is not None:
-                judged.begin(_announced_level(saved, name))
+                summary.begin(_announced_level(saved, name))
             if signal.is_template:
                 self._templates[file, name] = signal
 
@@ -196,24 +256,23 @@ class Judge:
         """
         order = {key: place for place, key in enumerate(self._signals)}
         keys = sorted(self._signals, key=lambda key: (order[key[0], template_name(key[1])], order[key]))
-        return [self._signals[key].summary for key in keys]
+        return [self._signals[key] for key in keys]
 
     def config_of(self, file: str, signal: str) -> Optional[SignalConfig]:
         """Returns the configuration of a signal, which may be an element; None if it is not judged."""
-        judged = self._find(file, signal)
-        return None if judged is None else judged.summary.config
+        summary = self._find(file, signal)
+        return None if summary is None else summary.config
 
-    def _find(self, file: str, name: str) -> Optional[_JudgedSignal]:
-        """Returns a signal by its name; that of an element begins to be measured."""
-        key, template_key = (file, name), (file, template_name(name))
-        if key not in self._signals and is_source(name):
-            summary = SignalSummary(file, replace(_OF_SOURCE, name=name), name, True, "", SignalStatistics())
-            self._signals[key] = next(iter(self._signals.values())).beside(summary)
-        if key not in self._signals and template_key in self._templates:
-            template = self._signals[template_key]
-            config = element_config(self._templates[template_key], name)
-            summary = SignalSummary(file, config, template.summary.topic, True, "", SignalStatistics())
-            self._signals[key] = template.beside(summary)
+    def _find(self, file: str, name: str) -> Optional[SignalSummary]:
+        """Returns a signal by its name; that of an element or a source begins to be measured."""
+        key, template = (file, name), self._templates.get((file, template_name(name)))
+        if key not in self._signals and (is_source(name) or template is not None):
+            other = self._signals[file, template.name] if template else next(iter(self._signals.values()))
+            config, topic = replace(_OF_SOURCE, name=name), name
+            if template is not None:
+                config, topic = element_config(template, name), other.topic
+            summary = SignalSummary(file, config, topic, True, "", begin_s=other.begin_s, skipped_s=other.skipped_s)
+            self._signals[key] = summary
         return self._signals.get(key)
 
     def _skip(self, begin_s: float, end_s: float) -> None:
@@ -232,19 +291,19 @@ class Judge:
     def _note_effects(self, file: str, monitor: Monitor) -> None:
         for cause, names in monitor.effects().items():
             alert = self._signals.get((file, cause))
-            if alert is not None and alert.is_open:
+            if alert is not None and alert.level is not Level.OK:
                 alert.effects += [name for name in names if name not in alert.effects]
                 for effect in filter(None, [self._find(file, name) for name in names]):
-                    effect.cause = max(effect.cause, (alert.begun_s, cause))
+                    effect.caused = max(effect.caused, (alert.begun_s, cause))
 
     def _note_sample(self, file: str, signal: SignalMonitor, judged: Optional[float], now_s: float, good: bool) -> None:
         """Notes a sample of a signal; an element begins to be measured with its first one."""
         measured, wall_s = self._find(file, signal.config.name), self._player.wall_s
         if measured is not None:
-            measured.summary.statistics.add(wall_s, judged, good)
+            measured.statistics.add(wall_s, judged, good)
             if self._on_sample is not None:
                 value = signal.window.last() if good else None
-                self._on_sample(file, measured.summary.config, JudgedSample(wall_s, now_s, value, judged))
+                self._on_sample(file, measured.config, JudgedSample(wall_s, now_s, value, judged))
 
 
 def _announced_level(saved: SavedMonitor, signal: str) -> Level:
@@ -269,82 +328,6 @@ class _Collector(SampleCollector):
 
     def note_level(self, level: Level, now_s: float) -> None:
         """Does nothing: shares of time are those of the announced levels."""
-
-
-class _JudgedSignal:
-    """Measures the time that one signal of one configuration spends on each level.
-
-    Times are log times minus the time that was skipped before them.
-    """
-
-    def __init__(self, summary: SignalSummary, begin_s: float) -> None:
-        self.summary = summary
-        self._skipped_s = 0.0
-        self._begin_s = begin_s
-        self._level = Level.OK
-        self.is_open = False  # whether its alert is open
-        self.effects: List[str] = []  # of its latest alert
-        self.begun_s = -math.inf  # when that began
-        self.cause = -math.inf, ""  # begin and name of the latest alert of which it was an effect
-        self._since_s: Optional[float] = None
-        self._lasted_s = dict.fromkeys(Level, 0.0)
-        self._alerted_s = math.inf  # time of the first alert
-        self._sampled_s = math.inf  # time of the first sample
-
-    def begin(self, level: Level) -> None:
-        """Begins with a level that was announced before."""
-        if level is not Level.OK:
-            self._level, self._since_s = level, self._begin_s
-
-    def beside(self, summary: SignalSummary) -> _JudgedSignal:
-        """Returns another signal that is measured from the same time on."""
-        other = _JudgedSignal(summary, self._begin_s)
-        other._skipped_s = self._skipped_s
-        return other
-
-    def skip(self, duration_s: float) -> None:
-        self._note_first_sample()
-        self._skipped_s += duration_s
-        self.summary.statistics.skip(duration_s)
-
-    def note(self, transition: Transition, wall_s: float) -> None:
-        if transition.repeat:
-            return
-        now_s = wall_s - self._skipped_s
-        if self._since_s is None:
-            self._alerted_s = now_s
-            if is_source(transition.signal):
-                self._sampled_s = now_s - (transition.now_s - transition.since_s)
-        else:
-            self._lasted_s[self._level] += now_s - self._since_s
-        self._level, self._since_s = transition.to_level, now_s
-        is_open = transition.to_level is not Level.OK
-        if is_open and not self.is_open:
-            self.summary.alerts += 1
-            self.effects, self.begun_s = [], now_s
-        self.is_open = is_open
-
-    def finish(self, wall_s: float) -> None:
-        """Completes the summary."""
-        self._note_first_sample()
-        end_s = wall_s - self._skipped_s
-        if self._since_s is not None:
-            self._lasted_s[self._level] += end_s - self._since_s
-        self._lasted_s[Level.OK] += max(0.0, min(self._alerted_s, end_s) - self._sampled_s)
-        total_s, known_s = end_s - self._begin_s, sum(self._lasted_s.values())
-        if known_s > 0.0:
-            self.summary.shares = {level: lasted_s / total_s for level, lasted_s in self._lasted_s.items()}
-        unknown = 1.0 - min(known_s / total_s, 1.0) if total_s > 0.0 else 1.0
-        self.summary.unknown = 0.0 if unknown < 1e-9 else unknown
-        if not any(lasted_s for level, lasted_s in self._lasted_s.items() if level is not Level.OK):
-            self.summary.cause = self.cause[1]
-        if not self.summary.statistics.samples and not is_source(self.summary.config.name):
-            self.summary.missing = self.summary.missing or f"{self.summary.topic} has no samples"
-
-    def _note_first_sample(self) -> None:
-        first_s = self.summary.statistics.first_s
-        if self._sampled_s == math.inf and first_s is not None:
-            self._sampled_s = first_s - self._skipped_s
 
 
 class Differences:

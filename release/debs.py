@@ -149,16 +149,11 @@ def run(command: Sequence[str], folder: Path, variables: Mapping[str, str]) -> N
         sys.exit(f"{done.stdout.decode(errors='replace')}\n{' '.join(command)} exited with {done.returncode}")
 
 
-def git(*arguments: str) -> str:
-    """Returns what git prints of the source tree."""
-    return subprocess.run(["git", *arguments], cwd=ROOT, stdout=subprocess.PIPE, text=True, check=True).stdout
-
-
 def copy_sources(folder: Path) -> Path:
     """Copies the files that git knows, as they are in the work tree; returns the copy."""
     copy = folder / f"robot-health-{manifest.text('version')}"
     copy.mkdir(parents=True)
-    names = filter(None, git("ls-files", "-z").split("\0"))
+    names = filter(None, manifest.git(ROOT, "ls-files", "-z").split("\0"))
     subprocess.run(["cp", "--parents", "--no-dereference", "--preserve", "-t", copy, *names], cwd=ROOT, check=True)
     return copy
 
@@ -172,7 +167,7 @@ def main() -> None:
     unknown = set(arguments.names) - set(PACKAGES)
     if unknown:
         parser.error(f"expected names of {', '.join(PACKAGES)}, got {', '.join(sorted(unknown))}")
-    date_s = float(os.environ.get("SOURCE_DATE_EPOCH") or git("log", "-1", "--format=%ct"))
+    date_s = float(os.environ.get("SOURCE_DATE_EPOCH") or manifest.git(ROOT, "log", "-1", "--format=%ct"))
     arguments.folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix="robot-health-debs-") as temporary:
         work = Path(temporary)

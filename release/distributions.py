@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -23,6 +24,7 @@ from release import manifest  # noqa: E402  # found through the line above
 from release.sbom import sbom_json  # noqa: E402
 
 NAME = "robot_health_monitor"
+_ARCHIVE = ("-c", "tar.umask=0022", "archive")
 
 
 def build(folder: Path) -> List[Path]:
@@ -30,14 +32,14 @@ def build(folder: Path) -> List[Path]:
     folder = folder.resolve()
     folder.mkdir(parents=True, exist_ok=True)
     os.umask(0o022)
-    time_s = _git("log", "-1", "--format=%ct").decode().strip()
+    time_s = manifest.git(ROOT, "log", "-1", "--format=%ct")
     # For setuptools and wheel.
     os.environ.update(SOURCE_DATE_EPOCH=time_s, PYTHONHASHSEED="0", TZ="UTC", LC_ALL="C.UTF-8")
     base = f"{NAME}-{manifest.text('version')}"
     with tempfile.TemporaryDirectory() as place:
         source, built = Path(place, "source"), Path(place, "built")
-        source.mkdir()
-        subprocess.run(["tar", "--extract", "--directory", source], input=_git("archive", "HEAD"), check=True)
+        manifest.git(ROOT, *_ARCHIVE, f"--prefix={source.name}/", f"--output={source}.tar", "HEAD")
+        shutil.unpack_archive(f"{source}.tar", place)
         _run("pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation", "--wheel-dir", built, source)
         (wheel,) = built.iterdir()
         _run("wheel", "unpack", "--dest", place, wheel, stdout=subprocess.DEVNULL)
@@ -49,12 +51,8 @@ def build(folder: Path) -> List[Path]:
         metadata = (information / "METADATA").rename(Path(place, "PKG-INFO"))
         sdist = folder / f"{base}.tar.gz"
         options = [f"--prefix={base}/", f"--add-file={metadata}", f"--output={sdist}"]
-        _git("-c", "tar.umask=0022", "archive", *options, "HEAD")
+        manifest.git(ROOT, *_ARCHIVE, *options, "HEAD")
     return [sdist, folder / wheel.name]
-
-
-def _git(*arguments: str) -> bytes:
-    return subprocess.run(["git", *arguments], cwd=ROOT, check=True, stdout=subprocess.PIPE).stdout
 
 
 def _run(*command: Any, **options: Any) -> None:
@@ -66,7 +64,7 @@ def _run(*command: Any, **options: Any) -> None:
 
 def main() -> None:
     """Builds both, checks them as the package index does; prints their sizes and hashes."""
-    if _git("status", "--porcelain"):
+    if manifest.git(ROOT, "status", "--porcelain"):
         print("WARN: builds the last commit; uncommitted changes are not included", file=sys.stderr)
     files = build(Path(sys.argv[1]))
     _run("twine", "check", "--strict", *files)

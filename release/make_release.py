@@ -26,6 +26,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT)]
 
 from release import manifest  # noqa: E402  # found through the line above
+from release.manifest import Refused, git  # noqa: E402
 
 _VERSION = re.compile(r"(0|[1-9]\d*)\.(0|[1-9]\d*)\.(0|[1-9]\d*)\Z")
 _SECTION = re.compile(r"^(Forthcoming|\d+\.\d+\.\d+)(?: \(\d{4}-\d\d-\d\d\))?\n-+\n", re.MULTILINE)
@@ -36,17 +37,13 @@ COMMANDS: Sequence[Sequence[str]] = (("make", "test"), *([("make", "deb")] if os
 """They test everything, and leave in dist/ what is uploaded."""
 
 
-class Refused(Exception):
-    """The release is refused; `str()` is one line with the reason."""
-
-
 def release(repository: Path, version: str, commands: Sequence[Sequence[str]] = COMMANDS) -> List[Path]:
     """Makes a release of the branch that is checked out; returns the files to upload. Raises Refused."""
     _check_ready(repository, version)
-    begun = _git(repository, "rev-parse", "HEAD")
+    begun = git(repository, "rev-parse", "HEAD")
     with tempfile.TemporaryDirectory() as place:
         tree = Path(place, "tree")
-        _git(repository, "worktree", "add", "--quiet", "--detach", str(tree))
+        git(repository, "worktree", "add", "--quiet", "--detach", tree)
         try:
             _check_documents(tree)
             _prepare(tree, version)
@@ -54,16 +51,16 @@ def release(repository: Path, version: str, commands: Sequence[Sequence[str]] = 
                 _run(tree, command)
             target = repository / "dist"
             _require(
-                _git(repository, "rev-parse", "HEAD") == begun and not _git(repository, "status", "--porcelain"),
+                git(repository, "rev-parse", "HEAD") == begun and not git(repository, "status", "--porcelain"),
                 "this repository was changed meanwhile; run make release again",
             )
-            _git(repository, "merge", "--quiet", "--ff-only", _git(tree, "rev-parse", "HEAD"))
+            git(repository, "merge", "--quiet", "--ff-only", git(tree, "rev-parse", "HEAD"))
             built = tree / "dist"
             names = sorted(file.relative_to(built) for file in built.rglob("*") if file.is_file())
             shutil.copytree(built, target, dirs_exist_ok=True)
         finally:
-            _git(repository, "worktree", "remove", "--force", str(tree))
-    _git(repository, "tag", "--annotate", version, "--message", version)
+            git(repository, "worktree", "remove", "--force", tree)
+    git(repository, "tag", "--annotate", version, "--message", version)
     sums = "".join(f"{hashlib.sha256((target / name).read_bytes()).hexdigest()}  {name}\n" for name in names)
     (target / "SHA256SUMS").write_text(sums)
     return [target / name for name in names]
@@ -73,9 +70,9 @@ def check_tagged(repository: Path, version: str) -> None:
     """Checks that what is checked out is what `release` made for a version. Raises Refused."""
     present, sections = _check_committed(repository, version)
     _require(present == version, f"package.xml: expected version {version}, as the tag, got {present}")
-    tagged = _git(repository, "rev-parse", "--verify", f"refs/tags/{version}^{{commit}}")
+    tagged = git(repository, "rev-parse", "--verify", f"refs/tags/{version}^{{commit}}")
     _require(
-        tagged == _git(repository, "rev-parse", "HEAD"),
+        tagged == git(repository, "rev-parse", "HEAD"),
         f"the tag {version} is another commit than the one that is checked out",
     )
     _check_placeholders(repository)
@@ -91,13 +88,13 @@ def _check_ready(repository: Path, version: str) -> None:
     """Checks what `release` changes."""
     present, sections = _check_committed(repository, version)
     _require(_number(version) > _number(present), f"expected a version above {present}, got {version}")
-    _require(not _git(repository, "tag", "--list", version), f"the tag {version} exists already")
+    _require(not git(repository, "tag", "--list", version), f"the tag {version} exists already")
     _check_placeholders(repository)
     _require("Forthcoming" in sections, "CHANGELOG.rst: expected a section Forthcoming with what is new")
     _require_news(sections["Forthcoming"], "the section Forthcoming")
     _require(version not in sections, f"CHANGELOG.rst: has a section {version} already, beside Forthcoming")
     try:
-        _git(repository, "var", "GIT_COMMITTER_IDENT")
+        git(repository, "var", "GIT_COMMITTER_IDENT")
     except Refused:
         raise Refused("git does not know who commits; set user.name and user.email with git config") from None
 
@@ -110,7 +107,7 @@ def _require(condition: object, problem: str) -> None:
 def _check_committed(repository: Path, version: str) -> Tuple[str, Dict[str, str]]:
     """Returns the version in package.xml, and the sections of the changelog by version."""
     _number(version)
-    changed = _git(repository, "status", "--porcelain")
+    changed = git(repository, "status", "--porcelain")
     _require(not changed, f"uncommitted changes, such as {changed.partition(chr(10))[0][3:]}; commit or remove them")
     _, *parts = _SECTION.split((repository / "CHANGELOG.rst").read_text("utf-8"))
     return manifest.text("version", repository / "package.xml"), dict(zip(parts[::2], parts[1::2]))
@@ -136,7 +133,7 @@ def _number(version: str) -> Tuple[int, ...]:
 def _check_documents(tree: Path) -> None:
     for script in GENERATORS:
         _run(tree, [sys.executable, script])
-        changed = _git(tree, "status", "--porcelain").partition("\n")[0]
+        changed = git(tree, "status", "--porcelain").partition("\n")[0]
         _require(not changed, f"{changed[3:]} is out of date; run python {script} and commit")
 
 
@@ -150,7 +147,7 @@ def _prepare(tree: Path, version: str) -> None:
         _replace(page, re.escape(_ADDRESS), address)
     for script in GENERATORS:
         _run(tree, [sys.executable, script])
-    _git(tree, "commit", "--quiet", "--all", "--message", version)
+    git(tree, "commit", "--quiet", "--all", "--message", version)
 
 
 def _replace(file: Path, old: str, new: str) -> None:
@@ -162,12 +159,6 @@ def _run(folder: Path, command: Sequence[str]) -> None:
     own = ("VIRTUAL_ENV", "PYTHONPATH", "MAKEFLAGS", "MAKELEVEL", "NOX_")
     variables = {name: value for name, value in os.environ.items() if not name.startswith(own)}
     _require(not subprocess.run(command, cwd=folder, env=variables).returncode, f"{' '.join(command)} failed")
-
-
-def _git(folder: Path, *arguments: str) -> str:
-    done = subprocess.run(["git", *arguments], cwd=folder, capture_output=True, text=True)
-    _require(not done.returncode, f"git {arguments[0]} failed: {done.stderr.strip()}")
-    return done.stdout.strip("\n")
 
 
 def main() -> int:

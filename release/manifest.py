@@ -1,4 +1,4 @@
-"""Reads package.xml for the release tools; as a command, refuses placeholders in it.
+"""Reads package.xml and asks git for the release tools; as a command, refuses placeholders in package.xml.
 
 python3 release/manifest.py     prints each placeholder with its line; exit code 1 if there is one
 """
@@ -6,6 +6,7 @@ python3 release/manifest.py     prints each placeholder with its line; exit code
 from __future__ import annotations
 
 import re
+import subprocess
 import sys
 from pathlib import Path
 from typing import Dict, List
@@ -16,6 +17,18 @@ MANIFEST = ROOT / "package.xml"
 
 _PLACEHOLDER = re.compile(r"[\w.@/:+-]*\b(example\.(com|net|org)|[\w-]+\.(example|invalid|test))\b[\w./-]*")
 """Domains reserved for examples (RFC 2606)."""
+
+
+class Refused(Exception):
+    """A step of a release is refused; `str()` is one line with the reason."""
+
+
+def git(folder: Path, *arguments: object) -> str:
+    """Returns what git prints in a folder; raises Refused if it fails."""
+    done = subprocess.run(["git", *map(str, arguments)], cwd=folder, capture_output=True, text=True)
+    if done.returncode:
+        raise Refused(f"git {arguments[0]} failed: {done.stderr.strip()}")
+    return done.stdout.strip("\n")
 
 
 def text(tag: str, manifest: Path = MANIFEST) -> str:

@@ -48,7 +48,7 @@ def _run_command(argv: Optional[Sequence[str]], interrupts: Interrupts) -> int:
     except SystemExit as end:  # help, the version or wrong usage; its output is yet to be flushed
         return int(end.code or ExitCode.SUCCESS)
     try:
-        return int(arguments.run(arguments, interrupts))
+        return int(arguments.run(arguments, interrupts) or ExitCode.SUCCESS)
     except ConfigError as error:
         for each in error.all:
             _write_error(str(each) if each.file else f"robot-health {arguments.command}: {each}")

@@ -7,7 +7,7 @@ import difflib
 import os
 import re
 import sys
-from typing import Any, Callable, Dict, Iterator, List, Mapping, Protocol, Sequence, Tuple
+from typing import Any, Callable, Dict, Iterator, List, Mapping, Sequence, Tuple
 
 from ...core.config.monitor_config import (
     MonitorConfig,
@@ -188,18 +188,12 @@ def _check_sources(section: Section, problems: Problems) -> Dict[str, None]:
     return unknown
 
 
-class Definitions(Protocol):
-    """Definitions of messages: `NativeMessages`, or the module `messages` of an adapter."""
+def known_definitions() -> List[Any]:
+    """Returns the definitions that are available, the best first: those of ROS, then the standard packages.
 
-    def message_class(self, type_name: str) -> Any:
-        """Returns the class of a type; raises ConfigError if it is unknown."""
-
-    def field_getter(self, topic: str, type_name: str, field: str) -> Any:
-        """Returns a function that reads a field; raises ConfigError if the type has no such field."""
-
-
-def known_definitions() -> List[Definitions]:
-    """Returns the definitions that are available, the best first: those of ROS, then the standard packages."""
+    Each has `message_class(type_name)` and `field_getter(topic, type_name, field)`, which raise ConfigError if the type
+    or the field is unknown.
+    """
     version = os.environ.get("ROS_VERSION", "")
     try:
         if version == "1":
@@ -215,7 +209,7 @@ def known_definitions() -> List[Definitions]:
     return [messages]
 
 
-def check_field(definitions: Sequence[Definitions], topic: str, type_name: str, field: str, key: str = "field") -> bool:
+def check_field(definitions: Sequence[Any], topic: str, type_name: str, field: str, key: str = "field") -> bool:
     """Checks a field in the first of `definitions` that has the type; returns False if none has. Empty, only the type.
 
     Raises ConfigError if the type does not exist (its path is `type`), or has no such field (its path is `key`).

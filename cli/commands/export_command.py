@@ -15,7 +15,6 @@ from ...ops.export.grafana import export_dashboard
 from ...ops.export.prometheus import export_rules
 from ...runtime.interrupts import Interrupts
 from ..arguments import Parser, add, add_namespace, checked, duration, robot_name, seconds
-from ..exit_codes import ExitCode
 from ..fleet_configuration import read_entries
 
 
@@ -82,11 +81,10 @@ def _remapping(text: str) -> Tuple[str, str]:
     return name, to
 
 
-def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
-    """Writes rules, a dashboard or a policy on stdout, the files of a fleet to a folder; returns the exit code."""
+def run(arguments: argparse.Namespace, interrupts: Interrupts) -> None:
+    """Writes rules, a dashboard or a policy on stdout, the files of a fleet to a folder."""
     exports = {"prometheus": _rules, "grafana": _dashboard, "fleet": _fleet, "sros2": _policy}
     sys.stdout.write(exports[arguments.target](arguments))
-    return ExitCode.SUCCESS
 
 
 def _rules(arguments: argparse.Namespace) -> str:

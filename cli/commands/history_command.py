@@ -27,7 +27,6 @@ from ...ops.store.summary import SignalSummary, summarize
 from ...runtime.interrupts import Interrupts
 from ...runtime.times import DATE_TIME, local_time
 from ..arguments import Parser, add, alert_id, checked
-from ..exit_codes import ExitCode
 from ..history.history_entries import (  # fmt: skip
     CSV_HEAD,
     Listing,
@@ -97,10 +96,9 @@ def _moment(text: str) -> float:
     return datetime.fromisoformat(text).timestamp()
 
 
-def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
-    """Prints what a history file contains; returns the exit code."""
+def run(arguments: argparse.Namespace, interrupts: Interrupts) -> None:
+    """Prints what a history file contains."""
     show_history(arguments)
-    return ExitCode.SUCCESS
 
 
 def show_history(arguments: argparse.Namespace, stream: Optional[TextIO] = None) -> None:

@@ -11,7 +11,6 @@ from ...core.values.errors import ServiceError
 from ...runtime.interrupts import Interrupts
 from ...runtime.libraries import ROSBRIDGE, libraries
 from ..arguments import Parser, add, add_robot_server, seconds
-from ..exit_codes import ExitCode
 
 _SHORTEST_S = 1.0
 _USUAL_S = 60.0
@@ -51,8 +50,8 @@ def _check(arguments: argparse.Namespace) -> str:
     return ""
 
 
-def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
-    """Writes the thresholds; returns the exit code. Raises ServiceError if there is nothing to watch."""
+def run(arguments: argparse.Namespace, interrupts: Interrupts) -> None:
+    """Writes the thresholds. Raises ServiceError if there is nothing to watch."""
     from ...core.proposal.nodes import Nodes
     from ...core.proposal.proposal import PUBLISHED_HERE, Proposal
     from ...core.proposal.suggestion import LEAST_RANGE_S
@@ -84,7 +83,7 @@ def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
         watched.remove_from(proposed)
         if not proposed.signals:
             sys.stderr.write(f"{printable(f'{arguments.against} watches everything on {robot} that can be watched')}\n")
-            return ExitCode.SUCCESS
+            return
     needed_s = proposal.needed_s()
     lasted = f"{duration_text(listened_s)}{'' if is_complete else ', interrupted'}"
     heading = [
@@ -99,7 +98,6 @@ def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
         "docs/statistics.md explains how each value is computed. Review before use.",
     ]
     sys.stdout.write(thresholds_text(heading, {}, proposed))
-    return ExitCode.SUCCESS
 
 
 def _listen(

@@ -13,7 +13,6 @@ from ...ops.store import queries
 from ...ops.store.notes import MOST_NOTES, MOST_TEXT, add_note
 from ...runtime.interrupts import Interrupts
 from ..arguments import Parser, add, alert_id
-from ..exit_codes import ExitCode
 from ..history.history_file import add_author, add_history_options, author_of, change_history, history_file
 from ..output.lines import readable
 
@@ -30,10 +29,9 @@ def add_arguments(parser: Parser) -> None:
     add_history_options(parser)
 
 
-def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
-    """Writes the note; returns the exit code."""
+def run(arguments: argparse.Namespace, interrupts: Interrupts) -> None:
+    """Writes the note."""
     note(arguments)
-    return ExitCode.SUCCESS
 
 
 def note(arguments: argparse.Namespace, stream: Optional[TextIO] = None, now_s: Optional[float] = None) -> None:

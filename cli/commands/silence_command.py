@@ -21,19 +21,19 @@ from ...ops.store.silences import (
     expire_silence,
     open_alerts,
     read_silences,
+    silence_json,
     silenced_transitions,
     time_text,
 )
 from ...runtime.interrupts import Interrupts
+from ...runtime.times import iso_time
 from ..arguments import Parser, add, duration, identifier
-from ..exit_codes import ExitCode
-from ..history.history_file import (  # fmt: skip
+from ..history.history_file import (
     add_author,
     add_history_options,
     author_of,
     change_history,
     history_file,
-    iso_time,
     reading_history,
 )
 from ..output.lines import plain_table
@@ -95,10 +95,9 @@ def _check_end(arguments: argparse.Namespace) -> str:
     return "" if is_ended else "expected --for TIME, --until-resolved or --every RULE, got neither"
 
 
-def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
-    """Adds, lists or expires silences; returns the exit code."""
+def run(arguments: argparse.Namespace, interrupts: Interrupts) -> None:
+    """Adds, lists or expires silences."""
     silence(arguments)
-    return ExitCode.SUCCESS
 
 
 def silence(arguments: argparse.Namespace, stream: Optional[TextIO] = None, now_s: Optional[float] = None) -> None:
@@ -195,17 +194,9 @@ def _open_text(alerts: Sequence[Alert]) -> str:
 def _as_json(each: Silence, now_s: float, is_open: int, alerts: int) -> Dict[str, Any]:
     active = each.is_active(now_s)
     return {
+        **silence_json(each, now_s),
         "id": each.id,
         "state": "active" if active else "ended",
-        "matchers": each.matchers,
-        "reason": each.reason,
-        "author": each.author,
-        "since": iso_time(each.created_s),
-        "until": None if each.until_s is None else iso_time(each.until_s),
-        "until_resolved": each.until_resolved,
-        "every": each.every or None,
-        "timezone": each.timezone or None,
-        "in_force": each.in_force(now_s),
         "ended": None if active else iso_time(each.end_s(now_s)),
         "ended_by": each.ended_by,
         "ended_reason": each.ended_reason,

@@ -17,7 +17,6 @@ from ...core.values.formatting import number_text, printable, with_unit
 from ...runtime.interrupts import Interrupts
 from ...runtime.threads import DetachedCalls
 from ..arguments import Parser, add
-from ..exit_codes import ExitCode
 from ..output.lines import plain_table, readable
 
 _BETWEEN_READS_S = 0.5
@@ -54,10 +53,9 @@ def add_arguments(parser: Parser) -> None:
     add(parser, "--json", "one JSON object per source")
 
 
-def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
-    """Lists the sources; returns the exit code."""
+def run(arguments: argparse.Namespace, interrupts: Interrupts) -> None:
+    """Lists the sources."""
     show_sources(arguments.json)
-    return ExitCode.SUCCESS
 
 
 def show_sources(as_json: bool, stream: Optional[TextIO] = None, computer: Optional[Computer] = None) -> None:

@@ -7,7 +7,6 @@ import argparse
 from ...core.values.errors import ServiceError
 from ...runtime.interrupts import Interrupts
 from ..arguments import INTERRUPTED, Parser, add, add_recordings
-from ..exit_codes import ExitCode
 
 
 def add_arguments(parser: Parser) -> None:
@@ -21,12 +20,11 @@ def add_arguments(parser: Parser) -> None:
     add(parser, "--thresholds FILE", "suggest for the signals of this configuration")
 
 
-def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
-    """Writes the thresholds; returns the exit code."""
+def run(arguments: argparse.Namespace, interrupts: Interrupts) -> None:
+    """Writes the thresholds."""
     try:
         from ..threshold_study import suggest_thresholds
 
         suggest_thresholds(arguments)
     except KeyboardInterrupt:  # half a result must not look like success
         raise ServiceError(INTERRUPTED) from None
-    return ExitCode.SUCCESS

@@ -21,9 +21,8 @@ from ...ops.store.queries import MonitorEvent
 from ...ops.store.rows import StoredTransition
 from ...ops.store.silences import SilenceEvent
 from ...ops.store.summary import SignalSummary
-from ...runtime.times import DATE_TIME, local_time
+from ...runtime.times import DATE_TIME, iso_time, local_time
 from ..output.lines import COLOURS, coloured, is_coloured, readable, share_text
-from .history_file import iso_time
 
 CSV_HEAD = (
     "id", "time", "robot", "signal", "from_level", "to_level", "value", "statistic", "bound", "repeat", "fingerprint",

@@ -18,7 +18,6 @@ from ...ops.store import schema
 from ...ops.store.database_file import connected, reading
 from ...ops.store.rows import CheckedConnection
 from ...ops.store.silences import MOST_TEXT
-from ...runtime import times
 from ..arguments import Parser, add
 
 DEFAULT_FILE = "/var/lib/robot-health/history.db"
@@ -94,8 +93,3 @@ def change_history(file: str, change: Callable[[sqlite3.Connection], Changed]) -
         raise ConfigError(error.strerror or str(error), file=file) from None
     except (sqlite3.Error, schema.UnusableFileError) as error:
         raise ConfigError(f"cannot be used: {error}", file=file) from None
-
-
-def iso_time(wall_s: float) -> str:
-    """Returns a wall time in UTC, by ISO 8601; empty where there is no such date."""
-    return (times.iso_time(wall_s) or "").replace("Z", "+00:00")

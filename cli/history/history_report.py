@@ -7,21 +7,19 @@ import math
 import sqlite3
 import time
 from dataclasses import replace
-from typing import Dict, List, Mapping, Optional, Sequence, Tuple
+from typing import List, Mapping, Optional, Sequence, Tuple
 
 from ...core.config.kept_settings import read_kept
 from ...core.config.signal_config import SignalConfig, read_signal, template_name
 from ...core.values.errors import ConfigError
 from ...core.values.formatting import count_text, duration_text, list_text
 from ...core.values.model import Level
-from ...core.values.version import package_version
 from ...ops.report.plotted_signal import PlottedSignal
-from ...ops.report.report import MOST_ALERTS, Report, ReportedAlert, buckets_of, render
+from ...ops.report.report import MOST_ALERTS, Report, ReportedAlert, buckets_of, facts_of, render
 from ...ops.store import queries, samples
 from ...ops.store.notes import notes_of
 from ...ops.store.silences import silence_events
 from ...ops.store.summary import SignalSummary
-from ...runtime.times import local_time
 from ..output.lines import badness, below_causes, range_cells, share_cells, summary_sentence
 from .history_entries import event_text, note_text, outage_cells
 
@@ -48,7 +46,7 @@ def history_page(
     robots = list(dict.fromkeys(sorted(summary.robot for summary in summaries)))
     several = len(robots) > 1
     problems: List[str] = []
-    configs = _Configurations(connection, end_s, problems)
+    signals = {robot: _signals_of(connection, robot, end_s, problems) for robot in robots}
     plotted = summaries[:MOST_PLOTS]
     if len(plotted) < len(summaries):
         problems.append(
@@ -56,7 +54,7 @@ def history_page(
         )
     plots, rows = [], []
     for place, summary in enumerate(summaries):
-        config = configs.of(summary.robot, summary.signal)
+        config = _config_of(signals[summary.robot], summary.signal)
         group = summary.robot if several else ""
         plot = PlottedSignal(config, group, start_s, end_s - start_s, buckets_of(len(plotted)))
         counts, values = _add_samples(connection, summary, (start_s, end_s), plot)
@@ -73,11 +71,7 @@ def history_page(
     return render(
         Report(
             title=f"History of {list_text(robots, _MOST_NAMES)}",
-            facts=[
-                f"{local_time(start_s)} to {local_time(end_s)} ({duration_text(end_s - start_s)}), times in "
-                f"UTC{local_time(start_s, '%z')[:3]}:{local_time(start_s, '%z')[3:]}",
-                f"robot-health {package_version()}",
-            ],
+            facts=facts_of(start_s, end_s),
             summary=_sentence(summaries, end_s - start_s),
             verdict=count_text(count, "alert") if count else "no alerts",
             problems=problems,
@@ -116,29 +110,22 @@ def _add_samples(
     return [str(good + bad), str(bad)], range_cells(plot.config, *values)
 
 
-class _Configurations:
-    """The configurations in force at a time."""
+def _signals_of(
+    connection: sqlite3.Connection, robot: str, at_s: float, problems: List[str]
+) -> Mapping[str, SignalConfig]:
+    """Returns the signals of the configuration of a robot that was in force at a time; none if it cannot be read."""
+    try:
+        return read_kept(queries.configuration(connection, robot, at_s) or {})
+    except ConfigError as error:
+        problems.append(f"the bounds of {robot} cannot be read: {error}")
+        return {}
 
-    def __init__(self, connection: sqlite3.Connection, at_s: float, problems: List[str]) -> None:
-        self._connection = connection
-        self._at_s = at_s
-        self._problems = problems
-        self._signals: Dict[str, Mapping[str, SignalConfig]] = {}
 
-    def of(self, robot: str, signal: str) -> SignalConfig:
-        """Returns the configuration of a signal, without bounds where it is not known any more."""
-        if robot not in self._signals:
-            kept = queries.configuration(self._connection, robot, self._at_s) or {}
-            try:
-                self._signals[robot] = read_kept(kept)
-            except ConfigError as error:
-                self._signals[robot] = {}
-                self._problems.append(f"the bounds of {robot} cannot be read: {error}")
-        signals = self._signals[robot]
-        config = (
-            signals.get(signal) or signals.get(template_name(signal)) or read_signal("unknown", {"stale_after_s": 0.0})
-        )
-        return replace(config, name=signal)
+def _config_of(signals: Mapping[str, SignalConfig], signal: str) -> SignalConfig:
+    """Returns the configuration of a signal, without bounds where it is not known any more."""
+    unknown = {"stale_after_s": 0.0}
+    config = signals.get(signal) or signals.get(template_name(signal)) or read_signal("unknown", unknown)
+    return replace(config, name=signal)
 
 
 def _alerts(

@@ -275,7 +275,9 @@ def fleet_view(fleet: Monitors, lines: int, shown: Escape) -> View:
             rows.append(Row(int(number == 0), cells, _reason(status)))
         if not statuses:
             main = system.monitor.config.main_signals if worst[index] == 0 else ()
-            values = [f"{each.name} {each.message}" for each in map(system.announcements.status, main) if each is not None]
+            values = [
+                f"{each.name} {each.message}" for each in map(system.announcements.status, main) if each is not None
+            ]
             level = Text("waiting", _STYLE_OF_UNKNOWN) if worst[index] else Text("OK", STYLE_OF_LEVEL[Level.OK])
             rows.append(Row(1, (system.robot, level, "", ""), "no connection yet" if worst[index] else "", values))
     ranks = [worst[index] for index in order]

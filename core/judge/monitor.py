@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import sys
+from dataclasses import replace
 from functools import partial
 from types import MappingProxyType
 from typing import AbstractSet, Callable, Dict, KeysView, List, Mapping, Optional, Sequence, Tuple
@@ -105,7 +106,7 @@ class Monitor:
             self._follow_link(now_s, changes)
         if name in self._followers:
             self._follow(self._followers[name], now_s, changes)
-        return changes
+        return self._with_effects(changes) if changes else changes
 
     def expect_sources(self, names: Mapping[str, str] = MappingProxyType({})) -> None:
         """Lets each topic of a watched signal be a source; without it, those of `observe_source` are.
@@ -129,7 +130,7 @@ class Monitor:
             source.staleness.arrive(now_s)
         elif source is not None:
             self._hear(source, now_s, changes)
-        return changes
+        return self._with_effects(changes)
 
     def set_link(self, up: bool, cause: str, now_s: float) -> Changes:
         """Judges a sample of the signal `link`: whether the robot can be reached, and why not (ignored while `up`)."""
@@ -159,7 +160,7 @@ class Monitor:
             self._link_restored_s = math.inf
             changes.add(self._signals[LINK].end(now_s))
             self._arrange({name: signal for name, signal in self._single.items() if name != LINK})
-        return changes
+        return self._with_effects(changes)
 
     def skip(self, since_s: float, until_s: float) -> Changes:
         """Leaves the time from `since_s`, or the last call, out of durations and silences: nothing is known of it.
@@ -218,6 +219,13 @@ class Monitor:
                 for cause in sorted({signal.cause, *causes, *(source.alert for source in sources)}):
                     effects.setdefault(cause, []).append(name)
         return effects
+
+    def _with_effects(self, changes: Changes) -> Changes:
+        """Counts what each alert affects now."""
+        effects = self.effects() if changes else {}
+        if effects:
+            changes[:] = [replace(each, affects=len(effects.get(each.signal, ()))) for each in changes]
+        return changes
 
     @property
     def link_up(self) -> Optional[bool]:

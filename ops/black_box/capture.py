@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from typing import Callable, Collection, Dict, Iterator, List, Mapping, Optional, Sequence, Set, Tuple
+from typing import Callable, Collection, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
 
 from ...core.config.monitor_config import MonitorConfig
 from ...core.config.signal_config import LINK
@@ -54,10 +54,12 @@ def is_pattern(topic: str) -> bool:
 
 
 class _Topic:
-    """A subscription to one topic."""
+    """One topic that is wanted: subscribed, or refused, or recorded under another name."""
 
     def __init__(self, add: Add, name: str, *, is_named: bool, clock: Optional[Callable[[], float]]) -> None:
         self.subscription: Optional[Subscription] = None
+        self.resolved = ""
+        """The absolute name; empty if it is refused."""
         self.is_unwanted = False
         """Whether it turned out to be an image or a cloud."""
         self._add = add
@@ -76,8 +78,7 @@ class _Topic:
         if raw_format is not self._format:
             self._format = raw_format
             self.is_unwanted = not self._is_named and canonical_type(raw_format.schema_name) in LARGE_TYPES
-            topic = self._name if self.subscription is None else self.subscription.topic
-            self.channel = None if self.is_unwanted else Channel(topic, raw_format)
+            self.channel = None if self.is_unwanted else Channel(self.resolved or self._name, raw_format)
         if self.channel is not None:
             time_s = now_s if self._clock is None else self._clock()
             self.latest_s, self.latest = time_s, data if len(data) <= _LARGEST_QUIET else b""
@@ -108,8 +109,7 @@ class Capture:
         self._config: Optional[MonitorConfig] = None
         self._followed: Optional[Mapping[str, str]] = None
         self._topics: Dict[Tuple[str, str], _Topic] = {}
-        self._duplicates: Dict[Tuple[str, str], str] = {}
-        self._refused: Set[Tuple[str, str]] = set()
+        """By name and type."""
         self._log = LimitedLog(middleware.log, middleware.steady_s, _MOST_LINES)
         self._known_for_s: Dict[str, float] = {}
         """How long the latest message of a topic with signals is as good as repeated; 0: it counts as an arrival."""
@@ -117,8 +117,7 @@ class Capture:
     @property
     def resolved(self) -> Mapping[str, str]:
         """The absolute name of each topic, by the name in the configuration."""
-        own = {key[0]: topic.subscription.topic for key, topic in self._topics.items() if topic.subscription}
-        return {**own, **{key[0]: topic for key, topic in self._duplicates.items()}}
+        return {name: topic.resolved for (name, _), topic in self._topics.items() if topic.resolved}
 
     @property
     def channels(self) -> List[Channel]:
@@ -137,8 +136,7 @@ class Capture:
             known_s = self._known_for_s.get(name, math.inf)
             known_for_s[resolved] = min(known_s, known_for_s.get(resolved, math.inf))
         for topic in self._topics.values():
-            name = topic.subscription.topic if topic.subscription else ""
-            is_quiet = _QUIET_S < now_s - topic.latest_s < known_for_s.get(name, math.inf)
+            is_quiet = _QUIET_S < now_s - topic.latest_s < known_for_s.get(topic.resolved, math.inf)
             if topic.channel is not None and topic.latest and is_quiet and len(topic.latest) <= left:
                 left -= len(topic.latest)
                 found.append((now_s, topic.channel, topic.latest))
@@ -146,9 +144,9 @@ class Capture:
 
     def follow(self, config: MonitorConfig) -> None:
         """Subscribes to what is to be recorded by now, and ends the rest. Does nothing if nothing has changed."""
-        for key in [key for key, topic in self._topics.items() if topic.is_unwanted]:
-            self._end(key)
-            self._refused.add(key)
+        for topic in [topic for topic in self._topics.values() if topic.is_unwanted and topic.resolved]:
+            self._end(topic)
+            topic.resolved = ""
             self._config = None  # it may be named, too
         if config is self._config and self.found == self._followed:
             return
@@ -164,18 +162,18 @@ class Capture:
             types[CLOCK] = CLOCK_TYPE
         matching = itertools.islice(self._matching(self._followed), _MOST_MATCHING)
         wanted = dict.fromkeys((*types.items(), *((name, "") for name in self._named), *matching))
-        for key in self._topics.keys() - wanted.keys():
-            self._end(key)
-        self._duplicates = {key: topic for key, topic in self._duplicates.items() if key in wanted}
-        self._refused = self._refused & wanted.keys()
+        for topic in [topic for key, topic in self._topics.items() if key not in wanted]:
+            self._end(topic)
+        self._topics = {key: topic for key, topic in self._topics.items() if key in wanted}
         for key in wanted:
-            if key not in self._topics and key not in self._refused and key not in self._duplicates:
-                self._subscribe(key)
+            if key not in self._topics:
+                self._topics[key] = self._subscribe(key)
 
     def close(self) -> None:
         """Ends all subscriptions."""
-        for key in tuple(self._topics):
-            self._end(key)
+        for topic in self._topics.values():
+            self._end(topic)
+        self._topics = {}
 
     def _matching(self, topics: Mapping[str, str]) -> Iterator[Tuple[str, str]]:
         """Yields the topics with their types that a pattern selects."""
@@ -184,26 +182,29 @@ class Capture:
             if is_wanted and any(matches_pattern(name, pattern) for pattern in self._patterns):
                 yield name, type_name
 
-    def _subscribe(self, key: Tuple[str, str]) -> None:
+    def _subscribe(self, key: Tuple[str, str]) -> _Topic:
         clock = self._middleware.steady_s if self.is_simulated else None
         topic = _Topic(self._add, key[0], is_named=key[0] in self._named, clock=clock)
         try:
             subscription = self._middleware.subscribe_raw(*key, topic.take)
         except ConfigError as error:
-            self._refused.add(key)
             text = f"black box: {key[0][:_LONGEST_SHOWN]} is not recorded: {error.problem}"
             self._log.write("", Severity.WARN, printable(text))
-            return
+            return topic
         if subscription.topic in self.resolved.values():  # by another name
             self._middleware.unsubscribe(subscription)
-            self._duplicates[key] = subscription.topic
-            return
-        topic.subscription = subscription
-        self._topics[key] = topic
+        else:
+            topic.subscription = subscription
+        topic.resolved = subscription.topic
+        return topic
 
-    def _end(self, key: Tuple[str, str]) -> None:
-        topic = self._topics.pop(key)
+    def _end(self, topic: _Topic) -> None:
+        """Ends a subscription; what is recorded by it under another name can be subscribed to by that."""
         if topic.subscription is not None:
             self._middleware.unsubscribe(topic.subscription)
-            ended = topic.subscription.topic
-            self._duplicates = {key: name for key, name in self._duplicates.items() if name != ended}
+            topic.subscription = None
+            self._topics = {
+                key: each
+                for key, each in self._topics.items()
+                if each is topic or each.subscription is not None or each.resolved != topic.resolved
+            }

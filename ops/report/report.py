@@ -18,6 +18,7 @@ from ...core.config.signal_config import SignalConfig
 from ...core.judge.wording import bounds_text, judged_unit
 from ...core.values.formatting import bound_text, duration_text, printable, with_degree_sign, with_hint, with_unit
 from ...core.values.model import Level, Transition
+from ...core.values.version import package_version
 from ...runtime.times import local_time
 from ..plot import plot_bounds, plot_script, plot_style, read_text
 from ..store.rows import StoredTransition
@@ -64,6 +65,13 @@ class Report(NamedTuple):
     events: Sequence[Tuple[float, str]] = ()  # what else happened: time and text
     effects: Sequence[int] = ()
     """How many of the next rows are effects of each row, which are folded below it; -1: it is one."""
+
+
+def facts_of(start_s: float, end_s: float, judged_by: str = "") -> List[str]:
+    """Returns the lines below the title: the period, in s since 1970, and what made the report."""
+    offset = local_time(start_s, "%z")
+    period = f"{local_time(start_s)} to {local_time(end_s)} ({duration_text(end_s - start_s)})"
+    return [f"{period}, times in UTC{offset[:3]}:{offset[3:]}", f"{judged_by}robot-health {package_version()}"]
 
 
 def buckets_of(signals: int) -> int:

@@ -10,13 +10,25 @@ from __future__ import annotations
 import math
 import re
 from sqlite3 import Connection
-from typing import Callable, Dict, FrozenSet, List, NamedTuple, Optional, Sequence, Set, Tuple, get_type_hints
+from typing import (
+    Any,
+    Callable,
+    Dict,
+    FrozenSet,
+    List,
+    NamedTuple,
+    Optional,
+    Sequence,
+    Set,
+    Tuple,
+    get_type_hints,
+)
 
 from ...core.values.errors import ConfigError
 from ...core.values.formatting import duration_text, printable
 from ...core.values.model import Level
 from ...core.values.patterns import matches_pattern
-from ...runtime.times import local_time
+from ...runtime.times import iso_time, local_time
 from .matchers import Matcher, matchers_text, parse_matchers
 from .queries import number_range
 from .recurrence import Recurrence, parse_recurrence
@@ -394,3 +406,19 @@ def silenced_transitions(connection: Connection, silence: Silence, now_s: float)
     values = (*number_range(connection, begin_s), begin_s, silence.end_s(now_s), silence.until_resolved, silence.id)
     counts = select(connection, "transitions", (str, str, int), query, values)
     return sum(count for robot, signal, count in counts if silence.matches(robot, signal))
+
+
+def silence_json(silence: Silence, now_s: float) -> Dict[str, Any]:
+    """Returns a silence as docs/reference/api.md describes it, at a time in s since 1970."""
+    return {
+        "id": str(silence.id),
+        "matchers": silence.matchers,
+        "reason": silence.reason,
+        "author": silence.author,
+        "since": iso_time(silence.created_s),
+        "until": None if silence.until_s is None else iso_time(silence.until_s),
+        "until_resolved": silence.until_resolved,
+        "every": silence.every or None,
+        "timezone": silence.timezone or None,
+        "in_force": silence.in_force(now_s),
+    }

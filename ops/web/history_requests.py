@@ -21,7 +21,7 @@ from ..store.matchers import Matcher
 from ..store.notes import MOST_TEXT, Note, add_note, notes_of
 from ..store.rows import StoredTransition
 from ..store.samples import StoredSamples, samples_fields
-from ..store.silences import LONGEST_S, Silence, read_silences
+from ..store.silences import LONGEST_S, Silence, read_silences, silence_json
 from .requests import ApiError, json_bytes
 
 LARGEST_ID = 2**63 - 1
@@ -279,22 +279,6 @@ def new_note(history: History, new: NewNote) -> Json:
         return add_note(connection, number, new.text, new.author, wall_s)
 
     return _note_json(history.run(add))
-
-
-def silence_json(silence: Silence, now_s: float) -> Json:
-    """Returns a silence as docs/reference/api.md describes it, at a time in s since 1970."""
-    return {
-        "id": str(silence.id),
-        "matchers": silence.matchers,
-        "reason": silence.reason,
-        "author": silence.author,
-        "since": iso_time(silence.created_s),
-        "until": None if silence.until_s is None else iso_time(silence.until_s),
-        "until_resolved": silence.until_resolved,
-        "every": silence.every or None,
-        "timezone": silence.timezone or None,
-        "in_force": silence.in_force(now_s),
-    }
 
 
 def new_silence(silences: Silences, new: NewSilence) -> Silence:

@@ -36,6 +36,7 @@ from ...runtime.times import iso_time
 from ..black_box.folder import find_file
 from ..store.active_silences import Silences
 from ..store.history import History
+from ..store.silences import silence_json
 from .history_requests import (  # fmt: skip
     EndOfSilence,
     NewNote,
@@ -50,7 +51,6 @@ from .history_requests import (  # fmt: skip
     past_alerts,
     past_levels,
     past_samples,
-    silence_json,
 )
 from .metrics import CONTENT_TYPE, PROFILES, Metrics
 from .requests import (

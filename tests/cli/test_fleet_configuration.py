@@ -112,7 +112,7 @@ def test_options_apply_where_the_file_says_nothing(tmp_path: Path) -> None:
         "robots:\n  a: {url: ws://a}\n  b: {url: ws://b, thresholds: file.yaml, namespace: own}\n"
     )
     options = Options(str(tmp_path / "option.yaml"), "all", str(tmp_path / "token"))
-    typed, a, b = read(tmp_path, options, RobotEntry("typed", "ws://typed"))
+    typed, a, b = read(tmp_path, options, RobotEntry(name="typed", url="ws://typed"))
     assert [(robot.name, robot.use_sim_time, robot.namespace, robot.token) for robot in (typed, a, b)] == [
         ("typed", False, "all", "s3cret"),
         ("a", False, "all", "s3cret"),
@@ -164,7 +164,7 @@ def test_robots_that_trust_the_same_authorities_share_the_settings(tmp_path: Pat
 def test_a_name_on_the_command_line_and_in_the_file_is_a_mistake(tmp_path: Path) -> None:
     (tmp_path / "fleet.yaml").write_text("robots:\n  a: {url: ws://a}\n")
     with pytest.raises(ConfigError, match=r"fleet\.yaml:2: robots\.a: a robot of this name is on the command line"):
-        read(tmp_path, Options(), RobotEntry("a", "ws://other"))
+        read(tmp_path, Options(), RobotEntry(name="a", url="ws://other"))
 
 
 def test_a_file_is_a_fleet_file_if_it_names_robots() -> None:
@@ -175,7 +175,7 @@ def test_a_file_is_a_fleet_file_if_it_names_robots() -> None:
 
 def test_addresses_without_names_get_those_of_their_hosts() -> None:
     assert read_addresses(["ws://husky:9090", "ws://husky:9091", "r2=wss://10.0.0.1"]) == [
-        RobotEntry("husky", "ws://husky:9090"),
-        RobotEntry("husky:9091", "ws://husky:9091"),
-        RobotEntry("r2", "wss://10.0.0.1"),
+        RobotEntry(name="husky", url="ws://husky:9090"),
+        RobotEntry(name="husky:9091", url="ws://husky:9091"),
+        RobotEntry(name="r2", url="wss://10.0.0.1"),
     ]

@@ -10,7 +10,8 @@ from typing import Callable, Dict
 import pytest
 import yaml
 
-from release.make_release import GENERATORS, Refused, check_tagged, release
+from release.make_release import GENERATORS, check_tagged, release
+from release.manifest import Refused
 
 ROOT = Path(__file__).resolve().parents[2]
 BUILDS = ["sh", "-c", "mkdir -p dist && echo wheel > dist/a.whl"]

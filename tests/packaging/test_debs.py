@@ -168,6 +168,7 @@ def test_bloom_finds_every_key_of_package_xml(tmp_path: Path) -> None:
     assert list(packages) == list(debs.DISTROS)
     depends = [element for element in ElementTree.parse(ROOT / "package.xml").getroot() if "depend" in element.tag]
     assert {"rospy", "rclpy", "python3-yaml"} <= {element.text for element in depends}
+    assert set(rosdep) == {*(element.text for element in depends), "robot-health"}
     for element in depends:
         name = element.text or ""
         if name.startswith("python3"):

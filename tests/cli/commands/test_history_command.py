@@ -68,7 +68,7 @@ def test_filters(file: Path, capsys: pytest.CaptureFixture[str], options: List[s
 def test_json_has_the_fields_of_a_transition(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
     first, _, third = (json.loads(line) for line in output(capsys, file, "--json").splitlines())
     assert first == {
-        "id": 1, "time": "2023-11-14T22:13:40.000+00:00", "signal": "battery_level", "from_level": "OK",
+        "id": 1, "time": "2023-11-14T22:13:40.000Z", "signal": "battery_level", "from_level": "OK",
         "to_level": "WARN", "value": 15.0, "statistic": "last", "bound": 20.0, "now_s": 101.0, "since_s": 81.0,
         "robot": "r1", "fingerprint": "0123456789abcdef", "text": "battery_level WARN: number 1",
         "statistics": {"last": 15.0}, "repeat": False, "hint": "", "black_box": "", "alert_id": 1, "notes": [],

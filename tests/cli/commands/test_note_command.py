@@ -34,9 +34,7 @@ def test_a_note_has_its_author_and_time(file: Path, capsys: pytest.CaptureFixtur
     arguments = parse(["note", "#1", "wheel blocked", "--author", "ana", "--history", str(file)])
     note_command.note(arguments, now_s=START_S + 1.5)
     assert capsys.readouterr() == ("note on #1 r1: battery_level WARN: number 1\n", "")
-    assert notes(capsys, file, 1) == [
-        {"time": "2023-11-14T22:13:21.500+00:00", "author": "ana", "text": "wheel blocked"}
-    ]
+    assert notes(capsys, file, 1) == [{"time": "2023-11-14T22:13:21.500Z", "author": "ana", "text": "wheel blocked"}]
 
 
 def test_without_an_author_it_is_the_login_name_and_the_present_time(

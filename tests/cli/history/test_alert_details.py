@@ -33,7 +33,7 @@ def test_one_alert_with_a_plot_of_its_samples(file: Path, capsys: pytest.Capture
     assert lines[4].startswith("35 |*")
     assert [line for line in lines if line.startswith("20 |---")]
     shown = json.loads(output(capsys, file, "--alert", "1", "--json"))
-    assert shown["evidence"][20] == ["2023-11-14T22:13:40.000+00:00", 15.0]
+    assert shown["evidence"][20] == ["2023-11-14T22:13:40.000Z", 15.0]
     assert len(output(capsys, file, "--alert", "1", "--csv").splitlines()) == 22
 
 
@@ -48,7 +48,7 @@ def test_the_notes_on_an_alert_are_shown(file: Path, capsys: pytest.CaptureFixtu
         "  2023-11-14 22:13:20 +0000 #1 note by ana: wheel blocked" in output(capsys, file, "--alert", 1).splitlines()
     )
     shown = json.loads(output(capsys, file, "--alert", 1, "--json"))
-    assert shown["notes"] == [{"time": "2023-11-14T22:13:20.000+00:00", "author": "ana", "text": "wheel blocked"}]
+    assert shown["notes"] == [{"time": "2023-11-14T22:13:20.000Z", "author": "ana", "text": "wheel blocked"}]
 
 
 # Plots as text

@@ -75,6 +75,16 @@ def test_a_driver_that_dies_is_one_alert_with_the_number_of_its_signals() -> Non
     assert robot.shown() == {}
 
 
+def test_the_alert_of_a_driver_counts_what_it_affects() -> None:
+    robot = Robot(DRIVER)
+    changes: List[Any] = []
+    robot.note = changes.extend  # type: ignore[method-assign, assignment]
+    robot.run(3.0, "/joint_states")
+    robot.run(12.0)
+    robot.run(13.0, "/joint_states")
+    assert [(each.to_level.name, each.affects, each.cause) for each in changes] == [("STALE", 3, ""), ("OK", 0, "")]
+
+
 def test_before_the_first_message_the_startup_grace_counts() -> None:
     robot = Robot(DRIVER)
     assert robot.run(30.0) == [

@@ -15,7 +15,7 @@ from robot_health_monitor.core.values.errors import ConfigError, MessageError, S
 from robot_health_monitor.core.values.model import Level
 from robot_health_monitor.ops.store.active_silences import Silences
 from robot_health_monitor.ops.store.history import History
-from robot_health_monitor.ops.store.silences import read_silences
+from robot_health_monitor.ops.store.silences import read_silences, silence_json
 from robot_health_monitor.ops.web.history_requests import (
     EndOfSilence,
     NewSilence,
@@ -24,7 +24,6 @@ from robot_health_monitor.ops.web.history_requests import (
     new_silence,
     past_alert,
     past_alerts,
-    silence_json,
 )
 
 EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
