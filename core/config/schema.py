@@ -26,7 +26,6 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import datetime
-import functools
 import json
 import os
 from typing import (
@@ -83,8 +82,12 @@ class _Key(NamedTuple):
     parameter: Parameter
 
 
-@functools.lru_cache(maxsize=None)
+_KEYS: Dict[Type[Any], Sequence[_Key]] = {}
+
+
 def _keys(schema: Type[Any]) -> Sequence[_Key]:
+    if schema in _KEYS:
+        return _KEYS[schema]
     keys: List[_Key] = []
     types = get_type_hints(schema)
     for field in dataclasses.fields(schema):
@@ -95,7 +98,7 @@ def _keys(schema: Type[Any]) -> Sequence[_Key]:
             is_required = field.default is REQUIRED and field.default_factory is REQUIRED
             default = REQUIRED if is_required else parameter.default
             keys.append(_Key(name, field.name, parameter.convert, default, parameter))
-    return keys
+    return _KEYS.setdefault(schema, keys)
 
 
 def _kind_of(given: Any) -> Tuple[Any, bool]:
