@@ -74,26 +74,21 @@ def declared(default: Any, description: str = "", *limits: Any, **options: Any) 
 
 
 class _Key(NamedTuple):
+    name: str
+    field: str
+    convert: Convert
+    default: Any
+    """REQUIRED if it must be given."""
     parameter: Parameter
-    is_required: bool
 
 
-@dataclasses.dataclass(frozen=True)
-class _Table:
-    keys: Sequence[_Key]
-    converts: Sequence[Tuple[str, str, Convert, Any]]
-    """Name, field, `convert`, and default or REQUIRED of each key."""
+_KEYS: Dict[Type[Any], Sequence[_Key]] = {}
 
 
-_TABLES: Dict[Type[Any], _Table] = {}
-
-
-def _table(schema: Type[Any]) -> _Table:
-    known = _TABLES.get(schema)
-    if known is not None:
-        return known
+def _keys(schema: Type[Any]) -> Sequence[_Key]:
+    if schema in _KEYS:
+        return _KEYS[schema]
     keys: List[_Key] = []
-    converts: List[Tuple[str, str, Convert, Any]] = []
     types = get_type_hints(schema)
     for field in dataclasses.fields(schema):
         if "parameter" in field.metadata:
@@ -101,10 +96,9 @@ def _table(schema: Type[Any]) -> _Table:
             kind, _ = _kind_of(types[field.name])
             parameter = dataclasses.replace(field.metadata["parameter"], name=name, kind=kind)
             is_required = field.default is REQUIRED and field.default_factory is REQUIRED
-            keys.append(_Key(parameter, is_required))
             default = REQUIRED if is_required else parameter.default
-            converts.append((name, field.name, parameter.convert, default))
-    return _TABLES.setdefault(schema, _Table(keys, converts))
+            keys.append(_Key(name, field.name, parameter.convert, default, parameter))
+    return _KEYS.setdefault(schema, keys)
 
 
 def _kind_of(given: Any) -> Tuple[Any, bool]:
@@ -117,7 +111,7 @@ def _kind_of(given: Any) -> Tuple[Any, bool]:
 
 def parameters(schema: Type[Any]) -> Tuple[Parameter, ...]:
     """Returns the keys of a dataclass as a table."""
-    return tuple(each.parameter for each in _table(schema).keys)
+    return tuple(each.parameter for each in _keys(schema))
 
 
 def read_section(schema: Type[T], found: object, path: Path = (), folder: str = "", **given: Any) -> T:
@@ -130,9 +124,8 @@ def read_section(schema: Type[T], found: object, path: Path = (), folder: str = 
     tree = require_mapping(found, path)
     problems = Problems()
     values = read_parameters(tree, parameters(schema), path, problems=problems)
-    for parameter, is_required in _table(schema).keys:
-        name = parameter.name
-        if is_required and tree.get(name, "") == "":
+    for name, _, _, default, parameter in _keys(schema):
+        if default is REQUIRED and tree.get(name, "") == "":
             expected = parameter.allowed if parameter.choices else f"the {parameter.description}"
             problems.add(ConfigError(f"is missing; expected {expected}", (*path, name)))
         elif parameter.is_path and values[name]:
@@ -160,25 +153,18 @@ def read_record(schema: Type[T], found: object) -> T:
     """Reads a JSON object. Raises MessageError with one line: the key, what was expected, what was found."""
     if not isinstance(found, (dict, Mapping)):
         raise MessageError(f"expected a mapping, got {describe(found)}")
-    table = _TABLES.get(schema) or _table(schema)
     values: Dict[str, Any] = {}
-    for name, field, convert, default in table.converts:
+    for name, field, convert, default, parameter in _keys(schema):
         value = found.get(name)
         if value is None:
             if default is REQUIRED:
-                raise _refusal(table, name, None)
+                raise MessageError(f"{name}: is missing; expected {parameter.allowed}")
             values[field] = default
         else:
             values[field] = converted = convert(value)
             if converted is None:
-                raise _refusal(table, name, value)
+                raise MessageError(f"{name}: {parameter.refusal(value)}")
     return _instance(schema, values)
-
-
-def _refusal(table: _Table, name: str, value: object) -> MessageError:
-    (parameter,) = (each.parameter for each in table.keys if each.parameter.name == name)
-    problem = f"is missing; expected {parameter.allowed}" if value is None else parameter.refusal(value)
-    return MessageError(f"{name}: {problem}")
 
 
 def _instance(schema: Type[T], values: Mapping[str, Any]) -> T:
@@ -190,7 +176,7 @@ def _instance(schema: Type[T], values: Mapping[str, Any]) -> T:
 
 def read_texts(schema: Type[T], found: Mapping[str, str]) -> T:
     """Reads values that are given as texts, such as `limit=5` of an address; flags are 1 and 0. Raises MessageError."""
-    return read_record(schema, {each.parameter.name: _read_text(each.parameter, found) for each in _table(schema).keys})
+    return read_record(schema, {each.name: _read_text(each.parameter, found) for each in _keys(schema)})
 
 
 def _read_text(parameter: Parameter, found: Mapping[str, str]) -> Any:

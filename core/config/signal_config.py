@@ -19,7 +19,7 @@ from ..values.formatting import bound_text, describe, number_text
 from ..values.goals import STATUS_TOPICS
 from ..values.names import canonical_type, split_type_name
 from ..values.reduction import REDUCTIONS
-from ..values.where import parse_where, selection
+from ..values.where import is_equal, parse_where, selection
 from .parameters import Parameter, read_parameters, require_mapping
 from .schema import declared, parameters
 
@@ -96,15 +96,11 @@ class Condition:
     def holds(self, value: float) -> bool:
         """Returns whether the condition is true for this value of the other signal."""
         if self.comparison in ("is", "is_not"):
-            return _is_equal(value, self.number) is (self.comparison == "is")
+            return is_equal(value, self.number) is (self.comparison == "is")
         if self.comparison == "between":
-            ends = _is_equal(value, self.number) or _is_equal(value, self.upper)
+            ends = is_equal(value, self.number) or is_equal(value, self.upper)
             return self.number <= value <= self.upper or ends
         return value < self.number if self.comparison == "below" else value > self.number
-
-
-def _is_equal(value: float, number: float) -> bool:
-    return math.isclose(value, number, rel_tol=1e-6)  # 0.1 as a Float32 is 0.1000000015
 
 
 def _duration(default: Optional[float], description: str, least_s: float = 0.0) -> Any:

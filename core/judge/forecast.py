@@ -13,7 +13,7 @@ from typing import Callable, Mapping, Optional, Tuple
 
 from ..config.signal_config import SignalConfig
 from ..values.model import Forecast
-from .least_squares import LineSums
+from .least_squares import LineSums, Moments, merged
 from .window import CountWindow, GapWindow, Window
 
 __all__ = ["LEAST_SAMPLES", "ForecastWindow", "window_for"]
@@ -135,42 +135,27 @@ class ForecastWindow(Window):
         Each prediction is Prometheus's `predict_linear` (promql/functions.go).
         """
         times, older, newer = self._times, self._older, self._newer
-        n, m = self._older_count, len(times) - self._middle
+        n, m, middle = self._older_count, len(times) - self._middle, self._middle
         if m < LEAST_SAMPLES or not n:
             return None
         now_s = times[-1]
-        horizon_s = self.forecast_s
-        mean_s, mean, squares, products = newer.moments(m, now_s)
-        old_mean_s, old_mean, old_squares, old_products = older.moments(n, now_s)
-
-        # Both halves together, and the samples at the cut added to the older half: Chan, Golub and LeVeque, 1979.
-        apart_s, apart, weight = mean_s - old_mean_s, mean - old_mean, n * m / (n + m)
-        all_squares = squares + old_squares + apart_s * apart_s * weight
-        all_products = products + old_products + apart_s * apart * weight
-        part = m / (n + m)
-        all_mean_s, all_mean = old_mean_s + apart_s * part, old_mean + apart * part
+        old, new = older.moments(n, now_s), newer.moments(m, now_s)
+        both = merged(old, n, new, m)
         cut_s = now_s - self.window_s / 2.0
-        middle = self._middle
         if times[middle] == cut_s:
-            count, cut_mean = 1, self._values[middle]
-            if times[middle + 1] == cut_s:
-                count, cut_mean = self._samples_at(cut_s)
-            apart_s, apart, weight = cut_s - now_s - old_mean_s, cut_mean - old_mean, n * count / (n + count)
-            old_squares += apart_s * apart_s * weight
-            old_products += apart_s * apart * weight
-            old_mean_s += apart_s * count / (n + count)
-            old_mean += apart * count / (n + count)
+            count, cut_mean = self._samples_at(cut_s)
+            old = merged(old, n, (cut_s - now_s, cut_mean, 0.0, 0.0), count)
             n += count
-        if n < LEAST_SAMPLES or old_squares <= 0.0 or squares <= 0.0:
+        if n < LEAST_SAMPLES or old[2] <= 0.0 or new[2] <= 0.0:
             return None
-        all_slope, old_slope, slope = all_products / all_squares, old_products / old_squares, products / squares
-        lines = (
-            (all_mean + all_slope * (horizon_s - all_mean_s), all_slope),
-            (old_mean + old_slope * (horizon_s - old_mean_s), old_slope),
-            (mean + slope * (horizon_s - mean_s), slope),
-        )
+        lines = self._line_of(both), self._line_of(old), self._line_of(new)
         # Where one overflows, none is a prediction.
         return lines if math.isfinite(lines[0][0] + lines[1][0] + lines[2][0]) else None
+
+    def _line_of(self, moments: Moments) -> _Line:
+        mean_s, mean, squares, products = moments
+        slope = products / squares
+        return mean + slope * (self.forecast_s - mean_s), slope
 
     def _samples_at(self, at_s: float) -> Tuple[int, float]:
         """Returns how many samples of the newer half have the time of its oldest, and their mean."""

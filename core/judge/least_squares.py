@@ -21,6 +21,13 @@ Squares and products are those of the distances from the means: their quotient i
 """
 
 
+def merged(one: Moments, n: int, other: Moments, m: int) -> Moments:
+    """Returns the moments of n and m samples together: Chan, Golub and LeVeque, 1979."""
+    apart_s, apart, part = other[0] - one[0], other[1] - one[1], m / (n + m)
+    squares = one[2] + other[2] + apart_s * apart_s * n * part
+    return one[0] + apart_s * part, one[1] + apart * part, squares, one[3] + other[3] + apart_s * apart * n * part
+
+
 class LineSums:
     """The sums of a queue: of each sample of its front and all newer ones of the front, and of its back."""
 

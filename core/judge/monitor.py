@@ -10,7 +10,7 @@ import sys
 from dataclasses import replace
 from functools import partial
 from types import MappingProxyType
-from typing import AbstractSet, Callable, Dict, KeysView, List, Mapping, Optional, Sequence, Tuple
+from typing import AbstractSet, Callable, Dict, Iterator, KeysView, List, Mapping, Optional, Sequence, Tuple, Union
 
 from ..config.monitor_config import MonitorConfig
 from ..config.signal_config import CONDITIONS, LINK, LINK_CONFIG, SignalConfig, is_element_name, template_name
@@ -171,24 +171,17 @@ class Monitor:
         changes = Changes()
         if self._signals and self._now_s <= until_s <= _LARGEST and since_s <= until_s:
             since_s = max(since_s, self._now_s)
-            for source in () if self._link_down else self._sources:
-                source.inhibit(since_s)
-                changes.add(source.release(until_s, is_link=False))
-            for name, signal in self._signals.items():
-                if name == LINK or not self._link_down:
-                    signal.inhibit(since_s)
-                    changes.add(signal.release(until_s, is_link=False))
+            link = (signal for name, signal in self._signals.items() if name == LINK)
+            for each in (*(() if self._link_down else self._behind_link()), *link):
+                each.inhibit(since_s)
+                changes.add(each.release(until_s, is_link=False))
             self._now_s = until_s
         return changes
 
     def report(self, now_s: float) -> Report:
         """Returns the whole state as of the last `observe` or `tick`, with ages at `now_s`. Reads only."""
         now_s, signals = self._to_show(now_s)
-        effects = self.effects()
-        judgements = ((name, signal.judgement(now_s)) for name, signal in signals.items())
-        statuses = {
-            name: wording.status(each._replace(affects=len(effects.get(name, ())))) for name, each in judgements
-        }
+        statuses = {name: wording.status(each) for name, each in self._judged(signals, now_s)}
         overall = Level.worst(status.level for status in statuses.values())
         return Report(overall, statuses, now_s, self.robot)
 
@@ -199,9 +192,15 @@ class Monitor:
     def judgements(self, now_s: float) -> Mapping[str, Judgement]:
         """Returns the state of every signal, without the texts and statistics of `report`. Reads only."""
         now_s, signals = self._to_show(now_s)
+        return dict(self._judged(signals, now_s, with_statistics=False))
+
+    def _judged(
+        self, signals: Mapping[str, SignalMonitor], now_s: float, *, with_statistics: bool = True
+    ) -> Iterator[Tuple[str, Judgement]]:
         effects = self.effects()
-        judgements = ((name, signal.judgement(now_s, with_statistics=False)) for name, signal in signals.items())
-        return {name: each._replace(affects=len(effects.get(name, ()))) for name, each in judgements}
+        for name, signal in signals.items():
+            judgement = signal.judgement(now_s, with_statistics=with_statistics)
+            yield name, judgement._replace(affects=len(effects.get(name, ())))
 
     def causes(self) -> Mapping[str, str]:
         """Returns the nearest cause of each signal that has one, by its name."""
@@ -237,8 +236,8 @@ class Monitor:
         known = self._known(signal)
         if known is None:
             return None
-        judgement = known.judgement(self._to_show(now_s)[0])
-        return wording.status(judgement._replace(affects=len(self.effects().get(signal, ()))))
+        ((_, judgement),) = self._judged({signal: known}, self._to_show(now_s)[0])
+        return wording.status(judgement)
 
     def levels(self) -> Mapping[str, Tuple[Level, str]]:
         """Returns level and state of each signal, as in `report`, without the cost of texts."""
@@ -388,20 +387,7 @@ class Monitor:
         if math.isnan(self._now_s):  # before the first call
             return changes
         now_s, known, templates = self._now_s, self._signals, self._templates
-        signals: Dict[str, SignalMonitor] = {}
-        self._templates = {}
-        for name, signal_config in config.signals.items():
-            if signal_config.is_template:
-                template = templates.pop(name, None) or ElementSignals(signal_config, self.robot, now_s)
-                template.configure(signal_config, now_s, changes)
-                self._templates[name] = template
-                continue
-            signal = None if name in templates else known.get(name)
-            if signal is None:
-                signal = SignalMonitor(signal_config, self.robot, now_s)
-            elif signal.config != signal_config:
-                changes.add(signal.configure(signal_config, now_s))
-            signals[name] = signal
+        signals = self._configured(changes)
         for name, signal in known.items():
             if name == LINK:
                 signals[LINK] = signal
@@ -415,6 +401,25 @@ class Monitor:
         self._inhibit_all(now_s)
         self._follow(self._all_followers, now_s, changes)
         return changes
+
+    def _configured(self, changes: Changes) -> Dict[str, SignalMonitor]:
+        """Follows the configuration; returns its signals apart from templates, known ones with their states."""
+        now_s, known, templates = self._now_s, self._signals, self._templates
+        signals: Dict[str, SignalMonitor] = {}
+        self._templates = {}
+        for name, config in self.config.signals.items():
+            if config.is_template:
+                template = templates.pop(name, None) or ElementSignals(config, self.robot, now_s)
+                template.configure(config, now_s, changes)
+                self._templates[name] = template
+                continue
+            signal = None if name in templates else known.get(name)
+            if signal is None:
+                signal = SignalMonitor(config, self.robot, now_s)
+            elif signal.config != config:
+                changes.add(signal.configure(config, now_s))
+            signals[name] = signal
+        return signals
 
     def _to_show(self, now_s: float) -> Tuple[float, Mapping[str, SignalMonitor]]:
         """Returns the time for ages, which is not before the last call, and the signals."""
@@ -445,12 +450,7 @@ class Monitor:
     def _start(self, now_s: float, changes: Changes) -> None:
         """Handles the first call: every signal begins to be watched."""
         self._now_s = now_s
-        signals: Dict[str, SignalMonitor] = {}
-        for name, config in self.config.signals.items():
-            if config.is_template:
-                self._templates[name] = ElementSignals(config, self.robot, now_s)
-            else:
-                signals[name] = SignalMonitor(config, self.robot, now_s)
+        signals = self._configured(changes)
         restoration, self._restoration = self._restoration, None
         self._causes = causes_of(self.config.signals, self._sources.resolved)
         self._sources.configure(self.config.signals.values(), now_s, changes)
@@ -621,19 +621,14 @@ class Monitor:
             return
         self._link_down = down
         self._inhibit_all(now_s)
-        if not down:
-            for source in self._sources:
-                changes.add(source.release(now_s, is_link=True))
-            for name, signal in self._signals.items():
-                if name != LINK:
-                    changes.add(signal.release(now_s))
+        for each in () if down else self._behind_link():
+            changes.add(each.release(now_s, is_link=True))
         self._follow(self._all_followers, now_s, changes)
 
     def _inhibit_all(self, now_s: float) -> None:
         """Freezes the signals that are not frozen yet, while the link is down."""
-        if self._link_down:
-            for source in self._sources:
-                source.inhibit(now_s)
-            for name, signal in self._signals.items():
-                if name != LINK:
-                    signal.inhibit(now_s)
+        for each in self._behind_link() if self._link_down else ():
+            each.inhibit(now_s)
+
+    def _behind_link(self) -> Sequence[Union[Source, SignalMonitor]]:
+        return [*self._sources, *(signal for name, signal in self._signals.items() if name != LINK)]

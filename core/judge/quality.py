@@ -15,6 +15,7 @@ from ..config.signal_config import SignalConfig
 from ..values.elements import DriverStatus, Elements
 from ..values.formatting import bound_text, number_text
 from ..values.reduction import reduced
+from ..values.where import is_equal
 
 RUN = 20
 """Consecutive samples after which a run of values is suspicious."""
@@ -115,13 +116,9 @@ def converted(config: SignalConfig, raw: float) -> float:
 
 def _in_unit(config: SignalConfig, raw: float) -> float:
     for number in config.placeholders:
-        if _is(raw, number):
+        if is_equal(raw, number):
             return math.nan
     return raw * config.scale
-
-
-def _is(raw: float, number: float) -> bool:
-    return math.isclose(raw, number, rel_tol=1e-6)  # Float32 brings -0.01 as -0.009999999776
 
 
 class Suspicion:
@@ -219,7 +216,7 @@ class Suspicion:
 
 
 def _explain_not_measured(raw: float) -> str:
-    if not _is(raw, -0.01):  # BatteryState.percentage as some drivers send it
+    if not is_equal(raw, -0.01):  # BatteryState.percentage as some drivers send it
         return ""
     return _suspect("-0.01 is what some drivers send for 'not measured'", "if so, set placeholders: [-0.01]")
 

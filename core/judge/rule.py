@@ -58,6 +58,7 @@ _INACTIVE, _PENDING, _FIRING, _KEEPING = State
 _NEXT_IF_TRUE = {_INACTIVE: _PENDING, _PENDING: _PENDING, _FIRING: _FIRING, _KEEPING: _FIRING}
 _NEXT_IF_FALSE = {_INACTIVE: _INACTIVE, _PENDING: _INACTIVE, _FIRING: _KEEPING, _KEEPING: _KEEPING}
 _AFTER_WAIT = {_PENDING: _FIRING, _KEEPING: _INACTIVE}
+_SEVERITIES = {float(level): level.severity for level in Level}
 _STATE_OF_WORD = {state.value: state for state in State}
 
 
@@ -231,23 +232,28 @@ class Rule:
 class SignalRules:
     """Steps 3 to 6 of docs/rules.md without flapping: the rules of one signal, and its latch."""
 
-    __slots__ = ("_config", "_latched", "bounds", "error", "invalid", "warn")
+    __slots__ = ("_config", "_latched", "bounds", "error", "invalid", "warn", "worst_first")
+
+    of_bounds = True
+    """Whether values are compared with bounds; False: each is a level that a driver reports."""
 
     def __init__(self, config: SignalConfig) -> None:
         """Starts with inactive rules."""
-        self._config = config
         self._latched = _OK
         self.warn, self.error, self.invalid = map(Rule, rule_configs(config))
         self.bounds: Tuple[Rule, ...] = (self.warn, self.error)
-        """The rules with bounds; `invalid` has none and fires after invalid data."""
+        """The rules about values; `invalid` fires after invalid data."""
+        self.worst_first: Tuple[Tuple[Level, Rule], ...] = ((_ERROR, self.error), (_WARN, self.warn))
+        """The same with the levels that they give."""
+        self.configure(config)
 
     def configure(self, config: SignalConfig) -> None:
         """Applies a new configuration; states stay where they still have a meaning."""
         self._config = config
-        *bounds, invalid = rule_configs(config)
-        for rule, rule_config in zip(self.bounds, bounds):
+        warn, error, invalid = rule_configs(config)
+        for rule, rule_config in zip(self.bounds, (warn, error, warn)):
             rule.configure(rule_config)
-            if not rule_config.has_bounds:
+            if self.of_bounds and not rule_config.has_bounds:
                 rule.clear()
             if config.only_if is None:
                 rule.allow(True)
@@ -269,8 +275,8 @@ class SignalRules:
 
     def advance(self, now_s: float) -> None:
         """Advances the time."""
-        self.warn.advance(now_s)
-        self.error.advance(now_s)
+        for rule in self.bounds:
+            rule.advance(now_s)
         self.invalid.advance(now_s)
 
     def allow(self, allowed: bool) -> None:
@@ -293,13 +299,17 @@ class SignalRules:
         """Clears the latch: the level is what the rules give now."""
         self._latched = _OK
 
+    def _fired(self) -> Level:
+        for level, rule in self.worst_first:
+            if rule.fires:
+                return level
+        return _OK
+
     def level(self, *, stale: bool) -> Level:
         """Returns the true level, and latches it; `stale`: the signal was silent for too long."""
-        level = _ERROR if self.error.fires else _WARN if self.warn.fires else _OK
+        level = self._fired()
         if self._config.latch:
-            if level > self._latched:
-                self._latched = level
-            level = self._latched
+            level = self._latched = Level.worst((level, self._latched))
         if level is not _ERROR:
             if self.invalid.fires:
                 return _ERROR
@@ -310,18 +320,18 @@ class SignalRules:
     @property
     def state(self) -> str:
         """The state to show of a signal with samples: invalid, latched, or that of the rule."""
-        warn, error = self.warn, self.error
-        fired = _ERROR if error.fires else _WARN if warn.fires else _OK
+        fired = self._fired()
         if self.invalid.fires:
             return "invalid"
-        if self._latched > fired:
+        if self._latched.severity > fired.severity:
             return "latched"
-        return (warn if fired is _WARN or error.state is _INACTIVE else error).state.value
+        rules = [rule for level, rule in self.worst_first if fired in (_OK, level)]
+        return next((rule for rule in rules if rule.state is not _INACTIVE), rules[-1]).state.value
 
     @property
     def is_at_rest(self) -> bool:
         """Whether all are inactive and stay so as long as no value is beyond a bound."""
-        return self.warn.is_at_rest and self.error.is_at_rest and self.invalid.state is _INACTIVE
+        return all(rule.is_at_rest for rule in self.bounds) and self.invalid.state is _INACTIVE
 
     def explaining(self, level: Level, announced: Optional[Rule]) -> Optional[Rule]:
         """Returns the rule that explains a level; for OK the one that is pending, held back, or was left last.
@@ -329,10 +339,8 @@ class SignalRules:
         `announced` is the rule of an announced level that is not OK. A value that was beyond the ERROR bound left the
         WARN bound of the same side last.
         """
-        if level is not _OK:
-            return self.error if level is _ERROR else self.warn
-        for rule in (self.error, self.warn):
-            if rule.state is _PENDING or rule.held_back:
+        for its_level, rule in self.worst_first:
+            if its_level is level or (level is _OK and (rule.state is _PENDING or rule.held_back)):
                 return rule
         if announced is None:
             return None
@@ -350,13 +358,54 @@ class SignalRules:
 
     def restore(self, saved: Saved, now_s: float) -> None:
         """Continues from a snapshot of the signal, frozen at `now_s`; raises UnusableStateError."""
-        warn, error, _ = rule_configs(self._config)
-        for name, counts in (("warn", warn.has_bounds), ("error", error.has_bounds), ("invalid", True)):
-            if counts:
+        for name, config in zip(("warn", "error", "invalid"), rule_configs(self._config)):
+            if config.has_bounds or name == "invalid" or not self.of_bounds:
                 getattr(self, name).restore(saved.section(name), now_s)
         latched = saved.level("latched")
-        if self._config.latch and latched is not _STALE:
+        if self._config.latch and latched in (level for level, _ in self.worst_first):
             self._latched = latched
+
+
+class StatusRules(SignalRules):
+    """The rules of a DiagnosticStatus as a whole: the level that its driver reports takes the place of bounds.
+
+    There is a rule for each level but OK. Its condition is that the driver reports this level or a worse one; what
+    follows from it is steps 4 and 5 of docs/rules.md, as for bounds.
+    """
+
+    __slots__ = ("_reported_stale",)
+
+    of_bounds = False
+
+    def __init__(self, config: SignalConfig) -> None:
+        """Starts with inactive rules."""
+        super().__init__(config)
+        self._reported_stale = Rule(RuleConfig())
+        self.bounds = (*self.bounds, self._reported_stale)
+        self.worst_first = ((_ERROR, self.error), (_STALE, self._reported_stale), (_WARN, self.warn))
+        self.configure(config)
+
+    def judge(self, value: float, now_s: float) -> None:
+        """Judges a level that was reported, by its wire value."""
+        severity = _SEVERITIES.get(value, 0)
+        for level, rule in self.worst_first:
+            rule.judge_condition(severity >= level.severity, now_s)
+
+    def snapshot(self, now_s: float) -> Dict[str, Any]:
+        """Returns the state as JSON values."""
+        state = {**super().snapshot(now_s), "reports_level": True}
+        stale = self._reported_stale.snapshot(now_s)
+        return {**state, "reported_stale": stale} if stale else state
+
+    def restore(self, saved: Saved, now_s: float) -> None:
+        """Continues from a snapshot of the signal, frozen at `now_s`; raises UnusableStateError."""
+        super().restore(saved, now_s)
+        self._reported_stale.restore(saved.section("reported_stale"), now_s)
+
+
+def rules_for(saved: Saved, config: SignalConfig) -> SignalRules:
+    """Returns new rules of the kind that a snapshot was made of."""
+    return StatusRules(config) if saved.flag("reports_level") and not config.bounds else SignalRules(config)
 
 
 def rule_configs(signal: SignalConfig) -> Tuple[RuleConfig, RuleConfig, RuleConfig]:

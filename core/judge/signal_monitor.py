@@ -24,11 +24,10 @@ from .announcer import Announcer
 from .causes import Held, await_s, settle_s
 from .forecast import ForecastWindow, window_for
 from .quality import Quality
-from .rule import SignalRules
+from .rule import SignalRules, StatusRules, rules_for
 from .sample_summary import SampleCollector, SampleSummary
 from .saved_state import Downtime, Saved, SavedSignal, age_s
 from .staleness import LONG_DOWNTIME_S, Staleness
-from .status_rules import StatusRules, rules_for
 from .window import CountWindow, Samples, Window
 from .wording import Judgement
 
@@ -134,21 +133,20 @@ class SignalMonitor:
 
     def observe(self, value: object, now_s: float) -> Optional[Transition]:
         """Processes a sample that arrived at `now_s`, not before the previous call."""
-        if type(value) is float and self._calm_min < value <= self._calm_max:
+        number = value if type(value) is float else _calm_number(value)
+        if self._calm_min < number <= self._calm_max:
             staleness = self.staleness
             if now_s - staleness.silent_since_s <= staleness.limit_s:
                 # Most samples of a healthy robot: they change no rule, no level and no suspicion (_use_config).
-                self.window.add(value, now_s)
-                self.judged = value
+                self.window.add(number, now_s)
+                self.judged = number
                 staleness.last_seen_s = staleness.silent_since_s = now_s
                 quality = self._quality
                 quality.latest = value
                 quality.good_samples += 1
                 if self._samples is not None:
-                    self._samples.note(value, now_s)
+                    self._samples.note(number, now_s)
                 return None
-        if type(value) is DriverStatus and self._note_calm_status(value, now_s):
-            return None
         return self._judge(value, now_s)
 
     def tick(self, now_s: float) -> Optional[Transition]:
@@ -407,21 +405,6 @@ class SignalMonitor:
         ended = self.judgement(now_s)._replace(level=_OK, rule=None, is_invalid=False, flapping=False, hint="")
         return self._announcer.announce(ended, "no longer watched")
 
-    def _note_calm_status(self, status: DriverStatus, now_s: float) -> bool:
-        """Processes the status of a driver that is OK while everything is at rest; returns False if it is not."""
-        staleness = self.staleness
-        is_ok = type(status.level) is int and status.level == 0 and self._calm_min < 0.0 <= self._calm_max
-        if not is_ok or now_s - staleness.silent_since_s > staleness.limit_s:
-            return False
-        self.window.add(0.0, now_s)
-        self.judged = 0.0
-        staleness.last_seen_s = staleness.silent_since_s = now_s
-        self._quality.latest = status
-        self._quality.good_samples += 1
-        if self._samples is not None:
-            self._samples.note(0.0, now_s)
-        return True
-
     def _judge(self, value: object, now_s: float) -> Optional[Transition]:
         self._calm_max = -math.inf
         if self.config.graph is None:
@@ -580,6 +563,11 @@ class SignalMonitor:
         return announcer.announce(
             self.judgement(now_s), caused=caused if level.severity > announcer.level.severity else ""
         )
+
+
+def _calm_number(value: object) -> float:
+    """Returns 0 for the status of a driver that is OK; NaN, which is never calm, for all else that is no float."""
+    return 0.0 if type(value) is DriverStatus and type(value.level) is int and value.level == 0 else math.nan
 
 
 def _source(config: SignalConfig) -> Tuple[object, ...]:

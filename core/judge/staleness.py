@@ -3,24 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import Optional, Protocol
+from typing import Optional
 
+from ..config.signal_config import SignalConfig
 from .rule import TIME_TOLERANCE_S
 
 LONG_DOWNTIME_S = 10.0
 """After a longer downtime of the link, the startup grace counts again: a robot that boots is not silent."""
-
-
-class Limits(Protocol):
-    """What limits a silence; `SignalConfig` has both, in seconds."""
-
-    @property
-    def stale_after_s(self) -> float:
-        """Longest silence after the first sample; 0: any is allowed."""
-
-    @property
-    def startup_grace_s(self) -> float:
-        """Longest silence before the first sample, and after a long downtime of the link."""
 
 
 class Staleness:
@@ -34,7 +23,7 @@ class Staleness:
     limit_s: float
     """Silence that is not yet too long; infinite where staleness is disabled."""
 
-    def __init__(self, limits: Limits, now_s: float) -> None:
+    def __init__(self, limits: SignalConfig, now_s: float) -> None:
         """Starts before the first sample: the startup grace counts from `now_s`."""
         self.last_seen_s = now_s
         """When the latest sample came; before the first, when the signal began to be watched."""
@@ -64,7 +53,7 @@ class Staleness:
         """Whether rules and durations are frozen."""
         return self.stale or self.waiting or self.unreachable_since_s is not None
 
-    def configure(self, limits: Limits, *, seen: bool) -> None:
+    def configure(self, limits: SignalConfig, *, seen: bool) -> None:
         """Applies the limit that holds after the first sample (`seen`), or before it."""
         self._limits, self._seen = limits, seen
         self.counted_anew_s = 0.0

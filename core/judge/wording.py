@@ -398,12 +398,10 @@ def _source_reason(judgement: Judgement) -> str:
     text = f"no message {since} {_silence_text(judgement)} (limit {duration_text(judgement.limit_s)})"
     if not topics:
         return f"{text}{signals}"
-    shown = (
-        list(topics)
-        if len(topics) <= _MOST_TOPICS + 1
-        else [*topics[:_MOST_TOPICS], f"{len(topics) - _MOST_TOPICS} more"]
-    )
-    names = f"{', '.join(shown[:-1])} and {shown[-1]}" if len(shown) > 1 else shown[0]
+    shown = list(topics)
+    if len(topics) > _MOST_TOPICS + 1:
+        shown[_MOST_TOPICS:] = [f"{len(topics) - _MOST_TOPICS} more"]
+    names = " and ".join(filter(None, [", ".join(shown[:-1]), shown[-1]]))
     return f"{text}, nor on {count_text(len(topics), 'other topic')}: {names}"
 
 
@@ -432,7 +430,6 @@ def _invalid_reason(judgement: Judgement) -> str:
 
 def _value_reason(judgement: Judgement) -> str:
     config, rule, judged = judgement.config, judgement.rule, judgement.judged
-    unit = judged_unit(config)
     if judged is None and judgement.announced is Level.STALE:
         return "samples again"
     if not judgement.good_samples and config.statistic != "count":
@@ -450,15 +447,19 @@ def _value_reason(judgement: Judgement) -> str:
     if rule is None or bound is None:
         return _statistic_text(config, _judged_number(config, judged)) + decided
     value = judged_text(config, _judged_number(config, judged, bound)) + decided
-    side = f"{'below' if rule.is_below else 'above'} {with_unit(bound_text(bound), unit)}"
+    side = f"{'below' if rule.is_below else 'above'} {with_unit(bound_text(bound), judged_unit(config))}"
     if judged < bound if rule.is_below else judged > bound:
         text = f"{value} is {side}{_goals_text(judgement)}"
     elif rule.condition or rule.held_back:
-        clears_at = bound + config.hysteresis if rule.is_below else bound - config.hysteresis
-        text = f"{value} was {side}, clears at {with_unit(number_text(clears_at, judged), unit)}"
+        text = f"{value} was {side}, {_clears_text(config, rule, bound, judged)}"
     else:
         text = f"{value} is no longer {side}"
     return _with_state(text, judgement)
+
+
+def _clears_text(config: SignalConfig, rule: Rule, bound: float, judged: float) -> str:
+    clears_at = bound + config.hysteresis if rule.is_below else bound - config.hysteresis
+    return f"clears at {with_unit(number_text(clears_at, judged), judged_unit(config))}"
 
 
 def _graph_text(judgement: Judgement, number: int, key: str, name: str) -> str:
@@ -482,8 +483,7 @@ def _graph_text(judgement: Judgement, number: int, key: str, name: str) -> str:
     side, bound = "below" if rule.is_below else "above", rule.bound
     if number < bound if rule.is_below else number > bound:
         return f"{text}, {side} {bound_text(bound)}"
-    clears_at = bound + config.hysteresis if rule.is_below else bound - config.hysteresis
-    return f"{text}, was {side} {bound_text(bound)}, clears at {bound_text(clears_at)}"
+    return f"{text}, was {side} {bound_text(bound)}, {_clears_text(config, rule, bound, number)}"
 
 
 def _goals_text(judgement: Judgement) -> str:

@@ -45,19 +45,25 @@ _STRING_CONSTANT = re.compile(r"w?string(?:<=\d+)?\s+\w+\s*=")
 _MSG_ALIASES = {
     "char": "uint8", "time": "builtin_interfaces/Time", "duration": "builtin_interfaces/Duration",
 }  # fmt: skip
-_IDL_TOKEN = (
-    r"(?:\s+|//[^\n]*|/\*.*?\*/|#[^\n]*)|"
-    r"(?P<word>[A-Za-z_]\w{0,200}|\d[\w.+-]{0,40}|::|[{}()\[\]<>;,=@+\-*/%|&^~.])"
-    r'|(?P<text>"(?:[^"\\]|\\.)*"|\'(?:[^\'\\]|\\.)*\')'
+_IDL_LEFT_OUT = re.compile(
+    r"//[^\n]*|#[^\n]*|/\*.*?(?:\*/|\Z)|(?P<text>\"(?:[^\"\\]|\\.)*(?:\"|\Z)|'(?:[^'\\]|\\.)*(?:'|\Z))", re.S
 )
-"""Compiled when it is used: nodes need no IDL."""
+"""Comments and directives; texts, which may contain anything."""
+_IDL_ANNOTATION = re.compile(r"@[\w:]+\s*(?:\((?:[^()]|\((?:[^()]|\([^()]*\))*\))*\))?")
+_IDL_DECLARATION = re.compile(
+    r"(?:sequence<(?P<element>w?string<[^<>]*>|[\w: ]+)(?:,[^<>]*)?>|(?P<one>w?string<[^<>]*>|[\w: ]+ ))"
+    r"(?P<names>[^ ]+)"
+)
+"""Of a text without spaces but between words."""
+_IDL_DECLARATOR = re.compile(r"(\w{1,200})(?:\[(?:\w+::)*(\w+)\])?")
 _IDL_NUMBERS = {
     "boolean": "bool", "octet": "uint8", "char": "uint8", "float": "float32", "double": "float64", "short": "int16",
     "unsigned short": "uint16", "long": "int32", "unsigned long": "uint32", "long long": "int64",
     "unsigned long long": "uint64", **{name: name for name in NUMBERS if "int" in name},
 }  # fmt: skip
 _PLAIN_KINDS = frozenset([*NUMBERS, *TEXTS, *ROS1_KINDS, "time", "duration"])
-_LONG_WORDS = ("unsigned", "long", "short")
+_DEEPEST = 32
+"""Modules in one another."""
 
 
 class Field(NamedTuple):
@@ -190,177 +196,105 @@ def _size(digits: str) -> int:
 
 
 class _Idl:
-    """The structs of one IDL text."""
+    """The structs of one IDL text, read statement by statement."""
 
     def __init__(self, text: str) -> None:
         self.types: Definitions = {}
-        self._tokens = _idl_tokens(text)
-        self._at = 0
         self._aliases: Dict[Tuple[str, ...], Tuple[str, Optional[int]]] = {}
         """Kind and size of each typedef and enum, by its full name."""
         self._constants: Dict[str, int] = {}
         self._constants_of: Dict[str, List[Tuple[str, str]]] = {}
-        """Those of each type, by the name of their module: `Log_Constants`."""
-        self._modules: List[str] = []
-        while self._at < len(self._tokens):
-            self._read_definition()
-        if self._modules:
-            raise ValueError("a module does not end")
+        """Constants by the module that they are in: those of a struct `Log` are in `Log_Constants`."""
+        self._scopes: List[str] = []
+        self._fields: Optional[List[Field]] = None
+        """Those of the struct that is read."""
+        plain = _IDL_ANNOTATION.sub(" ", _IDL_LEFT_OUT.sub(lambda found: '""' if found["text"] else " ", text))
+        *parts, rest = re.split("([{};])", plain)
+        for statement, end in zip(parts[::2], parts[1::2]):
+            words = statement.split()
+            if end == "{":
+                self._begin(words)
+            elif end == "}":
+                self._end(words)
+            elif words and self._fields is not None:
+                self._fields += self._declared(words)
+            elif words:
+                self._define(words)
+        if self._scopes or rest.strip():
+            raise ValueError("the definition ends early")
 
-    def _read_definition(self) -> None:
-        self._skip_annotations()
-        word = self._next()
-        if word == "module":
-            self._modules.append(self._next())
-            self._expect("{")
-        elif word == "}" and self._modules:
-            self._modules.pop()
-            self._expect(";")
-        elif word == "struct":
-            self._read_struct()
-        elif word == "const":
-            self._read_constant()
-        elif word == "typedef":
-            kind, size = self._read_type()
-            for name, own in self._read_declarators():
-                self._aliases.update({(*self._modules, name): (kind, _only_one(size, own))})
-        elif word == "enum":
-            self._aliases.update({(*self._modules, self._next()): ("uint32", None)})
-            self._skip_through("}")
-            self._expect(";")
+    def _begin(self, words: List[str]) -> None:
+        kind, name = words if len(words) == 2 and len(self._scopes) < _DEEPEST else ("", "")
+        if kind not in ("module", "struct", "enum") or not name.isidentifier() or self._fields is not None:
+            raise ValueError(f"expected a module, struct or enum, got {' '.join(words)[:80]!r}")
+        if kind == "enum":
+            self._aliases.update({(*self._scopes, name): ("uint32", None)})
+        self._fields = [] if kind == "struct" else None
+        self._scopes.append(name)
+
+    def _end(self, words: List[str]) -> None:
+        if not self._scopes or (words and self._fields is not None):
+            raise ValueError(f"expected ';', got {' '.join([*words, '}'])[:80]!r}")
+        name = self._scopes.pop()
+        if self._fields is not None:
+            constants = self._constants_of.get(f"{name}_Constants", ())
+            self.types[f"{(*self._scopes, name)[0]}/{name}"] = Definition(self._fields, constants)
+            self._fields = None
+
+    def _define(self, words: List[str]) -> None:
+        if words[0] == "typedef":
+            self._aliases.update(
+                {(*self._scopes, name): (kind, size) for name, kind, size in self._declared(words[1:])}
+            )
+        elif words[0] == "const" and self._scopes and "=" in words[1:]:
+            left, _, value = " ".join(words).partition("=")
+            name, value = left.split()[-1], value.replace(" ", "")
+            self._constants_of.setdefault(self._scopes[-1], []).append((name, value))
+            if value.isdecimal():
+                self._constants[name] = _size(value)
         else:
-            raise ValueError(f"expected a module, struct, const, typedef or enum, got {word[:80]!r}")
+            raise ValueError(f"expected a const or typedef, got {' '.join(words)[:80]!r}")
 
-    def _read_struct(self) -> None:
-        name, fields = self._next(), []
-        self._expect("{")
-        self._skip_annotations()
-        while not self._accept("}"):
-            kind, size = self._read_type()
-            fields += [Field(field, kind, _only_one(size, own)) for field, own in self._read_declarators()]
-            self._skip_annotations()
-        self._expect(";")
-        constants = self._constants_of.get(f"{name}_Constants", ())
-        self.types[f"{(*self._modules, name)[0]}/{name}"] = Definition(fields, constants)
+    def _declared(self, words: List[str]) -> List[Field]:
+        text = re.sub(r" ?(::|[\[\],<>]) ?", r"\1", " ".join(words))
+        found = _IDL_DECLARATION.fullmatch(text)
+        if found is None:
+            raise ValueError(f"expected a field, got {text[:80]!r}")
+        kind, size = self._kind_and_size(found["element"] or found["one"].strip())
+        size = _only_one(size, SEQUENCE) if found["element"] else size
+        fields: List[Field] = []
+        for text in found["names"].split(","):
+            declarator = _IDL_DECLARATOR.fullmatch(text)
+            if declarator is None:
+                raise ValueError(f"expected a name, got {text[:80]!r}")
+            name, own = declarator.groups()
+            fields.append(Field(name, kind, size if own is None else _only_one(size, self._number(own))))
+        return fields
 
-    def _read_constant(self) -> None:
-        start = self._at
-        self._skip_through(";")
-        words = self._tokens[start : self._at - 1]
-        if self._modules and "=" in words[1:]:
-            at = words.index("=", 1)
-            self._constants_of.setdefault(self._modules[-1], []).append((words[at - 1], "".join(words[at + 1 :])))
-        if len(words) > 3 and words[-2] == "=" and words[-1].isdecimal():
-            self._constants[words[-3]] = _size(words[-1])
-
-    def _read_type(self) -> Tuple[str, Optional[int]]:
-        if not self._accept("sequence"):
-            return self._read_element()
-        self._expect("<")
-        kind, size = self._read_element()
-        if self._accept(","):
-            self._read_size()
-        self._expect(">")
-        return kind, _only_one(size, SEQUENCE)
-
-    def _read_element(self) -> Tuple[str, Optional[int]]:
-        words = [self._next()]
-        if words[0] in TEXTS:
-            if self._accept("<"):
-                self._read_size()
-                self._expect(">")
-            return words[0], None
-        while words[-1] in _LONG_WORDS and self._peek() in _LONG_WORDS and len(words) < 3:
-            words.append(self._next())
-        if " ".join(words) in _IDL_NUMBERS:
-            return _IDL_NUMBERS[" ".join(words)], None
-        if words == ["::"]:
-            words = [self._next()]
-        while self._accept("::"):
-            words.append(self._next())
-        for depth in range(len(self._modules), -1, -1):
-            alias = self._aliases.get((*self._modules[:depth], *words))
+    def _kind_and_size(self, text: str) -> Tuple[str, Optional[int]]:
+        if text.partition("<")[0] in TEXTS:
+            return text.partition("<")[0], None
+        if text in _IDL_NUMBERS:
+            return _IDL_NUMBERS[text], None
+        words = text[2:].split("::") if text.startswith("::") else text.split("::")
+        if not all(word.isidentifier() for word in words):
+            raise ValueError(f"expected a type, got {text[:80]!r}")
+        for depth in range(len(self._scopes), -1, -1):
+            alias = self._aliases.get((*self._scopes[:depth], *words))
             if alias is not None:
                 return alias
-        return f"{[*self._modules, *words][0] if len(words) == 1 else words[0]}/{words[-1]}", None
+        return f"{[*self._scopes, *words][0] if len(words) == 1 else words[0]}/{words[-1]}", None
 
-    def _read_declarators(self) -> List[Tuple[str, Optional[int]]]:
-        found = []
-        while True:
-            name, size = self._next(), None
-            if not name.isidentifier():
-                raise ValueError(f"expected a name, got {name[:80]!r}")
-            if self._accept("["):
-                size = self._read_size()
-                self._expect("]")
-            found.append((name, size))
-            if not self._accept(","):
-                self._expect(";")
-                return found
-
-    def _read_size(self) -> int:
-        """Reads a number or the name of a constant."""
-        word = self._next()
-        while self._accept("::"):
-            word = self._next()
+    def _number(self, word: str) -> int:
         if word.isdecimal():
             return _size(word)
         if word not in self._constants:
             raise ValueError(f"expected a number or a constant that is one, got {word[:80]!r}")
         return self._constants[word]
 
-    def _skip_annotations(self) -> None:
-        while self._accept("@"):
-            self._at += 1
-            while self._accept("::"):
-                self._at += 1
-            depth = 0
-            while depth or self._peek() == "(":
-                word = self._next()
-                depth += (word == "(") - (word == ")")
 
-    def _peek(self) -> str:
-        return self._tokens[self._at] if self._at < len(self._tokens) else ""
-
-    def _next(self) -> str:
-        word = self._peek()
-        if not word:
-            raise ValueError("the definition ends early")
-        self._at += 1
-        return word
-
-    def _skip_through(self, word: str) -> None:
-        while self._next() != word:
-            pass
-
-    def _accept(self, word: str) -> bool:
-        """Moves past a word if it is the next one; returns whether it is."""
-        is_next = self._peek() == word
-        self._at += is_next
-        return is_next
-
-    def _expect(self, word: str) -> None:
-        found = self._next()
-        if found != word:
-            raise ValueError(f"expected {word!r}, got {found[:80]!r}")
-
-
-def _only_one(size: Optional[int], own: Optional[int]) -> Optional[int]:
-    """Returns the size of a type or of its declarator; both would be an array of arrays."""
-    if size is not None and own is not None:
+def _only_one(size: Optional[int], own: int) -> int:
+    """Returns the size of a declarator, whose type may have one already: that would be an array of arrays."""
+    if size is not None:
         raise ValueError("expected an array with one dimension")
-    return size if own is None else own
-
-
-def _idl_tokens(text: str) -> List[str]:
-    match = re.compile(_IDL_TOKEN, re.S).match
-    tokens: List[str] = []
-    at = 0
-    while at < len(text):
-        found = match(text, at)
-        if found is None or found.end() == at or (text.startswith("/*", at) and found["word"]):
-            raise ValueError(f"not IDL: {text[at : at + 80]!r}")
-        if found["word"] or found["text"]:
-            tokens.append(found["word"] or '"')
-        at = found.end()
-    return tokens
+    return own

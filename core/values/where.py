@@ -29,18 +29,18 @@ _WHERE = " where "
 _BOOLEANS = {"true": 1, "false": 0}
 
 
-def _is_equal(value: float, number: float) -> bool:
-    # 0.1 as a Float32 is 0.1000000015; whole numbers are compared exactly.
+def is_equal(value: float, number: float) -> bool:
+    """Returns whether a value is a number as it was written: 0.1 as a Float32 is 0.1000000015."""
     return value == number or (type(value) is float and math.isclose(value, number, rel_tol=1e-6))
 
 
 _COMPARE: Mapping[str, Callable[[float, float], bool]] = {
-    "==": _is_equal,
-    "!=": lambda value, number: not _is_equal(value, number),
+    "==": is_equal,
+    "!=": lambda value, number: not is_equal(value, number),
     "<": operator.lt,
-    "<=": lambda value, number: value < number or _is_equal(value, number),
+    "<=": lambda value, number: value < number or is_equal(value, number),
     ">": operator.gt,
-    ">=": lambda value, number: value > number or _is_equal(value, number),
+    ">=": lambda value, number: value > number or is_equal(value, number),
 }
 
 

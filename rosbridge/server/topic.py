@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import functools
 from collections import deque
 from dataclasses import dataclass
-from typing import Callable, Deque, Dict, Iterable, List, NamedTuple, Optional, Protocol, Sequence, Tuple
+from typing import Callable, Deque, Dict, Iterable, List, NamedTuple, Optional, Protocol, Sequence
 
 from ...core.messages.dialect import Message
 from ...core.port.middleware import Subscription
@@ -60,50 +61,49 @@ class ByteBudget:
 class Pacer:
     """Limits the rate of one subscription."""
 
-    def __init__(self, options: Options, budget: ByteBudget) -> None:
-        """Starts empty; the first message may be sent at once. All subscriptions of a client share `budget`."""
-        self._period_s = options.throttle_s
-        self._length = options.queue_length
+    def __init__(
+        self,
+        options: Options,
+        budget: ByteBudget,
+        send: Callable[[EncodedMessage], None],
+        call_later: Callable[[float, Callable[[], None]], asyncio.TimerHandle],
+    ) -> None:
+        """Starts empty; the first message is sent at once. All subscriptions of a client share `budget`."""
+        self._options = options
         self._budget = budget
-        self._waiting: Deque[Tuple[EncodedMessage, int]] = deque()
-        self._next_s = float("-inf")
+        self._send = send
+        self._call_later = call_later
+        self._waiting: Deque[EncodedMessage] = deque()
+        self._pause: Optional[asyncio.TimerHandle] = None
+        """Ends when the next message may be sent."""
 
-    def offer(self, message: EncodedMessage, size: int, now_s: float) -> Optional[EncodedMessage]:
-        """Processes a message of `size` bytes; returns the one to send now, None if it is too early.
-
-        If the queue or the budget is full, the oldest messages of the queue are dropped.
-        """
-        if now_s < self._next_s - self._period_s:
-            self._next_s = now_s
-        if not self._waiting and now_s >= self._next_s:
-            self._next_s = now_s + self._period_s
-            return message
-        self._waiting.append((message, size))
-        self._budget.used += size
-        while self._waiting and (len(self._waiting) > self._length or self._budget.used > self._budget.bound):
+    def offer(self, message: EncodedMessage) -> None:
+        """Sends a message, or queues it; drops the oldest of the queue if it or the budget is full."""
+        self._waiting.append(message)
+        self._budget.used += message.size
+        if self._pause is None:
+            self._send_next()
+        while self._waiting and (
+            len(self._waiting) > self._options.queue_length or self._budget.used > self._budget.bound
+        ):
             self._pop()
-        return self.due(now_s)
 
-    def due(self, now_s: float) -> Optional[EncodedMessage]:
-        """Returns the oldest queued message if its time has come."""
-        if not self._waiting or now_s < self._next_s:
-            return None
-        self._next_s = now_s + self._period_s
-        return self._pop()
+    def _send_next(self) -> None:
+        self._pause = None
+        if self._waiting:
+            self._pause = self._call_later(self._options.throttle_s, self._send_next)
+            self._send(self._pop())
 
-    def clear(self) -> None:
-        """Drops the queue."""
+    def close(self) -> None:
+        """Drops the queue, and sends nothing more."""
+        if self._pause is not None:
+            self._pause.cancel()
         while self._waiting:
             self._pop()
 
-    @property
-    def next_s(self) -> Optional[float]:
-        """When the next queued message may be sent, in s; None if none is queued."""
-        return self._next_s if self._waiting else None
-
     def _pop(self) -> EncodedMessage:
-        message, size = self._waiting.popleft()
-        self._budget.used -= size
+        message = self._waiting.popleft()
+        self._budget.used -= message.size
         return message
 
 
@@ -145,7 +145,6 @@ class Topic:
         self._options: Dict[Receiver, Options] = {}
         self._direct: Dict[Encoding, List[Receiver]] = {}
         self._pacers: Dict[Receiver, Pacer] = {}
-        self._timers: Dict[Receiver, asyncio.TimerHandle] = {}
         self._queues: Dict[Encoding, EncodingQueue] = {}
         self._dropped = 0
 
@@ -163,16 +162,15 @@ class Topic:
         """Sets how a client receives the messages; with None, it no longer receives them."""
         pacer = self._pacers.pop(receiver, None)
         if pacer is not None:
-            pacer.clear()
-        timer = self._timers.pop(receiver, None)
-        if timer is not None:
-            timer.cancel()
+            pacer.close()
         if options is None:
             self._options.pop(receiver, None)
         else:
             self._options[receiver] = options
             if options.throttle_s:
-                self._pacers[receiver] = Pacer(options, receiver.throttled)
+                send = functools.partial(self._send, encoding=options.encoding, receivers=[receiver])
+                call_later = asyncio.get_event_loop().call_later
+                self._pacers[receiver] = Pacer(options, receiver.throttled, send, call_later)
         self._direct = {}
         for other, chosen in self._options.items():
             if not chosen.throttle_s:
@@ -198,11 +196,9 @@ class Topic:
         for encoding, receivers in self._direct.items():
             if self._is_raw(encoding.compression) == raw:
                 self._send(message, encoding, receivers)
-        if self._pacers:
-            now_s = asyncio.get_event_loop().time()
-            for receiver, pacer in tuple(self._pacers.items()):
-                if self._is_raw(self._options[receiver].compression) == raw:
-                    self._send_paced(receiver, pacer, pacer.offer(message, message.size, now_s), now_s)
+        for receiver, pacer in tuple(self._pacers.items()):
+            if self._is_raw(self._options[receiver].compression) == raw:
+                pacer.offer(message)
 
     def _is_raw(self, compression: str) -> bool:
         return compression == "cbor-raw" and self.native_raw
@@ -231,18 +227,3 @@ class Topic:
     def _fail(self, reason: str) -> None:
         self._dropped += 1
         self._on_failure(f"{self.name} ({self.type_name}): {reason}")
-
-    def _send_paced(self, receiver: Receiver, pacer: Pacer, message: Optional[EncodedMessage], now_s: float) -> None:
-        """Sends a message, and the next queued one when it is due."""
-        if message is not None:
-            self._send(message, self._options[receiver].encoding, [receiver])
-        if pacer.next_s is not None and receiver not in self._timers:
-            delay_s = max(0.0, pacer.next_s - now_s)
-            self._timers[receiver] = asyncio.get_event_loop().call_later(delay_s, self._on_due, receiver)
-
-    def _on_due(self, receiver: Receiver) -> None:
-        self._timers.pop(receiver, None)
-        pacer = self._pacers.get(receiver)
-        if pacer is not None:
-            now_s = asyncio.get_event_loop().time()
-            self._send_paced(receiver, pacer, pacer.due(now_s), now_s)

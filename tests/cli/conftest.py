@@ -10,7 +10,7 @@ from typing import Any, Callable, Dict, Iterator, List, Optional
 
 import pytest
 from harness import reserved
-from harness.line_process import LineProcess
+from harness.line_process import Line, LineProcess
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -62,7 +62,7 @@ def environment() -> Dict[str, str]:
 
 
 @pytest.fixture
-def robot_health(command: List[str], environment: Dict[str, str]) -> Iterator[Callable[..., LineProcess]]:
+def robot_health_process(command: List[str], environment: Dict[str, str]) -> Iterator[Callable[..., LineProcess]]:
     """Returns a function that starts `robot-health` with its output in pipes."""
     started: List[LineProcess] = []
 
@@ -74,6 +74,50 @@ def robot_health(command: List[str], environment: Dict[str, str]) -> Iterator[Ca
     yield start
     for process in started:
         process.end()
+
+
+@pytest.fixture
+def robot_health(robot_health_process: Callable[..., LineProcess]) -> Callable[..., LineProcess]:
+    """As `robot_health_process`, unless a module defines it otherwise."""
+    return robot_health_process
+
+
+class FinishedCommand:
+    """A command that has ended in this process; as a `LineProcess` that has ended."""
+
+    def __init__(self, code: int, out: str, err: str) -> None:
+        self._code = code
+        self.lines = [Line("out", text) for text in out.splitlines()] + [Line("err", text) for text in err.splitlines()]
+
+    def wait(self, deadline_s: float = 0.0) -> int:
+        return self._code
+
+    @property
+    def text(self) -> str:
+        return "\n".join(f"{line.stream}: {line.text}" for line in self.lines)
+
+    @property
+    def errors(self) -> List[str]:
+        return [line.text for line in self.lines if line.stream == "err"]
+
+
+@pytest.fixture
+def robot_health_here(capsys: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch) -> Callable[..., FinishedCommand]:
+    """Returns what `robot_health` does, for commands that end by themselves: in this process, without Python's start.
+
+    A module whose tests are about what such a command writes defines its `robot_health` with it.
+    """
+    from robot_health_monitor.__main__ import main
+
+    def run(*arguments: object, **variables: str) -> FinishedCommand:
+        for name, value in variables.items():
+            monkeypatch.setenv(name, value)
+        capsys.readouterr()
+        code = main([str(argument) for argument in arguments])
+        output = capsys.readouterr()
+        return FinishedCommand(code, output.out, output.err)
+
+    return run
 
 
 @pytest.fixture

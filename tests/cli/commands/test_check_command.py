@@ -20,9 +20,14 @@ Start = Callable[..., LineProcess]
 ROOT = Path(__file__).resolve().parents[3]
 
 
-def test_the_installed_configuration_is_right_and_its_contents_are_summed_up(robot_health: Start) -> None:
+@pytest.fixture
+def robot_health(robot_health_here: Start) -> Start:
+    return robot_health_here
+
+
+def test_the_installed_configuration_is_right_and_its_contents_are_summed_up(robot_health_process: Start) -> None:
     file = ROOT / "config" / "thresholds.yaml"
-    process = robot_health("check", file)
+    process = robot_health_process("check", file)
     assert process.wait() == 0
     assert [(line.stream, line.text) for line in process.lines] == [
         ("out", f"{file}: OK: 3 signals (battery_level, temperature, cpu_usage), 5 bounds")

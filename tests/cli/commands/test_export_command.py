@@ -20,6 +20,11 @@ alert_system:
 
 
 @pytest.fixture
+def robot_health(robot_health_here: Start) -> Start:
+    return robot_health_here
+
+
+@pytest.fixture
 def file(tmp_path: Path) -> Path:
     path = tmp_path / "thresholds.yaml"
     path.write_text(THRESHOLDS)
@@ -32,15 +37,17 @@ def outcome(process: LineProcess) -> Tuple[int, List[str], List[str]]:
     return code, [line.text for line in process.lines if line.stream == "out"], process.errors
 
 
-def test_rules_are_written_on_stdout_and_are_the_same_for_all_thresholds(robot_health: Start, file: Path) -> None:
+def test_rules_are_written_on_stdout_and_are_the_same_for_all_thresholds(
+    robot_health_process: Start, file: Path
+) -> None:
     options = ("--robot", "r1", "--robot", "r2", "--interval", "5")
 
-    code, out, err = outcome(robot_health("export", "prometheus", *options))
+    code, out, err = outcome(robot_health_process("export", "prometheus", *options))
 
     assert (code, err) == (0, [])
     assert '        expr: max by (robot, signal) (robot_health_alert_level{robot=~"r1|r2"} == 1)' in out
     assert "    interval: 5s" in out
-    assert outcome(robot_health("export", "prometheus", file, *options)) == (0, out, [])
+    assert outcome(robot_health_process("export", "prometheus", file, *options)) == (0, out, [])
 
 
 def test_a_dashboard_is_written_on_stdout(robot_health: Start, file: Path) -> None:

@@ -21,6 +21,11 @@ Start = Callable[..., LineProcess]
 STORE = get_typestore(Stores.ROS1_NOETIC)
 
 
+@pytest.fixture
+def robot_health(robot_health_here: Start) -> Start:
+    return robot_health_here
+
+
 def write_bag(file: Path, topics: Sequence[Any], start_s: float = 1e9) -> Path:
     """Writes a bag of (topic, type, messages as values of `data`, interval in s)."""
     messages: List[Any] = []
@@ -43,10 +48,10 @@ def out(process: LineProcess) -> List[str]:
     return [line.text for line in process.lines if line.stream == "out"]
 
 
-def test_a_file_with_evidence_that_check_accepts(robot_health: Start, tmp_path: Path) -> None:
+def test_a_file_with_evidence_that_check_accepts(robot_health_process: Start, tmp_path: Path) -> None:
     topics = [("/battery", "Float64", TRIANGLE, 1.0), ("/count", "Int32", range(1000), 1.0)]
     bag = write_bag(tmp_path / "healthy.bag", topics)
-    process = robot_health("suggest", bag)
+    process = robot_health_process("suggest", bag)
     assert process.wait() == 0, process.text
     assert out(process) == [
         "# Suggested by `robot-health suggest` from 16 min 39 s of recordings: healthy.bag",
@@ -88,8 +93,8 @@ def test_a_file_with_evidence_that_check_accepts(robot_health: Start, tmp_path: 
     ]
     suggested = tmp_path / "suggested.yaml"
     suggested.write_text("\n".join(out(process)))
-    assert robot_health("check", suggested).wait() == 0
-    assert robot_health("replay", bag, "--thresholds", suggested).wait() == 0
+    assert robot_health_process("check", suggested).wait() == 0
+    assert robot_health_process("replay", bag, "--thresholds", suggested).wait() == 0
 
 
 @pytest.mark.newest_python
@@ -163,9 +168,9 @@ def test_namespaces(robot_health: Start, tmp_path: Path) -> None:
 
 
 @pytest.mark.newest_python
-def test_the_output_is_the_same_in_every_run(robot_health: Start, tmp_path: Path) -> None:
+def test_the_output_is_the_same_in_every_run(robot_health_process: Start, tmp_path: Path) -> None:
     bag = write_bag(tmp_path / "a.bag", [("/battery", "Float64", TRIANGLE * 20, 0.1)])
-    runs = [robot_health("suggest", bag) for _ in range(2)]
+    runs = [robot_health_process("suggest", bag) for _ in range(2)]
     assert [run.wait() for run in runs] == [0, 0]
     assert out(runs[0]) == out(runs[1])
 
@@ -203,11 +208,13 @@ def test_a_file_that_is_no_recording_is_one_line(robot_health: Start, tmp_path: 
     assert [(line.stream, line.text) for line in process.lines] == [("err", f"{tmp_path}/none.bag: no such file")]
 
 
-def test_a_missing_library_is_one_line_with_the_command_that_installs_it(robot_health: Start, tmp_path: Path) -> None:
+def test_a_missing_library_is_one_line_with_the_command_that_installs_it(
+    robot_health_process: Start, tmp_path: Path
+) -> None:
     (tmp_path / "zstandard.py").write_text("raise ModuleNotFoundError('gone', name='zstandard')\n")
     (tmp_path / "a.mcap").write_bytes(b"")
     root = Path(__file__).resolve().parents[3]
-    process = robot_health("suggest", tmp_path / "a.mcap", PYTHONPATH=f"{tmp_path}{os.pathsep}{root}")
+    process = robot_health_process("suggest", tmp_path / "a.mcap", PYTHONPATH=f"{tmp_path}{os.pathsep}{root}")
     assert process.wait() == 3
     assert [line.text for line in process.lines] == ["robot-health: zstandard is not installed: pip install zstandard"]
 

@@ -33,6 +33,11 @@ tests:
 
 
 @pytest.fixture
+def robot_health(robot_health_here: Start) -> Start:
+    return robot_health_here
+
+
+@pytest.fixture
 def files(tmp_path: Path) -> Path:
     (tmp_path / "thresholds.yaml").write_text(THRESHOLDS)
     (tmp_path / "passes.yaml").write_text(TESTS)
@@ -45,8 +50,8 @@ def lines(process: LineProcess, stream: str) -> List[str]:
     return [line.text for line in process.lines if line.stream == stream]
 
 
-def test_tests_that_pass_are_one_line(robot_health: Start, files: Path) -> None:
-    process = robot_health("test", files / "passes.yaml")
+def test_tests_that_pass_are_one_line(robot_health_process: Start, files: Path) -> None:
+    process = robot_health_process("test", files / "passes.yaml")
     assert process.wait() == 0
     assert [(line.stream, line.text) for line in process.lines] == [("out", f"{files}/passes.yaml: OK: 2 tests")]
 

@@ -240,8 +240,8 @@ def test_units_that_cannot_be_right_are_refused(settings: Dict[str, Any], proble
         ({"unit": 5}, "unit: expected printable text, got 5; quote it"),
         (
             {"statistic": "median"},
-            "statistic: expected one of last, mean, min, max, stddev, rate, frequency_hz, largest_gap_s, count, forecast, "
-            "got 'median'",
+            "statistic: expected one of last, mean, min, max, stddev, rate, frequency_hz, largest_gap_s, count, "
+            "forecast, got 'median'",
         ),
     ],
 )

@@ -3,7 +3,8 @@ from __future__ import annotations
 import asyncio
 import json
 from dataclasses import replace
-from typing import Any, Awaitable, Callable, List, Optional
+from types import SimpleNamespace
+from typing import Any, Awaitable, Callable, List, Tuple
 
 from robot_health_monitor.rosbridge.protocol.limits import Limits
 from robot_health_monitor.rosbridge.protocol.operations import Subscribe
@@ -127,49 +128,69 @@ def test_several_requests_for_a_topic_are_merged_as_the_reference_server_does() 
     assert merge(every, Limits()) == Options(0.0, 0, None, "cbor-raw")
 
 
-def sent(pacer: Pacer[str], offers: List[Optional[str]], step_s: float = 0.1) -> List[Optional[str]]:
-    """Offers one message per step, None: a step without one; returns what is sent at each."""
-    results = []
-    for index, message in enumerate(offers):
-        now_s = index * step_s
-        results.append(pacer.due(now_s) if message is None else pacer.offer(message, 1, now_s))
-    return results
+class Paced:
+    """A pacer in virtual time, with what it has sent and when."""
+
+    def __init__(self, budget: ByteBudget, **options: Any) -> None:
+        self.now_s = 0.0
+        self.sent: List[Tuple[float, str]] = []
+        self._timers: List[Tuple[float, Callable[[], None]]] = []
+        self.pacer = Pacer(Options(**options), budget, self._send, self._call_later)  # type: ignore[arg-type]
+
+    def _send(self, message: Any) -> None:
+        self.sent.append((self.now_s, message.name))
+
+    def _call_later(self, delay_s: float, callback: Callable[[], None]) -> Any:
+        timer = (self.now_s + delay_s, callback)
+        self._timers.append(timer)
+        return SimpleNamespace(cancel=lambda: self._timers.remove(timer))
+
+    def at(self, now_s: float, name: str = "", size: int = 1) -> None:
+        """Lets time pass, then offers a message if it has a name."""
+        for due_s, callback in [timer for timer in self._timers if timer[0] <= now_s]:
+            self._timers.remove((due_s, callback))
+            self.now_s = due_s
+            callback()
+        self.now_s = now_s
+        if name:
+            self.pacer.offer(SimpleNamespace(name=name, size=size))  # type: ignore[arg-type]
 
 
 def test_without_a_queue_messages_in_between_are_left_out() -> None:
-    pacer: Pacer[str] = Pacer(Options(throttle_s=0.25), ByteBudget(1000))
-    assert sent(pacer, ["a", "b", "c", "d", "e", None, "f"]) == ["a", None, None, "d", None, None, "f"]
-    assert pacer.next_s is None
+    paced = Paced(ByteBudget(1000), throttle_s=0.25)
+    for now_s, name in ((0.0, "a"), (0.125, "b"), (0.1875, "c"), (0.375, "d"), (0.5, "e"), (0.75, "f")):
+        paced.at(now_s, name)
+    assert paced.sent == [(0.0, "a"), (0.375, "d"), (0.75, "f")]
 
 
 def test_with_a_queue_the_newest_wait_for_their_time() -> None:
-    pacer: Pacer[str] = Pacer(Options(throttle_s=0.25, queue_length=2), ByteBudget(1000))
-    offers: List[Optional[str]] = ["a", "b", "c", "d", "e", None, None, None, None, None]
-    assert sent(pacer, offers) == ["a", None, None, "c", None, None, "d", None, None, "e"]
-    assert pacer.next_s is None
-
-
-def test_a_waiting_message_says_when_its_time_comes() -> None:
-    pacer: Pacer[str] = Pacer(Options(throttle_s=0.25, queue_length=2), ByteBudget(1000))
-    assert pacer.offer("a", 1, 10.0) == "a"
-    assert pacer.offer("b", 1, 10.1) is None
-    assert pacer.next_s == 10.25
-    assert pacer.due(10.2) is None
-    assert pacer.due(10.25) == "b"
+    paced = Paced(ByteBudget(1000), throttle_s=0.25, queue_length=2)
+    for now_s, name in ((0.0, "a"), (0.0625, "b"), (0.125, "c"), (0.1875, "d"), (0.375, "e"), (0.4375, "f")):
+        paced.at(now_s, name)
+    for now_s in (0.5, 0.75, 1.0, 1.25):
+        paced.at(now_s)
+    # "b" made room for "d", and "d" for "f".
+    assert paced.sent == [(0.0, "a"), (0.25, "c"), (0.5, "e"), (0.75, "f")]
+    paced.at(2.0, "g")
+    assert paced.sent[4:] == [(2.0, "g")]
 
 
 def test_the_queues_of_a_client_share_a_bound_in_bytes() -> None:
     budget = ByteBudget(100)
-    one: Pacer[str] = Pacer(Options(throttle_s=1.0, queue_length=1000), budget)
-    other: Pacer[str] = Pacer(Options(throttle_s=1.0, queue_length=1000), budget)
-    assert one.offer("sent", 30, 0.0) == "sent" and budget.used == 0
-    assert other.offer("sent", 30, 0.0) == "sent"
-    assert [one.offer(name, 30, 0.1) for name in "abcd"] == [None] * 4
+    one, other = (Paced(budget, throttle_s=1.0, queue_length=1000) for _ in range(2))
+    one.at(0.0, "sent", 30)
+    other.at(0.0, "sent", 30)
+    assert budget.used == 0
+    for name in "abcd":
+        one.at(0.125, name, 30)
     assert budget.used == 90  # "a" was dropped
-    assert other.offer("x", 30, 0.1) is None
+    other.at(0.125, "x", 30)
     assert budget.used == 90  # "x" did not fit
-    assert one.due(1.0) == "b"
-    assert other.offer("y", 30, 0.2) is None
+    one.at(1.0)
+    assert one.sent == [(0.0, "sent"), (1.0, "b")]
+    other.at(0.25, "y", 30)
     assert budget.used == 90
-    one.clear()
+    one.pacer.close()
     assert budget.used == 30
+    one.at(9.0)
+    assert len(one.sent) == 2
