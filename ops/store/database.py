@@ -316,11 +316,8 @@ class Database:
                 error = schema.altered_error(self._file.connection) or error
         if not (is_file_error(error) or (was_own and isinstance(error, sqlite3.Error))):
             return False
-        file, self._file = self._file, None
-        try:
-            self._use_memory(file.connection, error)
-        finally:
-            _close(file)
+        file = self._file
+        self._leave(file, error)
         if is_damage(error):
             try:
                 self._put_aside(file.path, error)
@@ -431,17 +428,23 @@ class Database:
                 else:
                     self._move_from_memory(self._memory, connection)
         except BaseException:
-            _close(file)
+            file.close()
             raise
         return file
+
+    def _leave(self, file: DatabaseFile, error: Optional[BaseException] = None) -> None:
+        """Goes on in memory, with what can be read of the file."""
+        self._file = None
+        try:
+            self._use_memory(file.connection, error)
+        finally:
+            file.close()
 
     def _check_file(self, file: DatabaseFile) -> None:
         """Looks whether the file was deleted or replaced, or its disk fails."""
         if not file.is_in_place():
             text = f"{self.file} was deleted or replaced while in use: the present state was written to a new file"
-            self._use_memory(file.connection)
-            self._file = None
-            _close(file)
+            self._leave(file)
             self.faults.report(REPLACED_PART, text)
             self._open_file()
         elif file.problem:
@@ -526,8 +529,3 @@ class Database:
 def _boot_s() -> float:
     """Returns monotonic seconds that include suspension."""
     return time.clock_gettime(time.CLOCK_BOOTTIME)
-
-
-def _close(file: DatabaseFile) -> None:
-    with contextlib.suppress(OSError, sqlite3.Error):  # closed before, or its disk fails
-        file.close()

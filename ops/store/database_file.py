@@ -150,12 +150,11 @@ class DatabaseFile:
         """Closes the file and releases its lock; the last connection copies the log into the file."""
         self._thread.close()
         self._thread.join(SYNC_PERIOD_S)  # not longer: the disk may hang
-        try:
+        with contextlib.suppress(OSError, sqlite3.Error):  # its disk fails
             self.connection.close()
-        finally:
-            lock, self._lock = self._lock, None
-            if lock is not None:  # closing a number twice could close another file
-                os.close(lock)
+        lock, self._lock = self._lock, None
+        if lock is not None:  # closing a number twice could close another file
+            os.close(lock)
 
     def _sync(self) -> float:
         """Flushes what was written since the last call; returns the time until the next one, in s."""
