@@ -136,7 +136,7 @@ class Delivery(Caller):
     def has_work(self) -> bool:
         """Returns whether a notification waits, and the latest attempt did not fail."""
         name = self.settings.name
-        return self._queue.waiting(name) > 0 and not self._queue.wait_s(name) and not self._backoff.is_failing
+        return self._queue.waiting[name] > 0 and not self._queue.wait_s.get(name, 0.0) and not self._backoff.is_failing
 
     def note_news(self) -> None:
         """Ends a long retry delay."""
@@ -153,7 +153,7 @@ class Delivery(Caller):
         name, every_s = self.settings.name, self._sender.repeat_every_s
         try:
             self._finish(self._to_finish)
-            dropped = self._queue.dropped(name)
+            dropped = self._queue.dropped[name]
             text = f"full: {dropped} notifications dropped that later ones of the same alerts supersede"
             self._warn("queue", text if dropped else "")
             if self._has_news:
@@ -172,7 +172,7 @@ class Delivery(Caller):
                 if taken is not None:
                     self._send(taken)
                     return 0.0
-                wait_s = self._queue.wait_s(name) if self._queue.waiting(name) else _IDLE_S
+                wait_s = self._queue.wait_s.get(name, 0.0) if self._queue.waiting[name] else _IDLE_S
             else:
                 wait_s = self._retry_at_s - now_s
             return max(0.0, min(now_s + wait_s, repeat_at_s) - self._clock())

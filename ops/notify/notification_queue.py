@@ -149,25 +149,18 @@ class Waiting(NamedTuple):
     is_repeat: bool
 
 
-class Part(NamedTuple):
-    """A row that is being sent, by itself or with others."""
-
-    id: int
-    fingerprint: str
-    notification: Notification
-
-
 class Taken(NamedTuple):
     """A message that is being sent."""
 
     target: str
     notification: Notification
-    parts: Sequence[Part]
+    parts: Sequence[Tuple[int, Notification]]
+    """The number of each row, and what it means."""
 
     @property
     def id(self) -> int:
         """Identifies it among those of its target."""
-        return self.parts[0].id
+        return self.parts[0][0]
 
 
 class NotificationQueue:
@@ -190,28 +183,19 @@ class NotificationQueue:
         self._is_simulated = is_simulated
         self._wall_time_s = wall_time_s
         self._page = f"{public_url.rstrip('/')}/#alerts/" if public_url else ""
-        self._wait_s: Dict[str, float] = {}
+        self.wait_s: Dict[str, float] = {}
+        """How long what waits for a target has to wait for others, in s; as the next two, to be read in any thread."""
         self._held: Set[Tuple[str, str]] = set()  # robot and signal of each alert that a silence holds back
-        self._waiting: Counter[str] = Counter()
-        self._dropped: Counter[str] = Counter()
+        self.waiting: Counter[str] = Counter()
+        """How many notifications wait, by target."""
+        self.dropped: Counter[str] = Counter()
+        """How many were dropped since a target had none, because later ones superseded them."""
         self._drop_at: Dict[str, int] = {}
 
     @property
     def has_targets(self) -> bool:
         """Whether there are targets that are sent alerts."""
         return bool(self._targets)
-
-    def waiting(self, target: str) -> int:
-        """Returns how many notifications wait for a target. May be called from any thread."""
-        return self._waiting[target]
-
-    def dropped(self, target: str) -> int:
-        """Returns how many were dropped since it last was empty, because later ones superseded them. Any thread."""
-        return self._dropped[target]
-
-    def wait_s(self, target: str) -> float:
-        """Returns how long what waits for a target has to wait for others, in s; 0 if it need not. Any thread."""
-        return self._wait_s.get(target, 0.0)
 
     def is_reconciliation_due(self) -> bool:
         """Returns whether a wait (`after_s`) or a silence that held an alert back may be over. Any thread."""
@@ -226,7 +210,7 @@ class NotificationQueue:
         """
         if targets is not None:
             self._targets = {target.name: target for target in targets}
-            self._waiting = Counter({name: self._waiting[name] for name in self._targets})
+            self.waiting = Counter({name: self.waiting[name] for name in self._targets})
         for table in ("notifications", "notified"):
             known = [name for (name,) in connection.execute(f"SELECT DISTINCT target FROM {table}")]
             unknown = [(name,) for name in known if name not in self._targets]
@@ -254,24 +238,24 @@ class NotificationQueue:
         for name, target in self._targets.items():
             is_wanted = not target.after_s and self._wants(target, alert.transition_json, alert.level)
             if self._queue(connection, name, alert, transition.repeat, is_wanted):
-                self._waiting[name] += 1
+                self.waiting[name] += 1
                 self._drop_superseded(connection, name)
 
     def take(self, connection: Connection, target: str) -> Optional[Taken]:
         """Returns the next notification for a target and counts the attempt; None: nothing is to be sent now."""
         self._silences.look(connection)
-        self._wait_s.pop(target, None)
+        self.wait_s.pop(target, None)
         settings = self._targets.get(target)
         if settings is None:  # it has just been removed
             return None
-        parts: List[Part] = []
+        parts: List[Tuple[int, Notification]] = []
         for rows in (self._groups if settings.group_wait_s else self._heads)(connection, settings):
             parts = self._parts_of(connection, settings, rows)
             if parts:
-                self._wait_s.pop(target, None)
+                self.wait_s.pop(target, None)
                 break
         self._count(connection, target)
-        return Taken(target, group_of([part.notification for part in parts]), parts) if parts else None
+        return Taken(target, group_of([notification for _, notification in parts]), parts) if parts else None
 
     def _heads(self, connection: Connection, target: TargetSettings) -> Iterator[Rows[Waiting]]:
         """Yields the next row, as long as the one before was deleted."""
@@ -291,14 +275,16 @@ class NotificationQueue:
         for robot, queued_s, attempts in connection.execute(query, (target.name,)).fetchall():
             left_s = queued_s + target.group_wait_s - now_s if isinstance(queued_s, (int, float)) else 0.0
             if not attempts and 0.0 < left_s <= target.group_wait_s:  # otherwise the wall clock was set back
-                self._wait_s[target.name] = min(left_s, self._wait_s.get(target.name, _LONGEST_WAIT_S))
+                self.wait_s[target.name] = min(left_s, self.wait_s.get(target.name, _LONGEST_WAIT_S))
             else:
                 tail = "WHERE target = ? AND robot IS ? ORDER BY id"
                 yield _read(connection, "notifications", Waiting, tail, (target.name, robot))
 
-    def _parts_of(self, connection: Connection, target: TargetSettings, rows: Rows[Waiting]) -> List[Part]:
+    def _parts_of(
+        self, connection: Connection, target: TargetSettings, rows: Rows[Waiting]
+    ) -> List[Tuple[int, Notification]]:
         """Returns what rows mean, one part per alert, and counts the attempt; deletes those that mean nothing."""
-        parts: List[Part] = []
+        parts: List[Tuple[int, Notification]] = []
         done = {row[0] for row in rows.found}
         if target.group_wait_s:
             for row in rows:
@@ -311,16 +297,17 @@ class NotificationQueue:
                 continue
             notification = self._decide(connection, target, last)
             if notification is not None:
-                parts.append(Part(last.id, fingerprint, notification))
+                parts.append((last.id, notification))
                 done.remove(last.id)
         connection.executemany("DELETE FROM notifications WHERE id = ?", [(number,) for number in done])
-        attempted = [(part.id,) for part in parts]
+        attempted = [(number,) for number, _ in parts]
         connection.executemany("UPDATE notifications SET attempts = attempts + 1 WHERE id = ?", attempted)
         return parts
 
     def finish(self, connection: Connection, taken: Taken) -> None:
         """Stores that a message was sent, or that it was given up and may have arrived."""
-        for number, fingerprint, notification in taken.parts:
+        for number, notification in taken.parts:
+            fingerprint = notification.transition["fingerprint"]
             if notification.is_resolved:
                 key = taken.target, fingerprint
                 connection.execute("DELETE FROM notified WHERE target = ? AND fingerprint = ?", key)
@@ -334,7 +321,7 @@ class NotificationQueue:
 
     def put_back(self, connection: Connection, taken: Taken) -> None:
         """Takes back an attempt that certainly did not arrive."""
-        ids = [(part.id,) for part in taken.parts]
+        ids = [(number,) for number, _ in taken.parts]
         connection.executemany("UPDATE notifications SET attempts = attempts - 1 WHERE id = ?", ids)
 
     def open_at(self, connection: Connection, target: str) -> List[Notified]:
@@ -452,21 +439,21 @@ class NotificationQueue:
         )
 
     def _drop_superseded(self, connection: Connection, target: str) -> None:
-        waiting = self._waiting[target]
+        waiting = self.waiting[target]
         if waiting <= self._drop_at.get(target, MOST_WAITING):
             return
         count = waiting - MOST_WAITING + _DROPPED_AT_ONCE
         for statement, values in ((_DROP_SUPERSEDED, (target, count)), (_DROP_ENDED, {"target": target})):
-            self._dropped[target] += connection.execute(statement, values).rowcount
+            self.dropped[target] += connection.execute(statement, values).rowcount
         self._count(connection, target)
         # Each alert may keep its latest notification: then there is nothing to drop for a while.
-        self._drop_at[target] = max(MOST_WAITING, self._waiting[target] + _DROPPED_AT_ONCE)
+        self._drop_at[target] = max(MOST_WAITING, self.waiting[target] + _DROPPED_AT_ONCE)
 
     def _count(self, connection: Connection, target: str) -> None:
         query = "SELECT count(*) FROM notifications WHERE target = ?"
-        self._waiting[target] = connection.execute(query, (target,)).fetchone()[0]
-        if self._waiting[target] == 0:
-            self._dropped[target] = 0
+        self.waiting[target] = connection.execute(query, (target,)).fetchone()[0]
+        if self.waiting[target] == 0:
+            self.dropped[target] = 0
 
 
 def is_transition(found: Mapping[str, Any]) -> bool:

@@ -88,7 +88,7 @@ class Notifier:
     @property
     def waiting(self) -> int:
         """How many notifications wait, over all targets."""
-        return sum(map(self._queue.waiting, tuple(self._callers)))
+        return sum(self._queue.waiting[name] for name in tuple(self._callers))
 
     def note_tick(self) -> None:
         """Call at each tick of the monitor, for the heartbeat; returns at once."""
@@ -149,7 +149,7 @@ class Notifier:
 
     def _wake(self) -> None:
         for name, caller in tuple(self._callers.items()):
-            if self._queue.waiting(name):
+            if self._queue.waiting[name]:
                 caller.note_news()
 
     def _follow(self, connection: Optional[Connection] = None) -> None:

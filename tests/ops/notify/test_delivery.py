@@ -105,7 +105,7 @@ def test_notifications_are_sent_in_order_and_nothing_is_left(bench: Bench, serve
         bench.change(level)
     bench.settle()
     assert received(server) == ["battery WARN firing", "battery ERROR firing", "battery OK resolved"]
-    assert bench.queue.waiting("chat") == 0 and bench.fault() is None
+    assert bench.queue.waiting["chat"] == 0 and bench.fault() is None
     assert bench.delivery.step() >= 3600.0  # nothing to do until there is news
 
 
@@ -186,7 +186,7 @@ def test_one_notification_that_fails_delays_no_other(bench: Bench, server: HttpS
         bench.change("WARN", f"s{number}")
     bench.run(bench.now_s + 5.0)
     assert sum(b"poison" not in body for body in seen) == 5
-    assert bench.queue.waiting("chat") == 1
+    assert bench.queue.waiting["chat"] == 1
 
 
 def test_a_refused_notification_is_given_up_and_reported(bench: Bench, server: HttpServer) -> None:
@@ -195,7 +195,7 @@ def test_a_refused_notification_is_given_up_and_reported(bench: Bench, server: H
     bench.run(60.0)
     assert len(server.all()) == MOST_REFUSALS
     text = f"{server.url}: response 404 Not Found; given up after 5 attempts: r3: battery WARN"
-    assert bench.fault() == (Level.ERROR, text) and bench.queue.waiting("chat") == 0
+    assert bench.fault() == (Level.ERROR, text) and bench.queue.waiting["chat"] == 0
     server.behave = responding(200)
     bench.change("OK")
     bench.run(bench.now_s + 60.0)
@@ -264,7 +264,7 @@ def test_what_was_sent_is_not_sent_again_because_the_database_failed(bench: Benc
 
     server.behave = behave
     bench.run(10.0)
-    assert received(server) == ["battery WARN firing"] and bench.queue.waiting("chat") == 0
+    assert received(server) == ["battery WARN firing"] and bench.queue.waiting["chat"] == 0
 
 
 def test_a_target_that_hangs_is_a_fault(server: HttpServer) -> None:
@@ -273,7 +273,7 @@ def test_a_target_that_hangs_is_a_fault(server: HttpServer) -> None:
     bench.change("WARN")
     bench.settle()
     assert bench.fault() == (Level.WARN, f"{server.url}: no response within 0.2 s")
-    assert bench.queue.waiting("chat") == 1 and not bench.delivery.has_work()
+    assert bench.queue.waiting["chat"] == 1 and not bench.delivery.has_work()
 
 
 def test_an_unprotected_secret_is_a_warning(server: HttpServer, tmp_path: Any) -> None:

@@ -88,12 +88,12 @@ BATTERY = ("r3", "battery")
 def test_an_alert_is_sent_when_it_begins_changes_and_ends() -> None:
     bench = Bench()
     bench.change("WARN")
-    assert bench.queue.waiting("chat") == 1
+    assert bench.queue.waiting["chat"] == 1
     assert bench.deliver() == [("battery", "WARN", None)]
     bench.change("ERROR", "WARN")
     bench.change("OK", "ERROR")
     assert bench.deliver() == [("battery", "ERROR", "WARN"), ("battery", "resolved", "ERROR")]
-    assert bench.queue.waiting("chat") == 0
+    assert bench.queue.waiting["chat"] == 0
 
 
 @pytest.mark.parametrize(
@@ -334,7 +334,7 @@ def test_what_may_have_arrived_is_not_sent_again_during_a_silence_but_its_end_is
     bench.change("WARN")
     assert bench.take() is not None  # no response
     bench.silences.alerts = {BATTERY}
-    assert bench.deliver() == [] and bench.queue.waiting("chat") == 0
+    assert bench.deliver() == [] and bench.queue.waiting["chat"] == 0
     assert bench.queue.open_at(bench.connection, "chat") == []  # not repeated either
     bench.change("ERROR", "WARN")
     bench.restart()
@@ -413,8 +413,8 @@ def test_a_full_queue_drops_what_later_notifications_supersede_and_counts_it(mon
     for _ in range(200):
         bench.change("WARN")
         bench.change("OK", "WARN")
-    assert bench.queue.waiting("chat") <= 21
-    waiting, dropped = bench.queue.waiting("chat"), bench.queue.dropped("chat")
+    assert bench.queue.waiting["chat"] <= 21
+    waiting, dropped = bench.queue.waiting["chat"], bench.queue.dropped["chat"]
     assert waiting + dropped == 403
     sent = bench.deliver()
     # Not those of alerts that are open, and the end of each that was sent.
@@ -422,7 +422,7 @@ def test_a_full_queue_drops_what_later_notifications_supersede_and_counts_it(mon
     assert [state for signal, state, _ in sent if signal == "attempted"] == ["WARN", "resolved"]
     states = [state for signal, state, _ in sent if signal == "battery"]
     assert states == ["WARN", "resolved"] * (len(states) // 2)
-    assert bench.queue.dropped("chat") == 0
+    assert bench.queue.dropped["chat"] == 0
 
 
 def test_a_full_queue_keeps_the_latest_of_every_open_alert(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -431,10 +431,10 @@ def test_a_full_queue_keeps_the_latest_of_every_open_alert(monkeypatch: pytest.M
     bench = Bench()
     for number in range(60):
         bench.change("WARN", signal=f"s{number}")
-    assert bench.queue.waiting("chat") == 60 and bench.queue.dropped("chat") == 0
+    assert bench.queue.waiting["chat"] == 60 and bench.queue.dropped["chat"] == 0
     for number in range(60):
         bench.change("ERROR", "WARN", signal=f"s{number}")
-    assert bench.queue.waiting("chat") <= 80
+    assert bench.queue.waiting["chat"] <= 80
     last: Dict[str, str] = {signal: state for signal, state, _ in bench.deliver()}
     assert last == {f"s{number}": "ERROR" for number in range(60)}
 
@@ -452,8 +452,8 @@ def test_a_driver_that_renames_itself_while_the_target_is_gone_does_not_fill_the
     bench.change("WARN", signal="drivers[0]")
     assert bench.take() is not None  # no response: the target may know of this one
     renamed(bench, 3_000)
-    assert bench.queue.waiting("chat") <= notification_queue.MOST_WAITING + 1
-    assert bench.queue.waiting("chat") + bench.queue.dropped("chat") == 6_001
+    assert bench.queue.waiting["chat"] <= notification_queue.MOST_WAITING + 1
+    assert bench.queue.waiting["chat"] + bench.queue.dropped["chat"] == 6_001
     assert bench.connection.execute("SELECT count(*) FROM open_alerts").fetchone() == (0,)
     sent = bench.deliver()
     assert [state for signal, state, _ in sent if signal == "drivers[0]"] == ["WARN", "resolved"]
@@ -510,7 +510,7 @@ def test_the_events_of_a_robot_within_the_wait_are_one_message_the_worst_first()
     bench = Bench(GROUPED)
     bench.change("WARN", signal="old", hint="no publisher")
     bench.now_s += 29.0
-    assert bench.take() is None and bench.queue.wait_s("chat") == 1.0
+    assert bench.take() is None and bench.queue.wait_s.get("chat", 0.0) == 1.0
     bench.now_s += 1.0
     single = sent_message(bench)
     assert "alerts" not in single  # a single event is the plain message
@@ -527,10 +527,10 @@ def test_the_events_of_a_robot_within_the_wait_are_one_message_the_worst_first()
         ("r3: battery ERROR", "firing"), ("r3: scan STALE", "firing"), ("r3: fan WARN", "firing"),
         ("r3: old OK", "resolved"),
     ]  # fmt: skip
-    assert bench.take() is None and bench.queue.wait_s("chat") == 4.0
+    assert bench.take() is None and bench.queue.wait_s.get("chat", 0.0) == 4.0
     bench.now_s += 4.0
     assert sent_message(bench)["text"] == "r4: cpu WARN"
-    assert bench.queue.waiting("chat") == 0
+    assert bench.queue.waiting["chat"] == 0
 
 
 def test_of_many_alerts_five_are_named() -> None:
@@ -549,7 +549,7 @@ def test_an_alert_that_ended_within_the_wait_is_not_sent_and_of_others_the_lates
     bench.change("ERROR", "WARN")
     bench.now_s += 30.0
     assert sent_message(bench)["text"] == "r3: battery ERROR"
-    assert bench.queue.waiting("chat") == 0
+    assert bench.queue.waiting["chat"] == 0
     bench.change("WARN", "ERROR")
     bench.change("ERROR", "WARN")
     bench.now_s += 30.0
@@ -592,7 +592,7 @@ def test_a_restart_does_not_begin_the_wait_for_others_anew() -> None:
     bench.change("WARN")
     bench.now_s += 20.0
     bench.restart(GROUPED)
-    assert bench.take() is None and bench.queue.wait_s("chat") == 5.0  # then it looks again
+    assert bench.take() is None and bench.queue.wait_s.get("chat", 0.0) == 5.0  # then it looks again
     bench.now_s += 10.0
     assert sent_message(bench)["text"] == "r3: battery WARN"
 
@@ -684,7 +684,7 @@ def test_an_odd_row_stops_no_other_notification(table: str, column: str, odd: st
     bench.change("WARN", signal="temperature")
     bench.deliver()
     assert bench.queue.open_at(bench.connection, "chat")[-1].signal == "temperature"
-    assert bench.queue.waiting("chat") == 0
+    assert bench.queue.waiting["chat"] == 0
 
 
 def test_what_is_unknown_after_a_loss_is_sent_again_and_its_end_in_any_case() -> None:
@@ -719,8 +719,8 @@ def test_many_silenced_notifications_are_discarded_a_few_at_a_time() -> None:
         bench.change("WARN")
         bench.change("OK", "WARN")
     bench.silences.alerts = {BATTERY}
-    assert bench.take() is None and 0 < bench.queue.waiting("chat") < 120
-    while bench.queue.waiting("chat"):
+    assert bench.take() is None and 0 < bench.queue.waiting["chat"] < 120
+    while bench.queue.waiting["chat"]:
         assert bench.take() is None
 
 

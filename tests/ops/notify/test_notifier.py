@@ -95,7 +95,7 @@ def test_targets_that_hang_delay_neither_the_history_nor_the_others(server: Http
             for number in range(50):
                 record(history, "WARN", f"s{number}")
             assert texts(server, 50) == [f"s{number} WARN" for number in range(50)]
-            assert [notifier._queue.waiting(f"stuck{number}") for number in range(4)] == [50] * 4
+            assert [notifier._queue.waiting[f"stuck{number}"] for number in range(4)] == [50] * 4
             assert notifier.waiting >= 200
             stuck.closing.set()  # the server closes the connections: the threads can end
 
