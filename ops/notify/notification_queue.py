@@ -178,7 +178,8 @@ class NotificationQueue:
 
         `public_url` is the address of the web page, for links to the pages of alerts; empty if there is none.
         """
-        self._targets = {target.name: target for target in targets}
+        self.targets = {target.name: target for target in targets}
+        """Those that are sent alerts, by their names."""
         self._silences = silences
         self._is_simulated = is_simulated
         self._wall_time_s = wall_time_s
@@ -192,14 +193,9 @@ class NotificationQueue:
         """How many were dropped since a target had none, because later ones superseded them."""
         self._drop_at: Dict[str, int] = {}
 
-    @property
-    def has_targets(self) -> bool:
-        """Whether there are targets that are sent alerts."""
-        return bool(self._targets)
-
     def is_reconciliation_due(self) -> bool:
         """Returns whether a wait (`after_s`) or a silence that held an alert back may be over. Any thread."""
-        if any(target.after_s for target in self._targets.values()):
+        if any(target.after_s for target in self.targets.values()):
             return True
         return any(not self._is_silenced(robot, signal) for robot, signal in self._held.copy())
 
@@ -209,18 +205,18 @@ class NotificationQueue:
         None: the targets stay, such as at the start.
         """
         if targets is not None:
-            self._targets = {target.name: target for target in targets}
-            self.waiting = Counter({name: self.waiting[name] for name in self._targets})
+            self.targets = {target.name: target for target in targets}
+            self.waiting = Counter({name: self.waiting[name] for name in self.targets})
         for table in ("notifications", "notified"):
             known = [name for (name,) in connection.execute(f"SELECT DISTINCT target FROM {table}")]
-            unknown = [(name,) for name in known if name not in self._targets]
+            unknown = [(name,) for name in known if name not in self.targets]
             connection.executemany(f"DELETE FROM {table} WHERE target = ?", unknown)
         self.reconcile(connection)
 
     def assume_sent(self, connection: Connection) -> None:
         """Takes every open alert as one that may have been sent: it is sent again, and its end in any case."""
         for alert in _open_alerts(connection):
-            for name, target in self._targets.items():
+            for name, target in self.targets.items():
                 if self._wants(target, alert.transition_json, alert.level):
                     _store_notified(connection, name, alert.as_alert()._replace(level=_UNCONFIRMED))
 
@@ -235,7 +231,7 @@ class NotificationQueue:
         alert = _Alert(transition.fingerprint, transition.to_level, wall_s, json.loads(line))
         if alert.level is Level.OK:
             self._held.discard((alert.transition_json["robot"], alert.transition_json["signal"]))
-        for name, target in self._targets.items():
+        for name, target in self.targets.items():
             is_wanted = not target.after_s and self._wants(target, alert.transition_json, alert.level)
             if self._queue(connection, name, alert, transition.repeat, is_wanted):
                 self.waiting[name] += 1
@@ -245,7 +241,7 @@ class NotificationQueue:
         """Returns the next notification for a target and counts the attempt; None: nothing is to be sent now."""
         self._silences.look(connection)
         self.wait_s.pop(target, None)
-        settings = self._targets.get(target)
+        settings = self.targets.get(target)
         if settings is None:  # it has just been removed
             return None
         parts: List[Tuple[int, Notification]] = []
@@ -336,9 +332,9 @@ class NotificationQueue:
         self._silences.look(connection)
         self._held.clear()
         now_s = self._wall_time_s()
-        if any(target.after_s for target in self._targets.values()):
+        if any(target.after_s for target in self.targets.values()):
             self._note_silenced(connection, now_s)
-        for name, target in self._targets.items():
+        for name, target in self.targets.items():
             query = "SELECT DISTINCT fingerprint FROM notifications WHERE target = ?"
             waiting = {key for (key,) in connection.execute(query, (name,))}
             for alert in tuple(self._unknown_to(connection, target, now_s)):
@@ -351,7 +347,7 @@ class NotificationQueue:
         for alert in _open_alerts(connection):
             if alert.robot not in robots:
                 connection.execute("DELETE FROM open_alerts WHERE robot = ? AND signal = ?", alert[1:3])
-                for name in self._targets:
+                for name in self.targets:
                     ended = _Alert(alert.fingerprint, Level.OK, wall_s, _no_longer_watched(alert.transition_json))
                     self._queue(connection, name, ended)
                     self._count(connection, name)

@@ -132,7 +132,7 @@ class Notifier:
 
     def _note(self, connection: Connection, alert_id: int, transition: Transition, wall_s: float) -> None:
         """Queues a transition; runs inside the transaction that stores it."""
-        if self._queue.has_targets:
+        if self._queue.targets:
             self._queue.note(connection, transition, alert_id, wall_s)
             self._has_news = True
 
@@ -154,7 +154,7 @@ class Notifier:
 
     def _follow(self, connection: Optional[Connection] = None) -> None:
         """Queues what a change of silences or robots causes; called each second."""
-        if self._queue.has_targets and (not self._is_up_to_date or self._queue.is_reconciliation_due()):
+        if self._queue.targets and (not self._is_up_to_date or self._queue.is_reconciliation_due()):
             self._history.submit(Job(self._catch_up, is_foreign=True))
 
     def _catch_up(self, connection: Connection, targets: Optional[Sequence[TargetSettings]] = None) -> None:

@@ -139,18 +139,12 @@ class RobotHistory:
         """Use `History.of_robot`."""
         self._history = history
         self._robot = robot
+        self.wall_s = history.wall_s
+        self.is_kept = history.file is not None
+        self.keeps_samples = history.keeps_samples
         self._lock = threading.Lock()
         self._open_save: Optional[Dict[str, str]] = None
         self._evidence_until_s: Dict[str, float] = {}
-
-    @property
-    def is_kept(self) -> bool:
-        """Whether it is in a file."""
-        return self._history.file is not None
-
-    def wall_s(self) -> float:
-        """Returns the time in seconds since 1970."""
-        return self._history.wall_s()
 
     def restore(self) -> Mapping[str, SavedSignal]:
         """Returns the last stored state of each signal, by name; empty if the history cannot be read."""
@@ -202,11 +196,6 @@ class RobotHistory:
         """Stores states of signals without a transition; returns at once."""
         with self._reporting("states were not stored"):
             self._save({signal: json.dumps(state) for signal, state in states.items()})
-
-    @property
-    def keeps_samples(self) -> bool:
-        """Whether it stores samples."""
-        return self._history.keeps_samples
 
     def record_samples(self, samples: Mapping[str, Sequence[SampleSummary]]) -> None:
         """Stores what was collected of the samples of signals, by their names; returns at once."""

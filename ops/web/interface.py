@@ -137,11 +137,10 @@ class WebInterface:
 
     def watch(self, alert_system: AlertSystem) -> None:
         """Counts the transitions of a robot, and sends them to open pages. Call once for each robot."""
-        count = self._metrics.counter(alert_system.robot)
 
         def note(event: Event) -> None:
             if isinstance(event, Transition):
-                count(event)
+                self._metrics.count(alert_system.robot, event)
             self._announced.add(alert_system)
             self.updates.note_change()
 

@@ -111,17 +111,13 @@ class Metrics:
         self._lock = threading.Lock()
         self._transitions: Dict[Tuple[str, str], Counter[Level]] = {}
 
-    def counter(self, robot: str) -> Callable[[Transition], None]:
-        """Returns the function that counts a transition of a robot. It may be called in any thread."""
-
-        def count(transition: Transition) -> None:
-            if not transition.repeat:
-                with self._lock:
-                    while len(self._transitions) > 2 * _MOST_COUNTED:  # nobody scrapes
-                        del self._transitions[next(iter(self._transitions))]
-                    self._transitions.setdefault((robot, transition.signal), Counter())[transition.to_level] += 1
-
-        return count
+    def count(self, robot: str, transition: Transition) -> None:
+        """Counts a transition of a robot. May be called in any thread."""
+        if not transition.repeat:
+            with self._lock:
+                while len(self._transitions) > 2 * _MOST_COUNTED:  # nothing scrapes
+                    del self._transitions[next(iter(self._transitions))]
+                self._transitions.setdefault((robot, transition.signal), Counter())[transition.to_level] += 1
 
     def read(self, alert_system: AlertSystem) -> RobotMetrics:
         """Reads a robot. May be called in any thread."""

@@ -108,7 +108,7 @@ class Updates:
         """
         self._read_state = read_state
         self._read_samples = read_samples
-        self._pages: Dict[_Page, None] = {}  # the oldest first
+        self.pages: Dict[_Page, None] = {}  # those that are open, the oldest first
         self._state: Optional[State] = None
         self._encoded_state: Optional[bytes] = None
         self._samples: Dict[str, Samples] = {}
@@ -118,15 +118,10 @@ class Updates:
         self._reading: Optional[asyncio.Lock] = None
         self._closed = False
 
-    @property
-    def pages(self) -> int:
-        """Number of open pages."""
-        return len(self._pages)
-
     def note_change(self) -> None:
         """Something was announced: pages get it soon. May be called in any thread."""
         loop, wake = self._loop, self._wake
-        if self._pages and loop is not None and wake is not None:
+        if self.pages and loop is not None and wake is not None:
             try:
                 loop.call_soon_threadsafe(wake.set)
             except RuntimeError:
@@ -162,7 +157,7 @@ class Updates:
             self._task.cancel()
 
     def _disconnect_all(self) -> None:
-        for page in self._pages:
+        for page in self.pages:
             page.end()
 
     async def _add(self, page: _Page) -> None:
@@ -177,7 +172,7 @@ class Updates:
             page.send(_RETRY)
             page.send(self._state_event())
             self._make_room()
-            self._pages[page] = None
+            self.pages[page] = None
             if self._task is None:
                 self._loop, self._wake = asyncio.get_event_loop(), asyncio.Event()
                 self._task = asyncio.ensure_future(self._run(self._wake))
@@ -192,21 +187,21 @@ class Updates:
 
     def _make_room(self) -> None:
         """Disconnects pages for a new one. One that is not read, or kept by a browser for going back, looks open."""
-        while len(self._pages) >= MOST_PAGES:
-            of_address = Counter(page.address for page in self._pages)
-            replaced = max(self._pages, key=lambda page: of_address[page.address])
+        while len(self.pages) >= MOST_PAGES:
+            of_address = Counter(page.address for page in self.pages)
+            replaced = max(self.pages, key=lambda page: of_address[page.address])
             replaced.end()
-            del self._pages[replaced]
+            del self.pages[replaced]
 
     def _plotted(self) -> Set[str]:
         """Returns the robots whose samples are sent."""
-        return {robot for page in self._pages for robot in page.robots}
+        return {robot for page in self.pages for robot in page.robots}
 
     def _remove(self, page: _Page) -> None:
-        self._pages.pop(page, None)
+        self.pages.pop(page, None)
         plotted = self._plotted()
         self._samples = {robot: samples for robot, samples in self._samples.items() if robot in plotted}
-        if not self._pages:
+        if not self.pages:
             self._state = self._encoded_state = None
             if self._task is not None:
                 self._task.cancel()
@@ -241,7 +236,7 @@ class Updates:
             self._samples = {robot: new for robot, new in samples.items() if new is not None}
             event = self._state_event() if changed is None else _event("change", json_bytes(changed))
             sampled = {robot: self._samples_event(robot, new) for robot, new in self._samples.items()}
-            for page in self._pages:
+            for page in self.pages:
                 page.send(event + b"".join(sampled.get(robot, b"") for robot in page.robots))
 
     def _state_event(self) -> bytes:

@@ -196,7 +196,7 @@ class ServedRobots:
     @property
     def pages(self) -> int:
         """Number of open pages."""
-        return self._web.updates.pages
+        return len(self._web.updates.pages)
 
     def observe(self, value: object, signal: str = "battery_level", robot: int = 0, after_s: float = 1.0) -> None:
         """Lets time pass, then a sample come."""

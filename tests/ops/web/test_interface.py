@@ -628,7 +628,7 @@ def test_an_unknown_robot_has_no_samples() -> None:
             assert await site.get(f"/api/events{query}") == (404, {"error": "there is no robot talos"})
         many = "&".join(f"robot=r{number}" for number in range(11))
         assert await site.get(f"/api/events?{many}") == (400, {"error": "robot: expected at most 10 names, got 11"})
-        assert site.web.updates.pages == 0
+        assert len(site.web.updates.pages) == 0
 
     with_site(use)
 
@@ -645,7 +645,7 @@ def test_a_new_page_replaces_the_oldest_of_the_address_that_has_most(monkeypatch
                     await page.next()
                 async with open_page(site) as new:
                     assert (await new.next())[0] == "state"
-                    assert site.web.updates.pages == 3
+                    assert len(site.web.updates.pages) == 3
                     with pytest.raises((EOFError, aiohttp.ClientError)):
                         await second.next("none of this kind")
                     for page in (first, third, new):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import shutil
 import subprocess
+from functools import partial
 from pathlib import Path
 from typing import Any, Dict
 
@@ -26,8 +27,7 @@ PROMTOOL = shutil.which("promtool")
 
 def watched(robots: Robots, metrics: Metrics) -> None:
     for robot in robots.all:
-        count = metrics.counter(robot.robot)
-        robot.outlets.add("metrics", lambda event, count=count: count(event))
+        robot.outlets.add("metrics", partial(metrics.count, robot.robot))
 
 
 def samples(metrics: Metrics, robots: Robots) -> Dict[str, Dict[Any, float]]:
