@@ -36,7 +36,9 @@ def test_bounds_are_the_quantiles_with_a_margin_rounded_outward() -> None:
 
 
 def test_a_count_has_a_bound_above_and_no_staleness() -> None:
-    found = suggest(measured([float(each % 23) for each in range(1200)], statistic="count", field="", where="level >= ERROR"))
+    found = suggest(
+        measured([float(each % 23) for each in range(1200)], statistic="count", field="", where="level >= ERROR")
+    )
     assert set(found.settings) <= {"warn_above", "hysteresis"}
     assert found.settings["warn_above"].value > 22.0
 
