@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import threading
-from typing import Callable, Dict, Iterable, Mapping, Optional, Protocol, Sequence, Tuple
+from typing import Callable, Container, Dict, Iterable, Mapping, Optional, Protocol, Sequence, Tuple
 
 from ..core.messages.fixed_fields import Getter
 from ..core.messages.serialized import SerializedType, json_getter
@@ -140,7 +140,7 @@ class Channels:
         with self._lock:
             return {topic: self._channels[ids[0]] for topic, ids in self._by_topic.items()}
 
-    def why_silent(self, topic: str, type_name: str, own: Sequence[str]) -> Optional[str]:
+    def why_silent(self, topic: str, type_name: str, own: Container[str]) -> Optional[str]:
         """Returns why a topic brings no samples, None if nothing is known; see `core/port/hints.py`."""
         with self._lock:
             offered = [self._channels[id] for id in self._by_topic.get(topic, ())]  # noqa: A001

@@ -40,9 +40,6 @@ DISTROS = {
 }
 """System, its release, and bloom's generator: rosdebian installs to /opt/ros, debian to /usr."""
 PACKAGES = (COMMAND_LINE, *DISTROS)
-OVERRIDES = ("dir-or-file-in-opt", "package-installs-python-pycache-dir", "python3-script-but-no-python3-dep")
-"""What lintian calls an error in every package of bloom with Python: it is installed to /opt/ros, its modules are
-compiled, since the users of robots cannot write them there, and rosdep has no key for python3 alone."""
 
 
 def dependencies() -> Tuple[Sequence[str], Sequence[str]]:
@@ -121,8 +118,7 @@ def generate(source: Path, name: str, variables: Mapping[str, str]) -> None:
         replace(source / "debian" / "control", "${shlibs:Depends}", "${python3:Depends}")
     else:
         package = f"ros-{name}-{manifest.text('name').replace('_', '-')}"
-        lines = [f"{package} binary: {tag}\n" for tag in OVERRIDES]
-        (source / "debian" / f"{package}.lintian-overrides").write_text("".join(lines), "utf-8")
+        shutil.copy(ROOT / "release" / "lintian-overrides", source / "debian" / f"{package}.lintian-overrides")
 
 
 def replace(file: Path, old: str, new: str) -> None:

@@ -5,8 +5,6 @@ from __future__ import annotations
 import random
 from typing import Callable, Optional
 
-__all__ = ["Backoff"]
-
 
 class Backoff:
     """Delays that double with every failure, up to the longest."""

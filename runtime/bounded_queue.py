@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections import deque
 from typing import Deque, Generic, Tuple, TypeVar
 
-__all__ = ["BoundedQueue"]
-
 Item = TypeVar("Item")
 
 

@@ -13,8 +13,6 @@ from typing import Any, Callable, Coroutine, Optional, TypeVar
 
 from ..core.values.errors import ServiceError
 
-__all__ = ["LoopThread", "ThreadPool", "run_in_daemon_thread"]
-
 Result = TypeVar("Result")
 _CLOSE_TIMEOUT_S = 5.0
 

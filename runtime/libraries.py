@@ -11,17 +11,6 @@ from typing import Iterator, List
 
 from ..core.values.errors import ServiceError
 
-__all__ = [
-    "RECORDINGS",
-    "ROSBRIDGE",
-    "MissingLibraryError",
-    "debian_package",
-    "install_command",
-    "libraries",
-    "missing_libraries",
-    "missing_text",
-]
-
 ROSBRIDGE = ("aiohttp",)
 """What rosbridge needs, as a server and as a client; cbor2 is optional."""
 RECORDINGS = ("lz4", "mcap", "rosbags", "zstandard")

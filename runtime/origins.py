@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from urllib.parse import urlsplit
 
-__all__ = ["is_own_origin"]
-
 
 def is_own_origin(origin: str, host: str) -> bool:
     """Returns whether a page of this `Origin` sends to its own `Host`, both as in the headers of a request.

@@ -17,8 +17,6 @@ from typing import Callable, List, Optional
 
 from ..core.values.errors import ServiceError
 
-__all__ = ["DetachedCalls", "MonotonicEvent", "StepThread"]
-
 _WAIT_AFTER_ERROR_S = 1.0
 _JOIN_PERIOD_S = 0.005
 _LONGEST_WAIT_S = 86400.0

@@ -5,8 +5,6 @@ from __future__ import annotations
 from datetime import datetime, timezone, tzinfo
 from typing import Optional
 
-__all__ = ["DATE_TIME", "iso_time", "local_time", "utc_text"]
-
 DATE_TIME = "%Y-%m-%d %H:%M:%S"
 _LATEST_S = 253_402_300_799.0
 """The end of the year 9999."""

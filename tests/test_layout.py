@@ -13,6 +13,8 @@ from typing import Dict, Iterator, List, Mapping, Set, Tuple
 import pytest
 from harness.packaging_workspace import FOLDERS, NAME
 
+pytestmark = pytest.mark.newest_python
+
 ROOT = Path(__file__).resolve().parents[1]
 
 TESTED_ELSEWHERE = {

@@ -12,7 +12,7 @@ import sqlite3
 import sys
 import time
 from datetime import datetime
-from typing import Any, Iterable, Iterator, List, Optional, TextIO, Tuple
+from typing import Any, Iterable, Iterator, List, Tuple
 
 from ...core.values.errors import ConfigError, ServiceError
 from ...core.values.formatting import count_text, duration_text, number_text, printable
@@ -97,18 +97,12 @@ def _moment(text: str) -> float:
 
 
 def run(arguments: argparse.Namespace, interrupts: Interrupts) -> None:
-    """Prints what a history file contains."""
-    show_history(arguments)
-
-
-def show_history(arguments: argparse.Namespace, stream: Optional[TextIO] = None) -> None:
-    """Prints what a history file contains to a stream, by default stdout.
+    """Prints what a history file contains.
 
     Raises:
         ConfigError: the file does not exist, cannot be read, or is no history.
         ServiceError: stdout is closed.
     """
-    stream = stream or sys.stdout
     make = _summary if arguments.summary else _samples if arguments.samples else _transitions
     if arguments.alert is not None:
         make = alert_listing
@@ -117,16 +111,13 @@ def show_history(arguments: argparse.Namespace, stream: Optional[TextIO] = None)
         if arguments.report is not None:
             _write_report(connection, arguments, file)
             return
-        if getattr(stream, "name", "") == os.devnull:  # `__main__` opened it in place of one that is closed
+        if getattr(sys.stdout, "name", "") == os.devnull:  # `__main__` opened it in place of one that is closed
             raise ServiceError("stdout is closed: nothing can be shown")
         form = "json" if arguments.json else "csv" if arguments.csv else "lines"
-        try:
-            make(connection, arguments, stream).write(stream, form)
-        finally:
-            stream.flush()
+        make(connection, arguments).write(sys.stdout, form)
 
 
-def _transitions(connection: sqlite3.Connection, arguments: argparse.Namespace, stream: TextIO) -> Listing:
+def _transitions(connection: sqlite3.Connection, arguments: argparse.Namespace) -> Listing:
     level = None if arguments.level is None else Level[arguments.level]
     since_s, robot, signal = arguments.since_s or 0.0, arguments.robot, arguments.signal
     found = queries.transitions(connection, since_s=arguments.since_s, robot=robot, signal=signal, level=level)
@@ -138,7 +129,7 @@ def _transitions(connection: sqlite3.Connection, arguments: argparse.Namespace, 
         """Yields alerts in their order, and each event before those that are younger."""
         return heapq.merge(sorted(itertools.chain(*events), key=_wall_s), noted, key=_wall_s)
 
-    is_lit = is_coloured(stream)
+    is_lit = is_coloured(sys.stdout)
     return Listing(
         json=map(entry_json, merged(silences)),
         head=CSV_HEAD,
@@ -176,7 +167,7 @@ def _write_report(connection: sqlite3.Connection, arguments: argparse.Namespace,
     report.write(history_page(connection, arguments, summaries, end_s))
 
 
-def _summary(connection: sqlite3.Connection, arguments: argparse.Namespace, stream: TextIO) -> Listing:
+def _summary(connection: sqlite3.Connection, arguments: argparse.Namespace) -> Listing:
     summaries, end_s = _summaries(connection, arguments)
     shares = [{level.name: summary.shares.get(level, 0.0) for level in Level} for summary in summaries]
     fields = [{name: getattr(summary, name) for name in _SUMMARY_FIELDS} for summary in summaries]
@@ -200,7 +191,7 @@ def _summary_cells(summary: SignalSummary, name: str) -> List[str]:
     return [summary.robot, name, *shares, available, str(summary.alerts), outage, recovery]
 
 
-def _samples(connection: sqlite3.Connection, arguments: argparse.Namespace, stream: TextIO) -> Listing:
+def _samples(connection: sqlite3.Connection, arguments: argparse.Namespace) -> Listing:
     found = stored_samples.read(connection, robot=arguments.robot, signal=arguments.signal, since_s=arguments.since_s)
     chosen = (each for each in found if arguments.level in (None, each.level.name))
     return Listing(

@@ -6,7 +6,6 @@ import argparse
 import sqlite3
 import sys
 import time
-from typing import Optional, TextIO
 
 from ...core.values.formatting import printable, with_hint
 from ...ops.store import queries
@@ -30,25 +29,15 @@ def add_arguments(parser: Parser) -> None:
 
 
 def run(arguments: argparse.Namespace, interrupts: Interrupts) -> None:
-    """Writes the note."""
-    note(arguments)
+    """Writes the note, and prints the alert.
 
-
-def note(arguments: argparse.Namespace, stream: Optional[TextIO] = None, now_s: Optional[float] = None) -> None:
-    """Writes the note, and prints the alert to a stream. Without `now_s`, it has the system's time.
-
-    Raises:
-        ConfigError: the file cannot be used, there is no such alert, or the note is empty or too long.
+    Raises ConfigError if the file cannot be used, there is no such alert, or the note is empty or too long.
     """
-    stream = stream or sys.stdout
-    wall_s = time.time() if now_s is None else now_s
-    author = author_of(arguments)
 
-    def add(connection: sqlite3.Connection) -> str:
-        add_note(connection, arguments.id, arguments.text, author, wall_s)
+    def add_to(connection: sqlite3.Connection) -> str:
+        add_note(connection, arguments.id, arguments.text, author_of(arguments), time.time())
         alert = queries.transition(connection, arguments.id)
         return "" if alert is None else f" {alert.robot}: {with_hint(alert.text, alert.hint)}"
 
-    noted = change_history(history_file(arguments.history, arguments.ops), add)
-    stream.write(readable(f"{printable(f'note on #{arguments.id}{noted}')}\n", stream))
-    stream.flush()
+    noted = change_history(history_file(arguments.history, arguments.ops), add_to)
+    sys.stdout.write(readable(f"{printable(f'note on #{arguments.id}{noted}')}\n", sys.stdout))

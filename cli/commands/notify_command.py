@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 import sys
 import threading
 import time
@@ -10,9 +11,10 @@ from typing import Callable, Dict, Iterator, NamedTuple, Optional, Sequence
 
 from ...core.config.yaml_file import read_yaml
 from ...core.nodes.node import host_name
+from ...core.nodes.outlets import json_line
 from ...core.values.errors import ConfigError
 from ...core.values.formatting import duration_text, printable
-from ...core.values.model import Level
+from ...core.values.model import Level, Status, Transition
 from ...ops.configuration import TargetSettings, read_ops
 from ...ops.notify.alertmanager import ALERT, REPEAT_EVERY_S
 from ...ops.notify.notifier import make_sender
@@ -185,8 +187,7 @@ def _send(target: Sender, firing: Notification) -> str:
 def _transition(robot: str, from_level: Level, to_level: Level) -> Dict[str, object]:
     """Returns a transition with the fields of `--json`."""
     text = f"test {to_level.name}: test notification of robot-health notify, nothing is wrong"
-    return {
-        "signal": "test", "from_level": from_level.name, "to_level": to_level.name, "value": None, "statistic": "last",
-        "bound": None, "now_s": 0.0, "since_s": 0.0, "robot": robot, "fingerprint": "0" * 16, "text": text,
-        "statistics": {}, "repeat": False, "hint": "", "black_box": "", "alert_id": 0,
-    }  # fmt: skip
+    status = Status("test", to_level, text, robot, {})
+    announced = Transition("test", from_level, to_level, None, "last", None, 0.0, 0.0, robot, "0" * 16, text, status)
+    fields: Dict[str, object] = json.loads(json_line(announced, alert_id=0))
+    return fields

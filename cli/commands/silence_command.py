@@ -7,7 +7,7 @@ import json
 import sqlite3
 import sys
 import time
-from typing import Any, Dict, List, Optional, Sequence, TextIO
+from typing import Any, Dict, List, Sequence
 
 from ...core.judge.sources import is_source
 from ...core.values.formatting import printable
@@ -96,18 +96,8 @@ def _check_end(arguments: argparse.Namespace) -> str:
 
 
 def run(arguments: argparse.Namespace, interrupts: Interrupts) -> None:
-    """Adds, lists or expires silences."""
-    silence(arguments)
-
-
-def silence(arguments: argparse.Namespace, stream: Optional[TextIO] = None, now_s: Optional[float] = None) -> None:
-    """Adds, lists or expires silences, and prints to a stream. Without `now_s`, it is the system's time.
-
-    Raises:
-        ConfigError: the file cannot be used, or what is asked for is not possible.
-    """
-    stream = stream or sys.stdout
-    now_s = time.time() if now_s is None else now_s
+    """Adds, lists or expires silences; raises ConfigError if the file cannot be used, or what is asked for is wrong."""
+    now_s = time.time()
     file = history_file(arguments.history, arguments.ops)
     if arguments.action == "list":
         with reading_history(file) as connection:
@@ -116,8 +106,7 @@ def silence(arguments: argparse.Namespace, stream: Optional[TextIO] = None, now_
         change = _add if arguments.action == "add" else _expire
         lines = change_history(file, lambda connection: change(connection, arguments, now_s))
     for line in lines:
-        stream.write(f"{printable(line)}\n")
-    stream.flush()
+        sys.stdout.write(f"{printable(line)}\n")
 
 
 def _add(connection: sqlite3.Connection, arguments: argparse.Namespace, now_s: float) -> List[str]:

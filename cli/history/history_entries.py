@@ -200,7 +200,7 @@ def event_text(event: Union[MonitorEvent, SilenceEvent]) -> str:
     }[event.kind]
 
 
-def alert_listing(connection: sqlite3.Connection, arguments: argparse.Namespace, stream: TextIO) -> Listing:
+def alert_listing(connection: sqlite3.Connection, arguments: argparse.Namespace) -> Listing:
     """Returns one alert; raises ConfigError if there is none."""
     transition = queries.transition(connection, arguments.alert)
     if transition is None:
@@ -209,7 +209,7 @@ def alert_listing(connection: sqlite3.Connection, arguments: argparse.Namespace,
     samples = queries.evidence(connection, transition.id)
     times = [(iso_time(time_s), value) for time_s, value in samples]
     evidence = [(time, value if math.isfinite(value) else None) for time, value in times]
-    line, *notes = entry_lines(alert, is_coloured(stream))
+    line, *notes = entry_lines(alert, is_coloured(sys.stdout))
     lines = [line, *(f"  {name}: {printable(value)}" for name, value in _details(transition, samples))]
     lines += [f"  {each}" for each in notes]
     if samples:

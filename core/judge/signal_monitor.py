@@ -253,14 +253,13 @@ class SignalMonitor:
         self.window.clear()
         if self._statistics is not None:
             self._statistics.clear()
-        self._count_anew(now_s)
         if self.config.statistic != "last":
-            self.judged = self.window.statistic(self.config.statistic)
+            self.judged = None
         self._level_since_s = min(self._level_since_s, now_s)
         self._announcer.restart(now_s, back_s)
         self._rules.restart(now_s)
         self.staleness.restart(now_s)
-        self._know_count(now_s)
+        self._begin_count(now_s)
         if self.held is not None:
             self.held.restart(now_s, settle_s(self.config))
         self._freeze_or_thaw(now_s)
@@ -392,11 +391,9 @@ class SignalMonitor:
             held = self._held()
             held.cause = saved.text("cause")
             held.caused_s = now_s - age_s(saved.section("since").number("caused"), downtime.end_s)
-        self._count_anew(now_s)
+        self._begin_count(now_s)
         if self.config.statistic == "count":
-            self.judged = self.window.statistic("count")
             self._freeze_or_thaw(now_s)
-            self._announcer.note_known(now_s)
 
     def end(self, now_s: float) -> Optional[Transition]:
         """Returns the transition with which a signal that is not OK leaves the configuration."""
@@ -458,14 +455,17 @@ class SignalMonitor:
         if self.config.statistic not in ("last", "count"):
             self.judged = None
 
-    def _count_anew(self, now_s: float) -> None:
-        """Leaves an alert about a count as it is until the window has passed: its samples are not known."""
-        if isinstance(self.window, CountWindow) and self._level is not _OK:
-            self.window.count_from(now_s)
+    def _begin_count(self, now_s: float) -> None:
+        """Begins to count at `now_s`; an alert stays open until the window has passed: its samples are not known."""
+        if isinstance(self.window, CountWindow):
+            if self._level is not _OK:
+                self.window.count_from(now_s)
+            self.judged = self.window.statistic("count")
+            self._know_count(now_s)
 
     def _know_count(self, now_s: float) -> None:
         """Lets the level of a count be known without a sample: 0 is a count."""
-        if self.staleness.waiting and self.config.statistic == "count":
+        if self.config.statistic == "count":
             self.staleness.waiting = False
             if self.staleness.unreachable_since_s is None:
                 self._announcer.note_known(now_s)

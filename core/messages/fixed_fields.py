@@ -110,35 +110,19 @@ def _getter(before: Sequence[Place], letter: str, is_cdr: bool) -> Getter:
     start = header + first[0]
     numbers = [struct.Struct(f"{order}{letter}").unpack_from for order in "><"]
     lengths = [struct.Struct(f"{order}I").unpack_from for order in "><"]
-    little = numbers[1]
-
-    def get_fixed_ros1(data: bytes) -> Any:
-        try:
-            return little(data, start)[0]
-        except struct.error as error:
-            raise MessageError(f"too short: {error}") from None
-
-    def get_fixed_cdr(data: bytes) -> Any:
-        try:
-            return numbers[data[1]](data, start)[0]
-        except (struct.error, IndexError) as error:
-            raise MessageError(f"too short, or not CDR: {error}") from None
 
     def get(data: bytes) -> Any:
         try:
             order = data[1] if is_cdr else 1
-            length = lengths[order]
             offset = start
             for table in tables:
-                offset += 4 + length(data, offset)[0]
+                offset += 4 + lengths[order](data, offset)[0]
                 offset += table[(offset - header) & 7]
             return numbers[order](data, offset)[0]
         except (struct.error, IndexError) as error:
-            raise MessageError(f"too short, or not CDR: {error}") from None
+            raise MessageError(f"too short, or of another format: {error}") from None
 
-    if tables:
-        return get
-    return get_fixed_cdr if is_cdr else get_fixed_ros1
+    return get
 
 
 def _distances(places: Sequence[Place], is_aligned: bool) -> Tuple[int, ...]:

@@ -14,7 +14,6 @@ import math
 import operator
 import os
 import re
-import struct
 import sys
 from array import array
 from typing import Any, Dict, Mapping, Optional, Sequence, Tuple
@@ -26,9 +25,6 @@ from ..values.names import split_type_name
 from ..values.where import filtered, parse_selection
 from .dialect import Dialect, FieldType, Message
 from .native_fields import as_it_is, bind_path, owner_of
-
-_FLOAT32 = struct.Struct("<f")
-_FLOAT32_MAX = 3.4028234663852886e38
 
 _INTEGER_RANGES: Mapping[str, Tuple[int, int]] = {
     **{f"int{bits}": (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1) for bits in (8, 16, 32, 64)},
@@ -224,10 +220,7 @@ def _float(found: Any) -> float:
 
 def _float32(found: Any) -> float:
     """Returns a number rounded to 32 bits; one that is too large becomes an infinity."""
-    number = _float(found)
-    if abs(number) > _FLOAT32_MAX:
-        return math.copysign(math.inf, number)
-    return float(_FLOAT32.unpack(_FLOAT32.pack(number))[0])
+    return array("f", [_float(found)])[0]
 
 
 def _short_name(native_class: Any) -> str:

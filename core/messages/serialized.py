@@ -285,7 +285,11 @@ class Deserializer:
             if end > len(data):
                 raise ValueError("too short: an array goes beyond the message")
             numbers = memoryview(data)[at:end]  # no copy of an image
-            return numbers.cast(kind) if is_native else memoryview(_swapped(numbers, kind)), end
+            if is_native:
+                return numbers.cast(kind), end
+            swapped: array[Any] = array(kind, bytes(numbers))
+            swapped.byteswap()
+            return memoryview(swapped), end
 
         return read
 
@@ -304,9 +308,3 @@ class Deserializer:
             return elements, at
 
         return read
-
-
-def _swapped(numbers: memoryview, letter: str) -> array[Any]:
-    swapped = array(letter, bytes(numbers))
-    swapped.byteswap()
-    return swapped

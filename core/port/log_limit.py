@@ -7,8 +7,6 @@ from typing import Callable, Dict, Optional
 
 from .middleware import Severity
 
-__all__ = ["LimitedLog", "LogLimit"]
-
 _PERIOD_S = 60.0
 _MOST_KINDS = 100
 

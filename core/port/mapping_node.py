@@ -151,6 +151,8 @@ class MappingNode(abc.ABC):
         self.failures = LimitedLog(self.log, self.steady_s)
         """Writes what is wrong with messages, by topic: a robot may invent topics."""
         self._waiting: List[Tuple[Delivery, Any]] = []
+        self._clock_subscription: Optional[Delivery] = None
+        """Brings simulated time, and waits for nothing."""
 
     @abc.abstractmethod
     def log(self, severity: Severity, text: str) -> None: ...
@@ -294,7 +296,7 @@ class MappingNode(abc.ABC):
     def call_back(self, subscription: Delivery, value: Any) -> None:
         """Passes a value to a subscription's callback, with the time; waits for /clock under `use_sim_time`."""
         with self._lock:
-            if self._sim_time_s == 0.0:
+            if self._sim_time_s == 0.0 and subscription is not self._clock_subscription:
                 self._waiting = [*self._waiting[1 - _MAX_WAITING :], (subscription, value)]
             elif subscription.active and not self.closed:
                 try:

@@ -91,10 +91,12 @@ class Nodes:
                 short = relative(node, proposal.namespace)
                 given: Dict[str, Any] = {key: short}
                 settings: Dict[str, Setting] = {}
-                silent_s = [_silent_after_s(watched[topic]) for topic in alone]
-                if key == "node" and any(silent_s):
-                    causes = [f"/{watched[topic][0].given['topic'].lstrip('/')}" for topic in alone]
-                    settings["for_s"] = Setting(max(silent_s) + _AFTER_S, "longer than its topics may be silent")
+                limits_s = {topic: _silent_after_s(watched[topic]) for topic in alone}
+                silent = [topic for topic, limit_s in limits_s.items() if limit_s]
+                if key == "node" and silent:
+                    causes = [f"/{watched[topic][0].given['topic'].lstrip('/')}" for topic in silent]
+                    for_s = max(limits_s.values()) + _AFTER_S
+                    settings["for_s"] = Setting(for_s, "longer than its topics may be silent")
                     settings["depends_on"] = Setting(causes, "their silence is the alert")
                 name = proposal.names.new(short, key)
                 measured = Measured(read_signal(name, given))

@@ -164,13 +164,11 @@ class Proposal:
                 if candidate.rules and candidate.kind == "number" and not signal.given.get("reduce"):
                     proposed.signals += _forecast(signal, forecasts)
         for topic, rate in rates.items():
-            others = any(signal.topic == topic and not signal.is_shown_only for signal in proposed.signals)
             if rate.suggestion.has_bounds:
-                at = next((at for at, each in enumerate(proposed.signals) if each.topic >= topic), None)
-                at = len(proposed.signals) if at is None else at
-                proposed.signals[at:at] = [rate, *_gap(rate)]
-            elif not others:
+                proposed.signals[:0] = [rate, *_gap(rate)]
+            elif all(signal.is_shown_only or signal.topic != topic for signal in proposed.signals):
                 proposed.not_watched[topic] = rate.suggestion.left_out[0].replace("no bounds: ", "")
+        proposed.signals.sort(key=lambda signal: signal.topic)  # the rate of a topic stays first
         if all(signal.given.get("statistic") == "count" for signal in proposed.signals):
             proposed.not_watched.update((signal.topic, OF_MIDDLEWARE) for signal in proposed.signals)
             proposed.signals = []  # a log alone is no robot

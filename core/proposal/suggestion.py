@@ -85,6 +85,8 @@ def suggest(measured: Measured, longest_excursion_s: Optional[float] = None, rul
     else:
         from_extreme = longest_excursion_s is not None and longest_excursion_s > LONGEST_EXCURSION_S
         _add_bounds(measured, from_extreme, settings, left_out)
+        if measured.config.statistic == "count":
+            settings.pop("warn_below", None)  # it is measured where it rises: how far it falls is not seen
         if settings:
             _add_hysteresis(measured, settings)
             if longest_excursion_s and not from_extreme:
@@ -219,6 +221,8 @@ def _add_hysteresis(measured: Measured, settings: Dict[str, Setting]) -> None:
 
 def _add_staleness(measured: Measured, settings: Dict[str, Setting]) -> None:
     gaps = measured.gaps
+    if measured.config.statistic == "count":
+        return  # it is known without samples
     if gaps.count < LEAST_GAPS:
         evidence = f"0: never; {count_text(gaps.count, 'gap')} between samples, expected at least {LEAST_GAPS}"
         settings["stale_after_s"] = Setting(0.0, evidence)

@@ -26,6 +26,8 @@ _COMPARED = re.compile(
 )
 _AND = re.compile(r"\s+and\s+")
 _WHERE = " where "
+LONGEST_TEXT = 10_000
+"""Characters of a text in a message that are compared: a hostile one must not delay judging."""
 _BOOLEANS = {"true": 1, "false": 0}
 
 
@@ -61,7 +63,7 @@ class Comparison(NamedTuple):
         if self.number is not None or self.constant:
             return _COMPARE[self.operator](value, number) if is_number else is_text and self.operator == "!="
         return (
-            matches_pattern(value, self.text) is (self.operator == "==")
+            matches_pattern(value[:LONGEST_TEXT], self.text) is (self.operator == "==")
             if is_text
             else (is_number and self.operator == "!=")
         )

@@ -18,7 +18,8 @@ from ...core.values.errors import LinkError, ServiceError
 from ...runtime.sockets import ignore_result
 from ..protocol.operations import Subscribe, Unsubscribe
 from .connection import ServerConnection
-from .services import Call, names_of
+from .services import Call
+from .topics import names_of
 
 _PERIOD_S = 2.0
 _STATE_TIMEOUT_S = 60.0

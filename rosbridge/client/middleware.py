@@ -9,17 +9,15 @@ from typing import Any, Callable, Collection, Coroutine, List, Mapping, Optional
 from ...core.messages.dialect import Message
 from ...core.port.graph import GraphCallback, Wanted
 from ...core.port.hints import Answer
-from ...core.port.mapping_node import CLOCK, CLOCK_TYPE
 from ...core.port.middleware import Callback, NodeInfo, RawCallback, RawFormat
 from ...core.values.errors import LinkError, ServiceError
 from ...runtime.bridge.node import BridgeClient, BridgeNode, KnownTopic
-from ..protocol import Limits
 from ..protocol.operations import Publish
 from .connection import ServerConnection
 from .graph import GraphReader, list_nodes
-from .receivers import CaptureReceiver, ClockReceiver, FieldReceiver
-from .services import Call, PublisherLookup, find_types
-from .topics import list_topics
+from .receivers import CaptureReceiver, FieldReceiver
+from .services import Call
+from .topics import PublisherLookup, find_types, list_topics
 
 _ANSWER_TIMEOUT_S = 30.0
 
@@ -84,29 +82,19 @@ class RosbridgeMiddleware(BridgeNode):
 
     _client: RosbridgeClient
 
-    def __init__(self, client: RosbridgeClient, name: str, *binding: Any) -> None:
-        """Use `RosbridgeClient.node`."""
-        super().__init__(client, name, *binding)
-        self._connection = client.connection
-        self._services: List[str] = []
-        self._clock_receiver = ClockReceiver(self)
-        if self._sim_time_s is not None:
-            self._connection.subscriptions.add(CLOCK, CLOCK_TYPE, self._clock_receiver)
-
     @property
-    def limits(self) -> Limits:
-        """Bounds for messages that are decoded."""
-        return self._connection.limits
+    def _connection(self) -> ServerConnection:
+        return self._client.connection
 
     def has_listeners(self, topic: str) -> bool:
         listens = super().has_listeners(topic)
         return listens if self._outputs is not None else not self._client.read_only
 
     def _new_receiver(self, topic: str, type_name: str, field: Optional[str], callback: Callback) -> FieldReceiver:
-        return FieldReceiver(self, self.limits.message_bytes, topic, type_name, field, callback)
+        return FieldReceiver(self, self._connection.limits.message_bytes, topic, type_name, field, callback)
 
     def _new_capture(self, topic: str, type_name: str, callback: RawCallback) -> CaptureReceiver:
-        return CaptureReceiver(self, self.limits.message_bytes, topic, type_name, callback)
+        return CaptureReceiver(self, self._connection.limits.message_bytes, topic, type_name, callback)
 
     def _add(self, type_name: str, receiver: Any) -> None:
         self._connection.subscriptions.add(receiver.topic, type_name, receiver)
@@ -132,8 +120,6 @@ class RosbridgeMiddleware(BridgeNode):
             self._connection.unadvertise(topic)
         for service in self._services:
             self._connection.withdraw(service)
-        if self._sim_time_s is not None:
-            self._connection.subscriptions.remove(CLOCK, self._clock_receiver)
 
     def raw_format_of(self, topic: str, type_name: str) -> Optional[RawFormat]:
         return self._connection.subscriptions.formats.get(topic)
@@ -148,5 +134,5 @@ class RosbridgeMiddleware(BridgeNode):
         return GraphReader(self, self._connection, wanted, callback)
 
     def look_up_silence(self, topic: str, type_name: str, answer: Answer) -> None:
-        own = {*self._advertised, *(subscription.topic for subscription in tuple(self._subscriptions))}
+        own = self.own_topics()
         self._client.run_in_loop(lambda: self._client.publishers.look_up(topic, type_name, own, answer))

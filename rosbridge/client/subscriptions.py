@@ -9,13 +9,14 @@ import asyncio
 import contextlib
 import functools
 import threading
-from typing import Any, Callable, Collection, Dict, Mapping, Optional, Protocol, Set, Tuple
+from typing import Any, Callable, Collection, Dict, Mapping, Optional, Set, Tuple
 
 from ...core.port.middleware import RawFormat
 from ...core.port.raw_messages import json_format, ros1_format, ros2_format
 from ...core.values.errors import LinkError, ServiceError
 from ...core.values.names import canonical_type, split_type_name
 from ..protocol import Operation, operations
+from .receivers import Receiver
 from .services import Call
 from .topics import find_definition
 
@@ -26,30 +27,6 @@ _TYPE_PERIOD_S = 1.0
 _TYPE_TIMEOUT_S = 5.0
 _MOST_ASKED = 20
 """Topics whose format the server is asked for at the same time."""
-
-
-class Receiver(Protocol):
-    """Receives the messages of one topic, in the event loop."""
-
-    @property
-    def needs_format(self) -> bool:
-        """True if the format of the messages has to be found out."""
-
-    @property
-    def arrivals_only(self) -> bool:
-        """True if the messages need not be decoded: only their arrival counts."""
-
-    def takes_bytes(self, raw_format: RawFormat) -> bool:
-        """Prepares for serialized messages of a format; returns False if it needs decoded ones."""
-
-    def deliver_bytes(self, data: bytes) -> None:
-        """Called with every serialized message, if all receivers of the topic take them."""
-
-    def deliver(self, message: Mapping[str, Any]) -> None:
-        """Called with every message; with an empty one if `arrivals_only` and the message was not decoded."""
-
-    def too_large(self, size_bytes: int) -> None:
-        """Called for every message that is above the size limit and was therefore not decoded."""
 
 
 class Subscriptions:

@@ -1,15 +1,22 @@
-"""The topics of a robot behind a rosbridge server, as its rosapi knows them."""
+"""The topics of a robot behind a rosbridge server, and why one is silent, as its rosapi knows them."""
 
 from __future__ import annotations
 
-from typing import Any, Dict, Iterator, List, Mapping
+import asyncio
+import contextlib
+from typing import Any, Callable, Container, Dict, Iterable, Iterator, List, Mapping, Optional, Sequence, Tuple
 
-from ...core.values.errors import ServiceError
+from ...core.port.hints import Answer, explain, similar_topics
+from ...core.values.errors import LinkError, MessageError, ServiceError
 from ...core.values.names import canonical_type
 from ...runtime.bridge.node import KnownTopic
 from .services import Call
 
 _TIMEOUT_S = 10.0
+_ANSWER_TIMEOUT_S = 5.0
+_REMEMBER_PERIOD_S = 60.0
+_MOST_CANDIDATES = 3
+"""Similar topics of which the server is asked for publishers, for one question."""
 _MOST_TOPICS = 10_000
 _MOST_TYPES = 200
 _LONGEST_DEFINITION = 200_000
@@ -32,6 +39,11 @@ async def list_topics(call: Call) -> List[KnownTopic]:
     return _known(values, texts if isinstance(texts, list) else [])
 
 
+async def find_types(call: Call) -> Mapping[str, str]:
+    """Returns the type of each topic that the server knows. Raises as `list_topics`."""
+    return {each.topic: each.type_name for each in _known(await call("/rosapi/topics", {}, _ANSWER_TIMEOUT_S), [])}
+
+
 async def find_definition(call: Call, type_name: str) -> str:
     """Returns the definition of a type in .msg, with those that it contains, without constants; empty: unknown.
 
@@ -46,6 +58,76 @@ async def find_definition(call: Call, type_name: str) -> str:
     own = parts.pop(canonical_type(type_name), "")
     text = own + "".join(f"{'=' * 80}\nMSG: {name}\n{part}" for name, part in parts.items())
     return text if own and len(text) <= _LONGEST_DEFINITION else ""
+
+
+async def names_of(call: Call, service: str, **request: str) -> List[str]:
+    """Returns the names that a service of rosapi answers with. Raises as `ServiceCalls.call`."""
+    names = (await call(f"/rosapi/{service}", request, _ANSWER_TIMEOUT_S)).get(service)
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        raise ServiceError(f"/rosapi/{service} did not answer with a list of names")
+    return names
+
+
+class PublisherLookup:
+    """Finds why a topic brings no samples, as far as the server's rosapi knows: without rosapi there is no reason.
+
+    Asks the server, one call after the other. Used in the event loop only.
+    """
+
+    def __init__(self, call: Call) -> None:
+        """Asks nothing yet."""
+        self._call = call
+        self._questions: Dict[Tuple[str, str], Tuple[Container[str], Answer]] = {}
+        """Topics that the node itself uses, and who is answered; by topic and configured type (empty: any)."""
+        self._task: Optional[asyncio.Task[None]] = None
+        self._publishers: Dict[str, Sequence[str]] = {}
+        """The nodes that published each topic when it had publishers last."""
+
+    async def remember(self, topics: Callable[[], Iterable[str]], period_s: float = _REMEMBER_PERIOD_S) -> None:
+        """Remembers again and again which nodes publish. Runs until it is cancelled."""
+        while True:
+            await asyncio.sleep(period_s)
+            with contextlib.suppress(LinkError, MessageError, ServiceError):  # no rosapi, or no connection
+                self._publishers = {topic: nodes for topic, nodes in self._publishers.items() if topic in set(topics())}
+                for topic in tuple(topics()):
+                    await self._publishers_of(topic)
+
+    def look_up(self, topic: str, type_name: str, own_topics: Container[str], answer: Answer) -> None:
+        """Answers later why a topic brings no samples, None if nothing is known; as in `core.hints.Hints`."""
+        self._questions[topic, type_name] = own_topics, answer
+        if self._task is None or self._task.done():
+            self._task = asyncio.get_event_loop().create_task(self._ask())
+
+    async def _ask(self) -> None:
+        while self._questions:
+            waiting = list(self._questions.items())
+            self._questions.clear()
+            try:
+                topics = await find_types(self._call)
+                while waiting:
+                    (topic, type_name), (own_topics, answer) = waiting[0]
+                    answer(await self._explain(topic, type_name, topics, own_topics))
+                    del waiting[0]
+            except (LinkError, MessageError, ServiceError):
+                for _, (_, answer) in waiting:
+                    answer(None)
+
+    async def _explain(
+        self, topic: str, type_name: str, topics: Mapping[str, str], own_topics: Container[str]
+    ) -> Optional[str]:
+        if await self._publishers_of(topic):
+            return explain(topic, type_name, [topics[topic]], ()) if topics.get(topic) else None
+        known = self._publishers.get(topic, ())
+        gone = set(known).difference(await names_of(self._call, "nodes")) if known else ()
+        similar = similar_topics(topic, type_name, topics, own_topics)[:_MOST_CANDIDATES]
+        candidates = [name for name in similar if await names_of(self._call, "publishers", topic=name)]
+        return explain(topic, type_name, [], candidates, gone)
+
+    async def _publishers_of(self, topic: str) -> Sequence[str]:
+        nodes = await names_of(self._call, "publishers", topic=topic)
+        if nodes:
+            self._publishers[topic] = nodes
+        return nodes
 
 
 def _lines(typedef: Mapping[str, Any]) -> Iterator[str]:

@@ -30,6 +30,8 @@ MOST_REQUEST_BYTES = 131_072
 """Size of a request, or of its head if its body is read later, and of a first message with the token."""
 _LONGEST_LOG_LINE = 500
 
+CallLater = Callable[[float, Callable[[], None]], asyncio.TimerHandle]
+
 
 class Stage(enum.IntEnum):
     """What a connection has presented. Lower ones are closed first."""
@@ -48,25 +50,27 @@ class Stage(enum.IntEnum):
 class Connections:
     """The open connections, in each stage the oldest first."""
 
-    def __init__(self, limit: int, timeout_s: float, clock: Callable[[], float], on_full: Callable[[], None]) -> None:
+    def __init__(self, limit: int, timeout_s: float, call_later: CallLater, on_full: Callable[[], None]) -> None:
         """Starts without connections.
 
         Those in the stages OPENED and KNOWN are closed after `timeout_s`. `on_full` is called when the limit is
-        reached, once until the number falls below nine tenths of it. `clock` returns monotonic seconds.
+        reached, once until the number falls below nine tenths of it. `call_later` is that of the loop.
         """
         self._limit = limit
         self._timeout_s = timeout_s
-        self._clock = clock
+        self._call_later = call_later
         self._on_full = on_full
         self._full = False
-        self._stages: Dict[HttpConnection, Tuple[Stage, float]] = {}
-        """Stage and since when it has been waiting, in the order in which they entered their stage."""
+        self._stages: Dict[HttpConnection, Tuple[Stage, Optional[asyncio.TimerHandle]]] = {}
+        """Stage and timeout of each, in the order in which they entered their stage."""
 
     def __len__(self) -> int:
         return len(self._stages)
 
     def add(self, connection: HttpConnection) -> bool:
         """Adds a connection, in stage OPENED; returns False if there is no room for it."""
+        if len(self._stages) < 0.9 * self._limit:
+            self._full = False
         if len(self._stages) >= self._limit:
             if not self._full:
                 self._full = True
@@ -75,30 +79,28 @@ class Connections:
             if self._stages[oldest][0] is Stage.ACTIVE:
                 return False
             self.abort(oldest)
-        self._stages[connection] = Stage.OPENED, self._clock()
+        self._enter(connection, Stage.OPENED)
         return True
 
     def set_stage(self, connection: HttpConnection, stage: Stage) -> None:
         """Changes the stage of a connection; its timeout begins anew, also in the same stage."""
-        if connection not in self._stages:
+        before, timeout = self._stages.get(connection, (None, None))
+        if before is None:
             return
-        if self._stages[connection][0] is not stage:
+        if timeout is not None:
+            timeout.cancel()
+        if before is not stage:
             del self._stages[connection]  # in the same stage it keeps its place
-        self._stages[connection] = stage, self._clock()
+        self._enter(connection, stage)
 
-    def waiting_since_s(self, connection: HttpConnection) -> Optional[float]:
-        """Returns since when a connection is in stage OPENED or KNOWN, in s; None in any other stage."""
-        stage, since_s = self._stages.get(connection, (Stage.ACTIVE, 0.0))
-        return since_s if stage <= Stage.KNOWN else None
+    def _enter(self, connection: HttpConnection, stage: Stage) -> None:
+        waits = stage <= Stage.KNOWN
+        timeout = self._call_later(self._timeout_s, lambda: self.abort(connection)) if waits else None
+        self._stages[connection] = stage, timeout
 
-    def sweep(self) -> None:
-        """Closes connections that have been in stage OPENED or KNOWN for too long. Call every second."""
-        latest_s = self._clock() - self._timeout_s
-        for connection, (stage, since_s) in tuple(self._stages.items()):
-            if stage <= Stage.KNOWN and since_s < latest_s:
-                self.abort(connection)
-        if len(self._stages) < 0.9 * self._limit:
-            self._full = False
+    def timeout(self, connection: HttpConnection) -> Optional[asyncio.TimerHandle]:
+        """Returns what closes a connection in stage OPENED or KNOWN; None in any other stage."""
+        return self._stages.get(connection, (None, None))[1]
 
     def abort(self, connection: HttpConnection) -> None:
         """Closes a connection at once."""
@@ -112,7 +114,9 @@ class Connections:
 
     def remove(self, connection: HttpConnection) -> None:
         """Removes a connection that is closed."""
-        self._stages.pop(connection, None)
+        _, timeout = self._stages.pop(connection, (None, None))
+        if timeout is not None:
+            timeout.cancel()
 
 
 def connection_limit(requested: int) -> int:
@@ -142,7 +146,8 @@ class HttpConnection(web.RequestHandler):
         self._tcp: Optional[asyncio.Transport] = None
         self._early: Optional[List[bytes]] = []
         """What came before aiohttp knew of the connection; None: it does."""
-        self._counted_since_s: Optional[float] = None
+        self._counted: Optional[asyncio.TimerHandle] = None
+        """The timeout during which data is counted."""
         self._received = 0
         self.on_resume: Callable[[], None] = lambda: None
         """Called when a client that has read too slowly reads again."""
@@ -203,10 +208,10 @@ class HttpConnection(web.RequestHandler):
         if self._early is not None:
             self._early.append(data)
             return
-        since_s = self._connections.waiting_since_s(self)
-        if since_s is not None:
-            if since_s != self._counted_since_s:
-                self._counted_since_s, self._received = since_s, 0
+        timeout = self._connections.timeout(self)
+        if timeout is not None:
+            if timeout is not self._counted:
+                self._counted, self._received = timeout, 0
             self._received += len(data)
             if self._received > MOST_REQUEST_BYTES:
                 text = f"request is larger than {MOST_REQUEST_BYTES} bytes"

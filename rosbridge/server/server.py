@@ -34,7 +34,6 @@ from .services import Services
 from .session import AuthenticationError, ServerParts, Session
 from .topics import Publications, Topics
 
-_SWEEP_PERIOD_S = 1.0
 _UNAUTHENTICATED_BYTES = 65_536
 """Largest message of a client that authenticates with the operation `auth`."""
 _CLOSE_HANDSHAKE_S = 0.5
@@ -132,10 +131,9 @@ class Server:
     async def start(self) -> None:
         """Opens the port; raises OSError if it is in use, or the address is not one of this machine."""
         loop = asyncio.get_event_loop()
-        # Later than `_authenticate`, which sends the client the reason.
-        timeout_s = self._auth_timeout_s + _SWEEP_PERIOD_S
+        timeout_s = self._auth_timeout_s + 1.0  # later than `_authenticate`, which sends the client the reason
         full = f"connection limit reached; closing the oldest idle ones (limit {self._max_clients})"
-        self._connections = Connections(self._max_clients, timeout_s, loop.time, lambda: self.log(full))
+        self._connections = Connections(self._max_clients, timeout_s, loop.call_later, lambda: self.log(full))
         application = web.Application(middlewares=[self._check])
         application.add_routes([*self._routes(self._tokens.client), web.get("/", _explain)])
         runner = web.AppRunner(application, handle_signals=False)
@@ -147,7 +145,6 @@ class Server:
             raise
         self._runner = runner
         self.port = self._listener.sockets[0].getsockname()[1]
-        self._sweeper = loop.call_later(_SWEEP_PERIOD_S, self._sweep)
 
     def use_token(self, token: str) -> None:
         """Requires another token, and disconnects every client; raises ConfigError as `Server`. Call in the loop."""
@@ -160,7 +157,6 @@ class Server:
         runner, self._runner = self._runner, None
         if runner is None:
             return
-        self._sweeper.cancel()
         for end in self._on_close:
             end()
         for listening in self._listener.sockets:
@@ -210,10 +206,6 @@ class Server:
             raise ConfigError(
                 f"address {self._host} is reachable from other machines: expected a token or TLS client certificates"
             )
-
-    def _sweep(self) -> None:
-        self._connections.sweep()
-        self._sweeper = asyncio.get_event_loop().call_later(_SWEEP_PERIOD_S, self._sweep)
 
     @web.middleware
     async def _check(

@@ -20,7 +20,7 @@ from typing import (
     Mapping,
     NamedTuple,
     Optional,
-    Protocol,
+    Set,
     Type,
     TypeVar,
 )
@@ -28,13 +28,14 @@ from typing import (
 from ...core.messages.dialect import Message
 from ...core.messages.standard_messages import check_type, complete
 from ...core.port.local import LogLine
-from ...core.port.mapping_node import MappingNode
+from ...core.port.mapping_node import CLOCK, CLOCK_TYPE, MappingNode
 from ...core.port.middleware import Callback, Middleware, NodeInfo, RawCallback, Severity
 from ...core.port.timers import ClockTimer
 from ...core.values.errors import ConfigError
 from ...core.values.names import split_type_name
 from .cause import Cause
 from .connection import BridgeConnection
+from .receivers import BridgeReceiver
 
 _WAKE_PERIOD_S = 0.02
 """Timers are called up to this late."""
@@ -52,17 +53,6 @@ class KnownTopic(NamedTuple):
     """The definition of the type with those that it contains, as from `gendeps --cat`; empty if the server has none."""
     form: str = "msg"
     """The format of the definition, `msg` or `idl`."""
-
-
-class Receiver(Protocol):
-    """A subscription of a node."""
-
-    topic: str
-    dropped: int
-    """Messages that were too large to be read."""
-
-    def end(self) -> None:
-        """Ends the subscription and its fault."""
 
 
 class BridgeClient(abc.ABC, Generic[Node]):
@@ -193,9 +183,18 @@ class BridgeNode(MappingNode):
         super().__init__(name, parameters, remap, **clocks, use_sim_time=use_sim_time)
         self._client = client
         self._outputs = outputs
-        self._subscriptions: List[Receiver] = []
+        self._subscriptions: List[BridgeReceiver] = []
         self._wake: Optional[asyncio.TimerHandle] = None
         self._on_first_clock: List[Callable[[], None]] = []
+        self._services: List[str] = []
+        """Those that are offered on the robot."""
+        if use_sim_time:
+
+            def take(message: Message, now_s: float) -> None:
+                self.take_clock(message)
+
+            self._clock_subscription = self._new_receiver(CLOCK, CLOCK_TYPE, "", take)
+            self._add(CLOCK_TYPE, self._clock_subscription)
 
     @abc.abstractmethod
     def _new_receiver(self, topic: str, type_name: str, field: Optional[str], callback: Callback) -> Any:
@@ -223,12 +222,16 @@ class BridgeNode(MappingNode):
         """Offers a service on the robot."""
 
     def _close_on_robot(self) -> None:
-        """Ends what is announced and offered on the robot, and following /clock."""
+        """Ends what is announced and offered on the robot."""
 
     @property
     def dropped(self) -> int:
         """Messages of current subscriptions that were too large to be read."""
         return sum(receiver.dropped for receiver in tuple(self._subscriptions))
+
+    def own_topics(self) -> Set[str]:
+        """Returns the resolved topics that the node itself uses. May be called in any thread."""
+        return {*self._advertised, *(subscription.topic for subscription in tuple(self._subscriptions))}
 
     def advertise(self, topic: str, type_name: str, *, latched: bool = False) -> str:
         if self._outputs is not None:
@@ -307,6 +310,8 @@ class BridgeNode(MappingNode):
             self._on_first_clock.clear()
             for subscription in tuple(self._subscriptions):
                 self.unsubscribe(subscription)
+            if self._clock_subscription is not None:
+                self._remove(self._clock_subscription)
             self._close_on_robot()
         self._client.forget(self)
 

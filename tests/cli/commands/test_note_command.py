@@ -13,7 +13,6 @@ from harness.histories import opened, transition
 from harness.past import START_S, output, write_past
 
 from robot_health_monitor.__main__ import main
-from robot_health_monitor.cli.arguments import parse
 from robot_health_monitor.cli.commands import note_command
 
 pytestmark = pytest.mark.usefixtures("utc")
@@ -30,9 +29,11 @@ def notes(capsys: pytest.CaptureFixture[str], file: Path, alert: int) -> List[Di
     return found
 
 
-def test_a_note_has_its_author_and_time(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    arguments = parse(["note", "#1", "wheel blocked", "--author", "ana", "--history", str(file)])
-    note_command.note(arguments, now_s=START_S + 1.5)
+def test_a_note_has_its_author_and_time(
+    file: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(note_command.time, "time", lambda: START_S + 1.5)
+    assert main(["note", "#1", "wheel blocked", "--author", "ana", "--history", str(file)]) == 0
     assert capsys.readouterr() == ("note on #1 r1: battery_level WARN: number 1\n", "")
     assert notes(capsys, file, 1) == [{"time": "2023-11-14T22:13:21.500Z", "author": "ana", "text": "wheel blocked"}]
 

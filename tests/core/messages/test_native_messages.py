@@ -284,7 +284,8 @@ def test_a_bool_stays_one(value: bool) -> None:
     ("kind", "number", "written"),
     [
         ("float32", 3.4028234663852886e38, 3.4028234663852886e38),
-        ("float32", 3.4028234663852889e38, math.inf),
+        ("float32", 3.4028235677973362e38, 3.4028234663852886e38),  # IEEE 754: the nearest one
+        ("float32", 3.4028235677973366e38, math.inf),  # halfway to 2**128
         ("float32", -1e39, -math.inf),
         ("float32", 10**400, math.inf),
         ("float64", 1e39, 1e39),

@@ -25,7 +25,7 @@ def test_big_endian_messages_are_read() -> None:
 
 @pytest.mark.parametrize("data", [b"", b"\0", b"\0\1\0\0", b"\0\1\0\0\1\2\3", b"\0\x07\0\0" + bytes(4)])
 def test_a_message_that_does_not_match_its_type_is_a_value_error(data: bytes) -> None:
-    with pytest.raises(ValueError, match=r"too short|not CDR"):
+    with pytest.raises(ValueError, match="too short"):
         SerializedType("/topic", "std_msgs/Float32", "cdr", "float32 data", "msg").field_getter("data")(data)
 
 

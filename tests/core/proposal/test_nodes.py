@@ -95,6 +95,17 @@ def test_a_node_that_dies_is_one_alert_the_silence_of_its_topics(bus: LocalBus) 
     assert lines[0].startswith("/intensities STALE: no message for 2 s (limit 1 s), nor on 1 other topic: /scan")
 
 
+def test_a_node_that_serves_an_action_depends_on_its_other_topics(bus: LocalBus) -> None:
+    """The states of goals are published when they change: they are never silent."""
+    dock = driver(bus, "dock", "scan")
+    dock.advertise("/dock/status", "actionlib_msgs/GoalStatusArray")
+    proposed = listened(bus)
+    assert settings(proposed)["dock_node"] == {"node": "dock", "for_s": 3.0, "depends_on": ["/scan"]}
+    assert [signal.note for signal in proposed.signals if signal.name == "dock_node"] == [
+        "publishes /dock/status, /scan"
+    ]
+
+
 def test_a_node_that_dies_beside_another_one_of_its_topic_is_an_alert(bus: LocalBus) -> None:
     left = driver(bus, "left", "odom")
     driver(bus, "right", "odom")

@@ -35,6 +35,14 @@ def test_bounds_are_the_quantiles_with_a_margin_rounded_outward() -> None:
     assert settings["warn_below"].evidence == "lowest 40; margin 0.998"
 
 
+def test_a_count_has_a_bound_above_and_no_staleness() -> None:
+    found = suggest(
+        measured([float(each % 23) for each in range(1200)], statistic="count", field="", where="level >= ERROR")
+    )
+    assert set(found.settings) <= {"warn_above", "hysteresis"}
+    assert found.settings["warn_above"].value > 22.0
+
+
 def test_hysteresis_is_the_noise_rounded_up() -> None:
     setting = suggest(measured(RAMP)).settings["hysteresis"]
     assert (setting.value, setting.evidence) == (0.02, "95 % of the steps between samples are at most 0.02")

@@ -87,6 +87,9 @@ def test_what_is_no_condition_is_refused(where: str, problem: str) -> None:
         ("x > 3", 3, False),
         ("x != 3", None, False),  # beyond the end of an array
         ("x != 3", ABSENT, False),
+        ('x == "*b*"', "a" * 20_000_000, False),
+        ('x == "*b"', "a" * 9_999 + "b", True),
+        ('x == "*b"', "a" * 9_999 + "bc", True),  # only so many characters are compared
     ],
 )
 def test_what_holds(where: str, value: object, holds: bool) -> None:

@@ -7,9 +7,12 @@ import re
 from pathlib import Path
 from typing import Any, List, Mapping, Sequence, Tuple
 
+import pytest
 from harness.promtool import needs_promtool, promtool
 
 from robot_health_monitor.ops.export.prometheus import export_fleet_rules
+
+pytestmark = pytest.mark.newest_python
 
 TICK = 'robot_health_last_tick_timestamp_seconds{{robot="{}", instance="127.0.0.1:9090"}}'
 

@@ -10,7 +10,7 @@ from harness.rosbridge_client import ForeignServer, Watched, scenario, until
 
 from robot_health_monitor.core.nodes import AlertSystem
 from robot_health_monitor.core.port.graph import Unread, Wanted
-from robot_health_monitor.rosbridge.client import graph, services
+from robot_health_monitor.rosbridge.client import graph, topics
 
 SERVER = "/rosbridge_websocket"
 ACTIVE = {"current_state": {"id": 3, "label": "active"}}
@@ -226,7 +226,7 @@ async def test_the_node_that_published_is_remembered_and_named_when_it_is_gone()
     reader.rosapi.publishers = {"/scan": ["/lidar"]}
     reader.rosapi.nodes = ["/lidar"]
     await reader.start()
-    lookup = services.PublisherLookup(reader.watched.client.connection.calls.call)
+    lookup = topics.PublisherLookup(reader.watched.client.connection.calls.call)
     await until(lambda: reader.watched.ups == [True])
     remembering = asyncio.ensure_future(lookup.remember(lambda: ["/scan"], 0.01))
     await until(lambda: reader.rosapi.calls.count("/rosapi/publishers") > 1)

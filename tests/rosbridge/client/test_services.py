@@ -10,7 +10,7 @@ from harness.rosbridge_client import ForeignServer, Watched, scenario, until
 from harness.rosbridge_peer import Robot, with_robot
 
 from robot_health_monitor.core.values.errors import LinkError, ServiceError
-from robot_health_monitor.rosbridge.client.services import PublisherLookup
+from robot_health_monitor.rosbridge.client.topics import PublisherLookup
 from robot_health_monitor.rosbridge.server.access import Access
 
 EVERYTHING = Access(publish=("*",), services=("*",), offer=("*",))

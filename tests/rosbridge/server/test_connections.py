@@ -8,7 +8,8 @@ from __future__ import annotations
 import asyncio
 import json
 import ssl
-from typing import List, Tuple
+from types import SimpleNamespace
+from typing import Any, Callable, List, Tuple
 
 import aiohttp
 import pytest
@@ -34,18 +35,33 @@ class Connection:
 
 
 class Clock:
-    now_s = 0.0
+    """Virtual time, and what is to be called in it."""
+
+    def __init__(self) -> None:
+        self.now_s = 0.0
+        self.timers: List[Tuple[float, Callable[[], None]]] = []
+
+    def call_later(self, delay_s: float, callback: Callable[[], None]) -> Any:
+        timer = (self.now_s + delay_s, callback)
+        self.timers.append(timer)
+        return SimpleNamespace(cancel=lambda: timer in self.timers and self.timers.remove(timer))
+
+    def pass_until(self, now_s: float) -> None:
+        self.now_s = now_s
+        for timer in [each for each in self.timers if each[0] <= now_s]:
+            self.timers.remove(timer)
+            timer[1]()
 
 
 def fill(limit: int) -> Tuple[Connections, List[Connection], Clock, List[str]]:
     clock = Clock()
     reports: List[str] = []
-    connections = Connections(limit, 10.0, lambda: clock.now_s, lambda: reports.append("full"))
+    connections = Connections(limit, 10.0, clock.call_later, lambda: reports.append("full"))
     known = []
-    for _ in range(limit):
+    for number in range(limit):
+        clock.pass_until(number / 8.0)
         known.append(Connection())
         assert connections.add(known[-1])
-        clock.now_s += 0.1
     return connections, known, clock, reports
 
 
@@ -82,16 +98,17 @@ def test_connections_in_use_are_never_replaced() -> None:
 
 
 def test_connections_that_wait_for_a_request_are_closed_after_the_timeout() -> None:
-    connections, (first, second, third, fourth), clock, _ = fill(4)
+    connections, (first, second, third, fourth), clock, _ = fill(4)  # at 0, 0.125, 0.25 and 0.375 s
     connections.set_stage(first, Stage.ACCEPTED)
-    connections.set_stage(second, Stage.KNOWN)
-    clock.now_s = 10.35
+    connections.set_stage(second, Stage.KNOWN)  # at 0.375 s
+    clock.pass_until(10.3)
     connections.set_stage(fourth, Stage.OPENED)  # a request was answered
-    connections.sweep()
     assert [one.aborted for one in (first, second, third, fourth)] == [False, False, True, False]
-    clock.now_s = 10.45
-    connections.sweep()
+    clock.pass_until(10.4)
     assert [one.aborted for one in (first, second, third, fourth)] == [False, True, True, False]
+    connections.remove(fourth)  # the client has gone
+    clock.pass_until(100.0)
+    assert (first.aborted, fourth.aborted, clock.timers) == (False, False, [])
 
 
 def test_that_it_is_full_is_reported_once_until_it_is_not() -> None:
@@ -99,8 +116,7 @@ def test_that_it_is_full_is_reported_once_until_it_is_not() -> None:
     for _ in range(1100):
         connections.add(Connection())
     assert reports == ["full"]
-    clock.now_s += 11.0
-    connections.sweep()
+    clock.pass_until(clock.now_s + 11.0)
     assert len(connections) == 0
     for _ in range(11):
         connections.add(Connection())
@@ -123,14 +139,14 @@ def test_the_limit_leaves_descriptors_to_the_rest_of_the_process() -> None:
 
 def test_the_time_without_a_request_begins_anew_after_each_request() -> None:
     connections, (connection, _), clock, _ = fill(2)
-    assert connections.waiting_since_s(connection) == 0.0
+    first = connections.timeout(connection)
+    assert first is not None
     connections.set_stage(connection, Stage.ACTIVE)
-    assert connections.waiting_since_s(connection) is None
-    clock.now_s = 7.0
+    assert connections.timeout(connection) is None
     connections.set_stage(connection, Stage.KNOWN)
-    assert connections.waiting_since_s(connection) == 7.0
+    assert connections.timeout(connection) not in (None, first)
     connections.abort(connection)
-    assert connections.waiting_since_s(connection) is None
+    assert connections.timeout(connection) is None
 
 
 TLS = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
