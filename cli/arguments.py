@@ -232,7 +232,9 @@ def add_recordings(parser: Parser) -> None:
     add_namespace(parser, "namespace of the recorded topics")
 
 
-def checked(expected: str, read: Callable[[str], Any], is_valid: Callable[[Any], object]) -> Callable[[str], Any]:
+def checked(
+    expected: str, read: Callable[[str], Any], is_valid: Callable[[Any], object] = lambda value: True
+) -> Callable[[str], Any]:
     """Returns the type of an argument: `read` makes its value of a text. A text that has none is an error."""
 
     def read_argument(text: str) -> Any:
@@ -256,7 +258,7 @@ def whole_number(text: str) -> int:
 
 def identifier(meaning: str) -> Callable[[str], Any]:
     """Returns the type of an argument that is the number of a row in a history file, also `#41`."""
-    return checked(meaning, lambda text: whole_number(text[text.startswith("#") :]), lambda number: True)
+    return checked(meaning, lambda text: whole_number(text[text.startswith("#") :]))
 
 
 namespace = checked("a namespace such as carter or fleet/carter", str, is_namespace)

@@ -362,4 +362,4 @@ def bridge_client(url: str, **options: Any) -> BridgeClient[Any]:
 
     Raises ConfigError if `url` is not the address of a server.
     """
-    return FoxgloveClient(url, **options) if is_foxglove(url) else RosbridgeClient(url, read_only=True, **options)
+    return FoxgloveClient(url, **options) if is_foxglove(url) else RosbridgeClient(url, **options)

@@ -143,7 +143,14 @@ class MonitorProcess:
             running = asyncio.ensure_future(monitors.run())
             stopped: asyncio.Future[Any] = asyncio.ensure_future(stop.wait())
             parts: List[Reload] = [monitors.reload, partial(self.reload_ops, read_settings)]
-            reloading = asyncio.ensure_future(_reload_at(hangup, parts, monitors.log))
+
+            async def reload_at_hangups() -> None:
+                while True:
+                    await hangup.wait()
+                    hangup.clear()
+                    await reload_all(parts, monitors.log)
+
+            reloading = asyncio.ensure_future(reload_at_hangups())
             interrupts.on_hangup(lambda: loop.call_soon_threadsafe(hangup.set))
             service_manager.ready()
             try:
@@ -175,7 +182,10 @@ class MonitorProcess:
             if service_manager.watchdog_period_s is not None:
                 # One robot's failure must not restart the monitors of the others.
                 service_manager.alive(min((system.tick_age_s for system in monitors.alert_systems), default=0.0))
-            self._report_problem(monitors)
+            if self._output.problem:
+                monitors.faults.report(_FAULT, self._output.problem, Level.WARN)
+            else:
+                monitors.faults.clear(_FAULT)
             if loop.time() >= end_s:
                 return True
             wait_s = min(_SHOW_PERIOD_S, end_s - loop.time())
@@ -185,13 +195,6 @@ class MonitorProcess:
             if done:
                 return False
         return False
-
-    def _report_problem(self, monitors: Monitors) -> None:
-        problem, known = self._output.problem, monitors.faults.current().get(_FAULT)
-        if problem and (known is None or known.text != problem):
-            monitors.faults.report(_FAULT, problem, Level.WARN)
-        elif known is not None and not problem:
-            monitors.faults.clear(_FAULT)
 
     async def reload_ops(self, read_settings: ReadSettings) -> str:
         """Reads ops.yaml and the server's token, then applies what differs; see `Reload`.
@@ -221,14 +224,6 @@ class MonitorProcess:
         if others:
             texts.append(f"server: {', '.join(others)} takes effect after a restart")
         return texts
-
-
-async def _reload_at(request: asyncio.Event, parts: Sequence[Reload], log: Callable[[Severity, str], object]) -> None:
-    """Reloads whenever it is requested, until it is cancelled."""
-    while True:
-        await request.wait()
-        request.clear()
-        await reload_all(parts, log)
 
 
 async def reload_all(parts: Sequence[Reload], log: Callable[[Severity, str], object]) -> None:

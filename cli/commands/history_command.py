@@ -59,12 +59,12 @@ def add_arguments(parser: Parser) -> None:
     )
     add(parser, "[FILE]", f"the history file (default: named by --ops, else {DEFAULT_FILE})")
     add(parser, "--ops FILE", "an ops.yaml that names the history")
-    moment = checked("a duration such as 24h or a time such as 2026-11-22T08:00", _moment, lambda time_s: True)
+    moment = checked("a duration such as 24h or a time such as 2026-11-22T08:00", _moment)
     meaning = "only what is newer: 90s, 1h30m, 24h, 7d, or a local time such as 2026-11-22T08:00"
     add(parser, "--since TIME", meaning, type=moment, dest="since_s")
     add(parser, "--robot R", "only this robot; * and ? as in file names")
     add(parser, "--signal S", "only this signal; * and ? as in file names")
-    level = checked("OK, WARN, ERROR or STALE", lambda text: Level[text.upper()].name, bool)
+    level = checked("OK, WARN, ERROR or STALE", lambda text: Level[text.upper()].name)
     add(parser, "--level L", "only transitions to this level: OK, WARN, ERROR or STALE", type=level)
     content = parser.add_mutually_exclusive_group()
     add(

@@ -14,7 +14,7 @@ from ...core.values.formatting import count_text, printable
 from ...ops.configuration import read_ops
 from ...runtime.interrupts import Interrupts
 from ...runtime.libraries import RECORDINGS, libraries
-from ..arguments import Parser, add, alert_id, identifier
+from ..arguments import Parser, add, checked, identifier, whole_number
 from ..exit_codes import ExitCode
 from ..history.history_file import add_history_options, history_file, reading_history
 from ..testing.past_alert import PastAlert, alert_test, history_alert
@@ -30,7 +30,8 @@ def add_arguments(parser: Parser) -> None:
     )
     add(parser, "[FILE]...", "tests; docs/recordings.md describes the format", dest="files")
     meaning = "the alert, as `history` shows it (41 or #41), or the .mcap file of a black box"
-    add(parser, "--from-alert ID|FILE", meaning, type=_alert)
+    alert = checked("the number of an alert or the .mcap file of a black box", _alert)
+    add(parser, "--from-alert ID|FILE", meaning, type=alert)
     number = identifier("the number of an alert in the file")
     add(parser, "--number N", "with --from-alert FILE: number of the alert, of several", type=number)
     add(
@@ -59,14 +60,8 @@ def _check_task(arguments: argparse.Namespace) -> str:
 
 
 def _alert(text: str) -> Any:
-    """Returns the number of an alert in a history, or the path of a black box."""
-    try:
-        return alert_id(text)
-    except argparse.ArgumentTypeError:
-        if text.endswith(".mcap"):
-            return text
-        problem = f"expected the number of an alert or the .mcap file of a black box, got {text!r}"
-        raise argparse.ArgumentTypeError(problem) from None
+    """Returns the path of a black box, or the number of an alert in a history."""
+    return text if text.endswith(".mcap") else whole_number(text[text.startswith("#") :])
 
 
 def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
@@ -75,9 +70,7 @@ def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
         return max(_run_file(file) for file in arguments.files)
     if isinstance(arguments.from_alert, str):
         path, number = arguments.from_alert, arguments.number
-        with libraries(*RECORDINGS):
-            from ..testing.black_box_alert import black_box_alerts
-        found = black_box_alerts(path)
+        found = _recorded_alerts(path)
         if number is None and len(found) > 1:
             sys.stderr.write(f"{printable(path)}: has {len(found)} alerts; choose one with --number N:\n")
             sys.stderr.writelines(f"{place:>5}  {printable(each.line)}\n" for place, each in enumerate(found, 1))
@@ -96,6 +89,12 @@ def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
     return ExitCode.SUCCESS if test.passes else ExitCode.ALERTS
 
 
+def _recorded_alerts(path: str) -> List[PastAlert]:
+    with libraries(*RECORDINGS):
+        from ..testing.black_box_alert import black_box_alerts
+    return black_box_alerts(path)
+
+
 def _in_black_box(alert: PastAlert, ops: Optional[str]) -> Optional[PastAlert]:
     """Returns an alert of a history as its black box has it; None if there is none, or it cannot be read."""
     settings = read_ops(read_yaml(ops)).black_box if ops and alert.black_box else None
@@ -103,9 +102,7 @@ def _in_black_box(alert: PastAlert, ops: Optional[str]) -> Optional[PastAlert]:
     if not os.path.isfile(path):
         return None
     try:
-        with libraries(*RECORDINGS):
-            from ..testing.black_box_alert import black_box_alerts
-        found = black_box_alerts(path)
+        found = _recorded_alerts(path)
     except (ConfigError, ServiceError):
         return None
     for each in found:

@@ -12,15 +12,13 @@ from __future__ import annotations
 import itertools
 import threading
 from collections import OrderedDict, deque
-from typing import Deque, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+from typing import Deque, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 from ...core.judge.saved_state import SavedSignal
 from ...core.port.middleware import RawFormat
 
 OVERHEAD_BYTES = 180
 """Memory of a message besides its data: the tuple, the number, the head of the bytes, its place in a list."""
-_MOST_PENDING_BYTES = 16_000  # some 80 small messages: one by one, each costs twice as much
-
 STATE_BYTES = 1_500
 """Memory of the saved state of one signal, estimated."""
 
@@ -142,20 +140,19 @@ class Ring:
         self._memory_bytes = memory_bytes
         self._segments: OrderedDict[Segment, None] = OrderedDict()  # oldest first
 
-    def add(self, segment: Segment, messages: Iterable[Message]) -> None:
-        """Adds messages to a segment, which must be the last one of its robot."""
+    def add(self, segment: Segment, message: Message) -> None:
+        """Adds a message to a segment, which must be the last one of its robot."""
+        size = len(message[2]) + OVERHEAD_BYTES
         with self.lock:
-            for message in messages:
-                size = len(message[2]) + OVERHEAD_BYTES
-                if size > self._memory_bytes:
-                    self.dropped += 1
-                    self.too_large = message[1].topic, len(message[2])
-                    continue
-                segment.messages.append(message)
-                segment.bytes += size
-                self.used_bytes += size
-                if self.used_bytes > self._memory_bytes:
-                    self._make_room()
+            if size > self._memory_bytes:
+                self.dropped += 1
+                self.too_large = message[1].topic, len(message[2])
+                return
+            segment.messages.append(message)
+            segment.bytes += size
+            self.used_bytes += size
+            if self.used_bytes > self._memory_bytes:
+                self._make_room()
 
     def begin(self, segment: Segment) -> None:
         """Adds a segment, with the lock held."""
@@ -196,14 +193,11 @@ class RobotRing:
         self.current: Optional[Segment] = None
         """The segment that grows."""
         self._reader: Optional[Reader] = None
-        self._pending: List[Message] = []
-        self._pending_bytes = 0
 
     def begin_segment(
         self, now_s: float, states: Mapping[str, SavedSignal], changed: int, quiet: Sequence[Message] = ()
     ) -> None:
         """Begins a segment with states, of which so many are not those of the segment before, and `Segment.quiet`."""
-        self.flush()
         quiet_bytes = sum(len(data) + OVERHEAD_BYTES for _, _, data in quiet)
         segment = Segment(now_s, states, changed * STATE_BYTES + quiet_bytes, quiet)
         with self._ring.lock:
@@ -217,21 +211,12 @@ class RobotRing:
                 self._ring.release(self._segments.popleft())
 
     def add(self, time_s: float, channel: Channel, data: bytes) -> None:
-        """Adds a message, together with others, or by `flush`; before the first segment it is left out."""
-        self._pending.append((time_s, channel, data))
-        self._pending_bytes += len(data) + OVERHEAD_BYTES
-        if self._pending_bytes > _MOST_PENDING_BYTES:
-            self.flush()
-
-    def flush(self) -> None:
-        """Adds what waits; every other method does so first."""
-        pending, self._pending, self._pending_bytes = self._pending, [], 0
+        """Adds a message; before the first segment it is left out."""
         if self.current is not None:
-            self._ring.add(self.current, pending)
+            self._ring.add(self.current, (time_s, channel, data))
 
     def reader(self) -> Reader:
         """Begins a recording of everything that is there, and of what comes until `end_reader`."""
-        self.flush()
         with self._ring.lock:
             # What went before the recording is not lost for it. Only the first of these may lack its first messages.
             gone = itertools.takewhile(lambda each: each.dropped == each.count, tuple(self._segments)[:-1])
@@ -243,7 +228,6 @@ class RobotRing:
 
     def end_reader(self) -> None:
         """Ends the recording after the messages that are there now."""
-        self.flush()
         with self._ring.lock:
             if self._reader is not None and self.current is not None:
                 self._reader.end = self.current.count
@@ -251,7 +235,6 @@ class RobotRing:
 
     def reach_s(self, now_s: float) -> float:
         """Returns how far the messages reach back, in s; at most the time that they wait."""
-        self.flush()
         with self._ring.lock:
             for segment in self._segments:
                 if segment.dropped < segment.count:

@@ -154,7 +154,6 @@ class RobotBlackBox:
         if current is None or steady_s - current.begin_s >= self._segment_s - _CHECK_PERIOD_S / 2.0:
             self._begin_segment(now_s, steady_s)
         self._record_noted()
-        self._ring.flush()
         recording = self._recording
         if recording is None:
             return

@@ -1,7 +1,7 @@
 """One connection to a rosbridge server, re-established whenever it ends.
 
-Theory of operation. Every connection begins with everything that was subscribed, advertised and offered. Messages
-published while there is none are dropped: only the present state matters.
+Theory of operation. Every connection begins with everything that was subscribed to. The robot is only read: nothing is
+published or offered there.
 
     runtime/bridge/connection.py   connecting, reading, delays
     subscriptions.py               where a subscription is sent, and where its messages arrive
@@ -15,11 +15,9 @@ from __future__ import annotations
 
 import asyncio
 import functools
-from typing import Any, Awaitable, Callable, Collection, Dict, Mapping, Optional, Tuple
+from typing import Any, Awaitable, Callable, Dict, Optional
 
 from ...core.port.middleware import Severity
-from ...core.values.errors import MessageError, ServiceError
-from ...core.values.names import canonical_type
 from ...runtime.bridge.connection import BridgeConnection
 from ...runtime.bridge.websocket import Wire
 from ...runtime.event_loops import run_in_daemon_thread
@@ -28,8 +26,6 @@ from ..protocol import CBOR_SUBPROTOCOL, DEFAULT_LIMITS, SUBPROTOCOLS, Connectio
 from ..protocol.codec import HEAD_BYTES, decode, serialized_publication, topic_of_message
 from .services import ServiceCalls
 from .subscriptions import Subscriptions
-
-Handler = Callable[[Mapping[str, Any]], Mapping[str, Any]]
 
 _LARGE_CBOR_BYTES = 65_536
 
@@ -52,50 +48,15 @@ class ServerConnection(BridgeConnection):
         """Bounds for messages that are decoded."""
         self._protocol = Connection(limits, nan_as_null=False)
         self._compression = "none"
-        self._advertised: Dict[str, str] = {}
-        self._services: Dict[str, Tuple[str, Handler]] = {}
-
-    def advertise(self, topic: str, type_name: str) -> None:
-        """Announces a topic to publish on, now and after every reconnection."""
-        with self._lock:
-            if topic not in self._advertised:
-                self._advertised[topic] = canonical_type(type_name)
-                self.send(operations.Advertise(topic, canonical_type(type_name)))
-
-    @property
-    def advertised(self) -> Collection[str]:
-        """The topics that are announced to publish on."""
-        return self._advertised.keys()
-
-    def unadvertise(self, topic: str) -> None:
-        """Ends an `advertise`."""
-        with self._lock:
-            if self._advertised.pop(topic, None) is not None:
-                self.send(operations.Unadvertise(topic))
-
-    def offer(self, service: str, type_name: str, handler: Handler) -> None:
-        """Offers a service, now and after every reconnection; the handler runs in the loop and raises ServiceError."""
-        with self._lock:
-            self._services[service] = canonical_type(type_name), handler
-            self.send(operations.AdvertiseService(service, canonical_type(type_name)))
-
-    def withdraw(self, service: str) -> None:
-        """Ends an `offer`."""
-        with self._lock:
-            if self._services.pop(service, None) is not None:
-                self.send(operations.UnadvertiseService(service))
 
     def send(self, operation: Operation) -> None:
         """Sends an operation; raises MessageError if it cannot be encoded.
 
-        Drops it while the connection is down, and a `publish` while the send queue is full.
+        Drops it while the connection is down: after a reconnection, every subscription is sent again.
         """
-        if not self.up:
-            return
-        # A lost subscription would be a silent failure; after a reconnection all of them are sent again.
-        may_drop = isinstance(operation, operations.Publish)
-        for wire in self._protocol.send(operation, compression=self._compression):
-            self.send_wire(wire, may_drop=may_drop)
+        if self.up:
+            for wire in self._protocol.send(operation, compression=self._compression):
+                self.send_wire(wire)
 
     async def run(self) -> None:
         """Keeps the connection up until it is cancelled or `close` is called."""
@@ -108,11 +69,6 @@ class ServerConnection(BridgeConnection):
     def _begin(self, subprotocol: Optional[str]) -> None:
         self._compression = "cbor" if subprotocol == CBOR_SUBPROTOCOL else "none"
         self._protocol = Connection(self.limits, nan_as_null=False)
-        with self._lock:
-            for topic, type_name in self._advertised.items():
-                self.send(operations.Advertise(topic, type_name))
-            for service, (type_name, _) in self._services.items():
-                self.send(operations.AdvertiseService(service, type_name))
         self.subscriptions.send_all(self._compression)
 
     def _went_down(self) -> None:
@@ -152,8 +108,6 @@ class ServerConnection(BridgeConnection):
         operation = self._protocol.receive_decoded(fields, now_s)
         if isinstance(operation, operations.Publish):
             self.subscriptions.deliver(operation.topic, operation.msg)
-        elif isinstance(operation, operations.CallService):
-            self._answer(operation)
         elif isinstance(operation, operations.ServiceResponse):
             self.calls.receive(operation)
 
@@ -175,15 +129,3 @@ class ServerConnection(BridgeConnection):
             sizes = f"{len(data) / 1e6:.1f} MB (limit {self.limits.message_bytes / 1e6:.1f} MB)"
             self._log.write("too large", Severity.WARN, f"dropped a message from {self.address}: {sizes}")
         return too_large
-
-    def _answer(self, request: operations.CallService) -> None:
-        """Sends the response to a request for a service that is offered here."""
-        _, handler = self._services.get(request.service, ("", None))
-        values: object = "this service is not offered here"
-        answered = False
-        if handler is not None:
-            try:
-                values, answered = dict(handler(request.args if isinstance(request.args, dict) else {})), True
-            except (ServiceError, MessageError) as error:
-                values = str(error)
-        self.send(operations.ServiceResponse(request.service, values, answered, request.id))

@@ -90,7 +90,7 @@ class GraphReader:
     async def _count(self, wanted: Collection[Wanted]) -> Counts:
         keys = {key for key, _ in wanted}
         nodes = await self._ask("nodes") if keys & {"node", "lifecycle"} else []
-        publishers = await self._endpoints("publishers", wanted, self._connection.advertised)
+        publishers = await self._endpoints("publishers", wanted, ())
         subscribers = await self._endpoints("subscribers", wanted, self._connection.subscriptions.topics)
         unknown = {key for key, topics in (("publishers", publishers), ("subscribers", subscribers)) if topics is None}
         known = [each for each in wanted if each[0] not in unknown]

@@ -6,13 +6,11 @@ import asyncio
 import concurrent.futures
 from typing import Any, Callable, Collection, Coroutine, List, Mapping, Optional, TypeVar
 
-from ...core.messages.dialect import Message
 from ...core.port.graph import GraphCallback, Wanted
 from ...core.port.hints import Answer
 from ...core.port.middleware import Callback, NodeInfo, RawCallback, RawFormat
 from ...core.values.errors import LinkError, ServiceError
 from ...runtime.bridge.node import BridgeClient, BridgeNode, KnownTopic
-from ..protocol.operations import Publish
 from .connection import ServerConnection
 from .graph import GraphReader, list_nodes
 from .receivers import CaptureReceiver, FieldReceiver
@@ -31,13 +29,9 @@ class RosbridgeClient(BridgeClient["RosbridgeMiddleware"]):
     connection_class = ServerConnection
     log_name = "rosbridge"
 
-    def __init__(self, url: str, *, read_only: bool = False, **options: Any) -> None:
-        """Creates a client that is not connected, with the `options` of `BridgeClient`; `run` connects.
-
-        With `read_only`, nothing is published or offered on the robot.
-        """
+    def __init__(self, url: str, **options: Any) -> None:
+        """Creates a client that is not connected, with the `options` of `BridgeClient`; `run` connects."""
         super().__init__(url, **options)
-        self.read_only = read_only
         self.publishers = PublisherLookup(self.connection.calls.call)
 
     def _new_node(self, name: str, *binding: Any) -> RosbridgeMiddleware:
@@ -86,10 +80,6 @@ class RosbridgeMiddleware(BridgeNode):
     def _connection(self) -> ServerConnection:
         return self._client.connection
 
-    def has_listeners(self, topic: str) -> bool:
-        listens = super().has_listeners(topic)
-        return listens if self._outputs is not None else not self._client.read_only
-
     def _new_receiver(self, topic: str, type_name: str, field: Optional[str], callback: Callback) -> FieldReceiver:
         return FieldReceiver(self, self._connection.limits.message_bytes, topic, type_name, field, callback)
 
@@ -101,25 +91,6 @@ class RosbridgeMiddleware(BridgeNode):
 
     def _remove(self, receiver: Any) -> None:
         self._connection.subscriptions.remove(receiver.topic, receiver)
-
-    def _advertise_on_robot(self, topic: str, type_name: str) -> None:
-        if not self._client.read_only:
-            self._connection.advertise(topic, type_name)
-
-    def _publish_on_robot(self, topic: str, message: Message) -> None:
-        if not self._client.read_only:
-            self._connection.send(Publish(topic, message))
-
-    def _offer_on_robot(self, service: str, type_name: str, handler: Callable[[Message], Message]) -> None:
-        self._services.append(service)
-        if not self._client.read_only:
-            self._connection.offer(service, type_name, handler)
-
-    def _close_on_robot(self) -> None:
-        for topic in self._advertised:
-            self._connection.unadvertise(topic)
-        for service in self._services:
-            self._connection.withdraw(service)
 
     def raw_format_of(self, topic: str, type_name: str) -> Optional[RawFormat]:
         return self._connection.subscriptions.formats.get(topic)

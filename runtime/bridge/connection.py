@@ -159,18 +159,18 @@ class BridgeConnection(abc.ABC):
         await asyncio.Event().wait()
         return UP
 
-    def send_wire(self, wire: Wire, *, may_drop: bool = False) -> None:
+    def send_wire(self, wire: Wire) -> None:
         """Sends a message, and drops it while the connection is down; may be called from any thread.
 
-        `may_drop` says that it may be dropped while the send queue is full; else the connection ends.
+        The connection ends if the send queue is full.
         """
         if not self.up or self._loop is None:
             return
         if threading.get_ident() == self._thread:
-            self._enqueue(wire, may_drop)
+            self._enqueue(wire)
         else:
             with contextlib.suppress(RuntimeError):  # the loop has ended
-                self._loop.call_soon_threadsafe(self._enqueue, wire, may_drop)
+                self._loop.call_soon_threadsafe(self._enqueue, wire)
 
     def move(self, url: str, *, token: str, ssl_context: Optional[ssl.SSLContext]) -> None:
         """Connects again, to another address or with another token or trust. Called in the loop.
@@ -295,9 +295,9 @@ class BridgeConnection(abc.ABC):
     def _cause_of(self, error: BaseException) -> Cause:
         return cause_of_error(error, bool(self._token), self.server_kind)
 
-    def _enqueue(self, wire: Wire, may_drop: bool) -> None:
+    def _enqueue(self, wire: Wire) -> None:
         if self._queue is not None:
-            self._queue.put(wire, may_drop=may_drop)
+            self._queue.put(wire)
 
     def _report(self, up: bool, cause: Cause) -> None:
         if (up, cause) == self._reported or (self._moved is not None and self._moved.is_set()):

@@ -186,8 +186,6 @@ class BridgeNode(MappingNode):
         self._subscriptions: List[BridgeReceiver] = []
         self._wake: Optional[asyncio.TimerHandle] = None
         self._on_first_clock: List[Callable[[], None]] = []
-        self._services: List[str] = []
-        """Those that are offered on the robot."""
         if use_sim_time:
 
             def take(message: Message, now_s: float) -> None:
@@ -212,18 +210,6 @@ class BridgeNode(MappingNode):
     def _remove(self, receiver: Any) -> None:
         """Ends a subscription at the server."""
 
-    def _advertise_on_robot(self, topic: str, type_name: str) -> None:
-        """Announces a topic on the robot; not over a bridge that is only read."""
-
-    def _publish_on_robot(self, topic: str, message: Message) -> None:
-        """Publishes on the robot."""
-
-    def _offer_on_robot(self, service: str, type_name: str, handler: Callable[[Message], Message]) -> None:
-        """Offers a service on the robot."""
-
-    def _close_on_robot(self) -> None:
-        """Ends what is announced and offered on the robot."""
-
     @property
     def dropped(self) -> int:
         """Messages of current subscriptions that were too large to be read."""
@@ -235,13 +221,11 @@ class BridgeNode(MappingNode):
 
     def advertise(self, topic: str, type_name: str, *, latched: bool = False) -> str:
         if self._outputs is not None:
-            return self._outputs.advertise(topic, type_name, latched=latched)
-        resolved = self.resolve(topic)
-        check_type(type_name)
-        with self._lock:
-            if resolved not in self._advertised:
-                self._advertised[resolved] = type_name
-                self._advertise_on_robot(resolved, type_name)
+            resolved = self._outputs.advertise(topic, type_name, latched=latched)
+        else:
+            resolved = self.resolve(topic)
+            check_type(type_name)
+        self._advertised.setdefault(resolved, type_name)
         return resolved
 
     def publish(self, topic: str, message: Message) -> None:
@@ -250,7 +234,6 @@ class BridgeNode(MappingNode):
             return
         resolved = self.require_advertised(topic)
         complete(self._advertised[resolved], message)  # raises MessageError
-        self._publish_on_robot(resolved, message)
 
     def has_listeners(self, topic: str) -> bool:
         if self._outputs is not None:
@@ -288,8 +271,6 @@ class BridgeNode(MappingNode):
             return
         if split_type_name(type_name) is None:
             raise ConfigError(f"expected a type such as std_srvs/Trigger, got {type_name!r}")
-        with self._lock:
-            self._offer_on_robot(self.resolve(service), type_name, answer)
 
     def create_timer(self, period_s: float, callback: Callable[[float], None], *, steady: bool = False) -> ClockTimer:
         timer = super().create_timer(period_s, callback, steady=steady)
@@ -312,7 +293,6 @@ class BridgeNode(MappingNode):
                 self.unsubscribe(subscription)
             if self._clock_subscription is not None:
                 self._remove(self._clock_subscription)
-            self._close_on_robot()
         self._client.forget(self)
 
     def set_sim_time(self, now_s: float) -> None:

@@ -131,21 +131,16 @@ class SendQueue:
         self._bound_bytes = bound_bytes
         self._wires: asyncio.Queue[Wire] = asyncio.Queue()
         self._bytes = 0
-        self.dropped = 0
-        """How many messages did not fit."""
         self.overflowed = asyncio.Event()
-        """Set once a message did not fit that may not be dropped."""
+        """Set once a message did not fit."""
 
-    def put(self, wire: Wire, *, may_drop: bool = True) -> bool:
-        """Adds a message; returns False if it does not fit."""
+    def put(self, wire: Wire) -> None:
+        """Adds a message, unless it does not fit: a lost subscription would be a silent failure."""
         if self._bytes + len(wire) > self._bound_bytes:
-            self.dropped += 1
-            if not may_drop:
-                self.overflowed.set()
-            return False
+            self.overflowed.set()
+            return
         self._wires.put_nowait(wire)
         self._bytes += len(wire)
-        return True
 
     async def get(self) -> Wire:
         """Waits for the next message and removes it."""

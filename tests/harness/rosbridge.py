@@ -1,4 +1,7 @@
-"""The port over rosbridge, seen from outside: a local bus, this project's server, a real socket, the client's nodes."""
+"""The port over rosbridge, seen from outside: a local bus, this project's server, a real socket, the client's nodes.
+
+Nodes announce on the bus: the robot behind the server is only read.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +13,6 @@ from robot_health_monitor.core.values.errors import ServiceError
 from robot_health_monitor.rosbridge.client.middleware import RosbridgeClient, RosbridgeMiddleware
 from robot_health_monitor.rosbridge.server.access import Access
 from robot_health_monitor.rosbridge.server.server import Server
-from robot_health_monitor.runtime.event_loops import LoopThread
 
 EVERYTHING = Access(publish=("*",), services=("*",), offer=("*",))
 
@@ -18,15 +20,14 @@ EVERYTHING = Access(publish=("*",), services=("*",), offer=("*",))
 class RosbridgeHarness(BridgedBus):
     """The harness of `port_conformance.py`. The outside speaks on the bus, on the far side of the server."""
 
-    knows_listeners = False
+    knows_listeners = True
 
     def __init__(self) -> None:
         super().__init__()
-        self._watcher = LoopThread("watcher")
         self.server = Server(self.bus.node("rosbridge"), port=0, threads=False, access=EVERYTHING)
         self.robot.call(self.server.start())
         self.make_client(RosbridgeClient, f"ws://127.0.0.1:{self.server.port}")
-        self.run_client(self._watcher)
+        self.run_client(self.robot)
 
     def node(
         self,
@@ -37,8 +38,9 @@ class RosbridgeHarness(BridgedBus):
         remap: Optional[Mapping[str, str]] = None,
         sim_time: bool = True,
     ) -> RosbridgeMiddleware:
+        outputs = self.on_robot(lambda: self.bus.node(name, namespace=namespace, remap=remap))
         node: RosbridgeMiddleware = self.client.node(
-            name, namespace=namespace, parameters=parameters, remap=remap, use_sim_time=sim_time
+            name, namespace=namespace, parameters=parameters, remap=remap, use_sim_time=sim_time, outputs=outputs
         )
         if sim_time:
             self.start_time(node)
@@ -63,7 +65,6 @@ class RosbridgeHarness(BridgedBus):
     def close(self) -> None:
         self.client.close()
         self.running.cancel()
-        self._watcher.close()
         self.robot.call(self.server.close())
         self.robot.close()
 
@@ -72,4 +73,4 @@ class RosbridgeHarness(BridgedBus):
 
         The connection keeps the order in both directions.
         """
-        self._watcher.call(self.client.connection.calls.call("/rosapi/get_time", {}, 10.0))
+        self.robot.call(self.client.connection.calls.call("/rosapi/get_time", {}, 10.0))

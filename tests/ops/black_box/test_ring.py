@@ -16,7 +16,6 @@ SIZE = 100 + OVERHEAD_BYTES
 def add(robot: RobotRing, *times_s: float) -> None:
     for time_s in times_s:
         robot.add(time_s, CHANNEL, bytes(100))
-    robot.flush()
 
 
 def everything(reader: Reader) -> List[float]:
@@ -56,7 +55,7 @@ def test_a_recording_goes_on_until_its_end() -> None:
     assert reader.is_complete
 
 
-def test_messages_are_added_together_and_whatever_needs_them_has_all() -> None:
+def test_whatever_needs_messages_has_all_of_them() -> None:
     robot = RobotRing(Ring(1e6), 10.0)
     robot.begin_segment(0.0, {}, 0)
     robot.add(1.0, CHANNEL, bytes(100))
@@ -69,9 +68,9 @@ def test_messages_are_added_together_and_whatever_needs_them_has_all() -> None:
     robot.add(6.0, CHANNEL, bytes(20_000))
     assert everything(reader) == [3.0, 6.0]
     robot.add(7.0, CHANNEL, bytes(100))
-    assert everything(reader) == []
-    robot.end_reader()
     assert everything(reader) == [7.0]
+    robot.end_reader()
+    assert everything(reader) == []
 
 
 def test_the_next_recording_has_what_the_one_before_has_written() -> None:
@@ -113,7 +112,6 @@ def test_a_message_larger_than_the_memory_is_not_kept() -> None:
     robot.begin_segment(0.0, {}, 0)
     add(robot, 0.5)
     robot.add(1.0, CHANNEL, bytes(5000))
-    robot.flush()
     assert (ring.used_bytes, ring.dropped, ring.too_large) == (SIZE, 1, ("/a", 5000))
     assert everything(robot.reader()) == [0.5]
 

@@ -17,8 +17,8 @@ EVERYTHING = Access(publish=("*",), services=("*",), offer=("*",))
 
 
 @with_robot(EVERYTHING)
-async def test_a_client_that_only_watches_leaves_no_trace(robot: Robot) -> None:
-    watched = Watched(robot.url, read_only=True)
+async def test_nothing_is_published_or_offered_on_the_robot(robot: Robot) -> None:
+    watched = Watched(robot.url)
     watched.node.subscribe("/battery_level", FLOAT32, watched.hear, field="data")
     watched.node.advertise("/alerts", FLOAT32)
     watched.node.publish("/alerts", {"data": 1.0})

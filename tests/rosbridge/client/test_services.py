@@ -69,23 +69,6 @@ async def test_a_service_that_does_not_answer_is_a_service_error() -> None:
     await foreign.close()
 
 
-@with_robot(EVERYTHING)
-async def test_offered_services_answer_or_fail_with_a_reason(robot: Robot) -> None:
-    watched = Watched(robot.url)
-
-    def fail(request: Mapping[str, Any]) -> Mapping[str, Any]:
-        raise RuntimeError("no battery")
-
-    watched.node.advertise_service("~echo", "std_srvs/SetBool", lambda request: {"message": str(request["data"])})
-    watched.node.advertise_service("~fail", "std_srvs/Trigger", fail)
-    await robot.until(lambda: watched.ups == [True])
-    await watched.settle()
-    assert await robot.server.services.call("/watcher/echo", {"data": True}, None) == {"message": "True"}
-    with pytest.raises(Exception, match="RuntimeError in a callback: no battery"):
-        await robot.server.services.call("/watcher/fail", {}, None)
-    await watched.close()
-
-
 FLOAT32 = "std_msgs/Float32"
 
 

@@ -156,21 +156,24 @@ def test_a_connection_that_has_ended_cannot_be_asked() -> None:
 def test_messages_leave_in_the_order_in_which_they_came() -> None:
     async def scenario() -> None:
         queue = SendQueue()
-        assert queue.put("one") and queue.put(b"two")
+        queue.put("one")
+        queue.put(b"two")
         assert [await queue.get(), await queue.get()] == ["one", b"two"]
 
     asyncio.run(scenario())
 
 
-def test_what_does_not_fit_is_refused_and_counted_until_there_is_room() -> None:
+def test_what_does_not_fit_is_left_out_and_known() -> None:
     async def scenario() -> None:
         queue = SendQueue(bound_bytes=10)
-        assert queue.put("123456")
-        assert not queue.put("12345")
-        assert queue.put("1234")
-        assert queue.dropped == 1
-        await queue.get()
-        assert queue.put("123456")
+        queue.put("123456")
+        queue.put("1234")
+        assert not queue.overflowed.is_set()
+        assert await queue.get() == "123456"
+        queue.put("1234567")
+        assert queue.overflowed.is_set()
+        queue.put("123456")
+        assert [await queue.get(), await queue.get()] == ["1234", "123456"]
 
     asyncio.run(scenario())
 
