@@ -231,16 +231,14 @@ class Database:
         assert self._memory is not None
         return self._memory
 
-    def note_transition(self, robot: str, signal: str) -> None:
-        """Notes that a transition was stored, with the names in its row."""
-        if self._retention is not None:
-            self._retention.note_transition(robot, signal)
-
     def _step(self) -> float:
         """Runs what waits, or what is due once a second; returns the time until the next call, in s."""
         self._busy_since_s = time.monotonic()
         if self._file is None and self._memory is None:
-            self._open()
+            if self.file is None:
+                self._use_memory(None)
+            else:
+                self._open_file()
         batch = self._next_batch()
         if batch:
             self._run_batch(batch)
@@ -367,13 +365,6 @@ class Database:
 
     def _age_s(self) -> float:
         return self._age_clock.now_s(self.wall_s(), _boot_s())
-
-    def _open(self) -> None:
-        """Opens the file or, if that is not possible, a database in memory. Never raises."""
-        if self.file is None:
-            self._use_memory(None)
-        else:
-            self._open_file()
 
     def _close(self) -> None:
         """Closes the database; what is in memory is stored in the file if that is possible now."""

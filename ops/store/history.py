@@ -106,7 +106,8 @@ class History(Database):
         began = self.state.alert_of(transition)
         number = connection.execute(INSERT_TRANSITION, (*row[:-1], began or None)).lastrowid or 0
         connection.execute("INSERT INTO evidence VALUES (?, ?)", (number, samples))
-        self.note_transition(row[1], row[2])
+        if self._retention is not None:
+            self._retention.note_transition(row[1], row[2])
         self.state.note_transition(connection, number, began, transition, wall_s)
         self.state.note_alive(connection)
         for hook in self.on_record:

@@ -58,7 +58,7 @@ def parse_matchers(text: str) -> Tuple[Matcher, ...]:
     while position <= len(text):
         found = _MATCHER.match(text, position)
         part = text[position:].partition(",")[0].strip()
-        value = "" if found is None else _unescaped(found["quoted"] or "") or (found["plain"] or "").strip()
+        value = "" if found is None else _ESCAPED.sub(r"\1", found["quoted"] or "") or (found["plain"] or "").strip()
         if found is None or found["rest"] or not found["label"] or not found["operator"] or not value:
             raise ConfigError(f"expected matchers such as robot=r3,signal=battery*, got {part[:60]!r}")
         if found["operator"] in ("=~", "!~"):
@@ -83,8 +83,3 @@ def matchers_text(matchers: Sequence[Matcher]) -> str:
         return '"{}"'.format(_SPECIAL.sub(r"\\\g<0>", pattern)) if needs_quotes else pattern
 
     return ",".join(f"{each.label}{'=' if each.equal else '!='}{quoted(each.pattern)}" for each in matchers)
-
-
-def _unescaped(quoted: str) -> str:
-    """Returns the text between quotes; a backslash stands before a quote or another one."""
-    return _ESCAPED.sub(r"\1", quoted)

@@ -172,22 +172,14 @@ class Metrics:
             yield _head(family) + _line(family, labels, value)
 
 
-def _latest(signal: Judgement) -> Optional[float]:
-    return None if signal.config.statistic == "last" else signal.latest_good
-
-
-def _time_to_bound_s(signal: Judgement) -> Optional[float]:
-    return None if signal.forecast is None else signal.forecast.time_to_bound_s
-
-
 _OF_SIGNALS: Sequence[Tuple[Family, str, Callable[[Judgement], Optional[float]]]] = (
     (_LEVEL, "", lambda signal: signal.level),
     (_ALERT_LEVEL, "", lambda signal: signal.announced),
     (_CAUSED, "", lambda signal: 1.0 if signal.cause else None),
     (_AFFECTS, "", lambda signal: signal.affects or None),
     (_VALUE, "", lambda signal: signal.judged),
-    (_LATEST, "", _latest),
-    (_TIME_TO_BOUND, "", _time_to_bound_s),
+    (_LATEST, "", lambda signal: None if signal.config.statistic == "last" else signal.latest_good),
+    (_TIME_TO_BOUND, "", lambda signal: None if signal.forecast is None else signal.forecast.time_to_bound_s),
     (_VALID, "", lambda signal: not signal.is_bad if signal.seen else None),
     (_SAMPLES, ',quality="good"', lambda signal: signal.good_samples),
     (_SAMPLES, ',quality="bad"', lambda signal: signal.bad_samples),

@@ -477,6 +477,14 @@ def test_the_error_of_a_function_reaches_its_caller(writer: Database) -> None:
         writer.run(lambda connection: 1 / 0, 5.0)
 
 
+def test_the_error_of_a_function_that_nothing_waits_for_is_a_fault() -> None:
+    faults = NotedFaults()
+    opened = Database(None, time.time, faults)
+    opened.put(lambda connection: 1 / 0)
+    opened.close(60.0)
+    assert faults.reported == [("history", "internal error: ZeroDivisionError")]
+
+
 def test_a_wait_ends_in_time_while_the_disk_hangs_and_with_the_job_once_it_responds(
     writer: Database, hang: threading.Event
 ) -> None:
