@@ -225,18 +225,14 @@ def reading(file: Union[str, Path]) -> Iterator[CheckedConnection]:
     """
     path = str(file)
     try:
-        connection = open_read_only(path)
-    except OSError as error:
-        raise ConfigError(error.strerror or str(error), file=path) from None
-    except schema.UnusableFileError as error:
-        raise ConfigError(str(error), file=path) from None
+        try:
+            connection = open_read_only(path)
+        except (OSError, schema.UnusableFileError) as error:
+            raise ConfigError(getattr(error, "strerror", None) or str(error), file=path) from None
+        with contextlib.closing(connection):
+            yield connection
     except sqlite3.Error as error:
         raise ConfigError(f"cannot be read: {error}", file=path) from None
-    with contextlib.closing(connection):
-        try:
-            yield connection
-        except sqlite3.Error as error:
-            raise ConfigError(f"cannot be read: {error}", file=path) from None
 
 
 def open_read_only(path: str) -> CheckedConnection:
