@@ -64,7 +64,7 @@ def add_arguments(parser: Parser) -> None:
     add(parser, "--since TIME", meaning, type=moment, dest="since_s")
     add(parser, "--robot R", "only this robot; * and ? as in file names")
     add(parser, "--signal S", "only this signal; * and ? as in file names")
-    level = checked("OK, WARN, ERROR or STALE", lambda text: Level[text.upper()].name)
+    level = checked("OK, WARN, ERROR or STALE", lambda text: Level[text.upper()])
     add(parser, "--level L", "only transitions to this level: OK, WARN, ERROR or STALE", type=level)
     content = parser.add_mutually_exclusive_group()
     add(
@@ -118,12 +118,12 @@ def run(arguments: argparse.Namespace, interrupts: Interrupts) -> None:
 
 
 def _transitions(connection: sqlite3.Connection, arguments: argparse.Namespace) -> Listing:
-    level = None if arguments.level is None else Level[arguments.level]
+    level = arguments.level
     since_s, robot, signal = arguments.since_s or 0.0, arguments.robot, arguments.signal
     found = queries.transitions(connection, since_s=arguments.since_s, robot=robot, signal=signal, level=level)
     noted = (NotedAlert(each, notes_of(connection, each.id)) for each in found)
-    silences = [] if level else silence_events(connection, time.time(), since_s, robot, signal)
-    others = [] if level or signal else queries.monitor_events(connection, since_s, robot)
+    silences = [] if level is not None else silence_events(connection, time.time(), since_s, robot, signal)
+    others = [] if level is not None or signal is not None else queries.monitor_events(connection, since_s, robot)
 
     def merged(*events: Iterable[Any]) -> Iterator[Any]:
         """Yields alerts in their order, and each event before those that are younger."""
@@ -193,7 +193,7 @@ def _summary_cells(summary: SignalSummary, name: str) -> List[str]:
 
 def _samples(connection: sqlite3.Connection, arguments: argparse.Namespace) -> Listing:
     found = stored_samples.read(connection, robot=arguments.robot, signal=arguments.signal, since_s=arguments.since_s)
-    chosen = (each for each in found if arguments.level in (None, each.level.name))
+    chosen = (each for each in found if arguments.level in (None, each.level))
     return Listing(
         json=(json.dumps(samples_fields(each)) for each in chosen),
         head=SAMPLES_FIELDS,

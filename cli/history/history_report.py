@@ -134,9 +134,8 @@ def _alerts(
     """Returns the transitions for the table, how many there were, and how many alerts: one may change its level."""
     shown: List[ReportedAlert] = []
     changes, alerts = 0, set()
-    level = None if arguments.level is None else Level[arguments.level]
     names = {"robot": arguments.robot, "signal": arguments.signal}
-    found = queries.transitions(connection, since_s=start_s, level=level, **names)
+    found = queries.transitions(connection, since_s=start_s, level=arguments.level, **names)
     for transition in found:
         if transition.repeat:
             continue

@@ -105,7 +105,9 @@ class Nodes:
                     Signal(name, f"{key} {node}", given, Suggestion(settings, {}, []), measured, note)
                 )
         if self.problem or others:
-            proposed.not_watched["nodes"] = self.problem or f"{list_text(others)} publish nothing that is watched"
+            proposed.not_watched["nodes"] = (
+                self.problem or f"{list_text(others, most=50)} publish nothing that is watched"
+            )
 
     def _statuses(self, proposal: Proposal) -> Mapping[str, List[str]]:
         """Returns the signals of the statuses of each node, by whose name they begin: `laser: scan` of `/laser`."""

@@ -7,7 +7,7 @@ import re
 from itertools import groupby
 from typing import Any, Callable, Iterable, List, Mapping
 
-from ..values.formatting import count_text, duration_text, list_text, number_text, printable
+from ..values.formatting import count_text, duration_text, number_text, printable
 from .proposal import ORDER, Proposed, Signal
 
 MOST_NOT_WATCHED = 60
@@ -69,10 +69,10 @@ def thresholds_text(
 
 def _fields(proposed: Proposed, topic: str) -> List[str]:
     """Returns the fields of a topic that have no line, with the reasons."""
-    reasons = [
-        f"      # {topic}, {list_text(fields, most=_MOST_FIELDS)}: {reason}"
-        for reason, fields in proposed.fields.get(topic, {}).items()
-    ]
+    reasons = []
+    for reason, fields in proposed.fields.get(topic, {}).items():
+        more = f" and {len(fields) - _MOST_FIELDS} more" if len(fields) > _MOST_FIELDS else ""
+        reasons.append(f"      # {topic}, {', '.join(fields[:_MOST_FIELDS])}{more}: {reason}")
     return _at_most(reasons, topic, "more without bounds")
 
 

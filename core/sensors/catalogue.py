@@ -89,21 +89,9 @@ def _pressure(resource: str) -> Callable[..., Source]:
     return _asked("the pressure", lambda paths: operating_system.pressure_percent(paths, resource))
 
 
-def _memory(paths: HostPaths) -> Any:
-    return call_psutil("virtual_memory", "the memory", paths)
-
-
-def _swap(paths: HostPaths) -> Any:
-    return call_psutil("swap_memory", "the swap", paths)
-
-
 def _listed(option: str, names: Callable[[HostPaths], Iterable[Any]]) -> Callable[[HostPaths], Iterable[Options]]:
     """Returns what lists the values of one option."""
     return lambda paths: [{option: name} for name in names(paths)]
-
-
-def _cores(paths: HostPaths) -> List[Any]:
-    return list(read_cpu_ticks(paths))
 
 
 def _sensors(kind: str) -> Callable[[HostPaths], Iterable[Options]]:
@@ -119,6 +107,8 @@ def _nodes(paths: HostPaths) -> Iterable[Options]:
     return [{"node": name} for name in processes.Processes(paths).scan(paths).nodes()[:50]]
 
 
+_MEMORY = partial(call_psutil, "virtual_memory", "the memory")
+_SWAP = partial(call_psutil, "swap_memory", "the swap")
 _CORE = Parameter("core", int, None, "core, counted from 0; left out: all cores together", 0, 65535)
 _PATH = Parameter("path", str, "/", "mount point of the disk")
 _SENSOR = Parameter("sensor", str, "", "sensor, as chip/label or chip/number; left out: the hottest of the CPU")
@@ -142,12 +132,8 @@ def _process(metric: str, unit: str, description: str, *options: Parameter) -> H
     return HostSource(unit, description, make, (*selecting, *options), _nodes, ("command", "node"))
 
 
-def _rate(fields: Tuple[str, ...], scale: float = 1.0) -> Callable[..., Source]:
-    return partial(network.CounterRate, fields, scale)
-
-
-def _can_rate(computer: Computer, interface: str = "") -> Source:
-    return network.CounterRate(("errin", "errout"), 1.0, computer, interface, network.can_interfaces)
+def _rate(fields: Tuple[str, ...], scale: float = 1.0, **options: Any) -> Callable[..., Source]:
+    return partial(network.CounterRate, fields, scale, **options)
 
 
 def _space(value: Callable[[disks.Space], float]) -> Callable[..., Source]:
@@ -170,16 +156,16 @@ _OF_GPU = (_GPU,), _listed("device", gpu.gpus)
 HOST_SOURCES: Mapping[str, HostSource] = {
     "cpu_percent": HostSource(
         "%", "CPU load", HostCpuUsage, (_CORE,),
-        _listed("core", _cores),
+        _listed("core", read_cpu_ticks),
     ),
     "load_1min": HostSource("", "load average over 1 minute", _load(0)),
     "load_5min": HostSource("", "load average over 5 minutes", _load(1)),
     "load_15min": HostSource("", "load average over 15 minutes", _load(2)),
-    "memory_percent": HostSource("%", "memory in use", _asked("the memory", _memory, operating_system.memory_percent)),
+    "memory_percent": HostSource("%", "memory in use", _asked("the memory", _MEMORY, operating_system.memory_percent)),
     "memory_available": HostSource(
-        "MB", "memory available to programs", _asked("the memory", _memory, lambda memory: memory.available * 1e-6)
+        "MB", "memory available to programs", _asked("the memory", _MEMORY, lambda memory: memory.available * 1e-6)
     ),
-    "swap_percent": HostSource("%", "swap in use", _asked("the swap", _swap, operating_system.swap_percent)),
+    "swap_percent": HostSource("%", "swap in use", _asked("the swap", _SWAP, operating_system.swap_percent)),
     "pressure_cpu": HostSource(
         "%", "share of the last 10 s in which a process waited for the CPU",
         _pressure("cpu"),
@@ -239,7 +225,8 @@ HOST_SOURCES: Mapping[str, HostSource] = {
     "wifi_signal": HostSource("dBm", "signal of the Wi-Fi", _asked("the Wi-Fi", network.signal_dbm), *_OF_WIFI),
     "wifi_bitrate": HostSource("Mbit/s", "bit rate of the Wi-Fi", _asked("the Wi-Fi", network.bitrate), *_OF_WIFI),
     "can_errors": HostSource(
-        "1/s", "errors of a CAN bus", _can_rate, (_CAN,), _listed("interface", network.can_interfaces)
+        "1/s", "errors of a CAN bus", _rate(("errin", "errout"), among=network.can_interfaces), (_CAN,),
+        _listed("interface", network.can_interfaces),
     ),
     "clock_offset_ms": HostSource(
         "ms", "time of the servers minus that of this clock (chrony, systemd-timesyncd)",

@@ -14,6 +14,7 @@ from __future__ import annotations
 import os
 from collections import deque
 from dataclasses import dataclass, field
+from statistics import fmean
 from typing import (
     Any,
     Callable,
@@ -47,7 +48,7 @@ REDUCTIONS: Mapping[str, Callable[[List[float]], float]] = {
     "sum": sum,
     "max": max,
     "min": min,
-    "mean": lambda values: sum(values) / len(values),
+    "mean": fmean,
 }
 """What several processes are reduced by, by the names of the option `reduce`."""
 

@@ -28,6 +28,7 @@ _AND = re.compile(r"\s+and\s+")
 _WHERE = " where "
 LONGEST_TEXT = 10_000
 """Characters of a text in a message that are compared: a hostile one must not delay judging."""
+_MOST_DIGITS = 20
 _BOOLEANS = {"true": 1, "false": 0}
 
 
@@ -90,7 +91,12 @@ def parse_where(where: str) -> List[Comparison]:
             raise ValueError(f"expected == or != before a text, got {describe(found['operator'])}")
         if constant in _BOOLEANS:
             number, constant = str(_BOOLEANS[constant]), None
-        exact = None if number is None else int(number) if number.lstrip("+-").isdigit() else float(number)
+        exact: Optional[float] = None
+        if number is not None:
+            # As it is written: an id of 64 bits has more digits than a float.
+            exact = int(number) if number.lstrip("+-").isdigit() and len(number) <= _MOST_DIGITS else float(number)
+            if not math.isfinite(exact):
+                raise ValueError(f"expected a finite number, got {describe(number)}")
         comparisons.append(Comparison(path, found["operator"], exact, constant or "", (text or "").replace('\\"', '"')))
         rest = behind[found.end() :]
         if not rest:

@@ -474,6 +474,20 @@ def test_a_missing_library_is_named_with_the_command_that_installs_it(
     assert ended.stderr == f"robot-health: {library} is not installed: pip install {library}\n"
 
 
+def test_a_bag_with_definitions_needs_none_of_the_libraries(
+    tmp_path: Path, thresholds: str, command: List[str], environment: Dict[str, str]
+) -> None:
+    recording = write_bag(tmp_path / "a.bag", values("/battery", FALLING), "bz2")
+    arguments = ["replay", recording, "--thresholds", thresholds, "--report", str(tmp_path / "report.html")]
+    code = (
+        "import sys; sys.modules.update(dict.fromkeys(['lz4', 'mcap', 'numpy', 'rosbags', 'zstandard'])); "
+        f"from robot_health_monitor.__main__ import main; sys.exit(main({arguments!r}))"
+    )
+    ended = subprocess.run([command[0], "-c", code], env=environment, stdout=subprocess.PIPE, text=True, timeout=60)
+    assert ended.returncode == 1
+    assert ended.stdout.endswith("1 alert\n")
+
+
 def test_all_missing_libraries_are_named_at_once(
     tmp_path: Path, command: List[str], environment: Dict[str, str]
 ) -> None:

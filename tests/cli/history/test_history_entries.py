@@ -85,6 +85,14 @@ def test_silences_are_part_of_the_history(silenced: Path, capsys: pytest.Capture
     assert [line[:19] for line in lines] == sorted(line[:19] for line in lines)
 
 
+@pytest.mark.parametrize("level", ["OK", "WARN"])
+def test_of_one_level_there_are_transitions_only(
+    silenced: Path, capsys: pytest.CaptureFixture[str], level: str
+) -> None:
+    lines = output(capsys, silenced, "--level", level).splitlines()
+    assert lines and all(f" {level}: " in line for line in lines)
+
+
 def test_silences_in_json(silenced: Path, capsys: pytest.CaptureFixture[str]) -> None:
     found = [json.loads(line) for line in output(capsys, silenced, "--json").splitlines()]
     assert [each["time"] for each in found] == sorted(each["time"] for each in found)

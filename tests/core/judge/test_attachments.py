@@ -40,6 +40,7 @@ def test_every_shipped_configuration_reads_back_as_the_same_signals(file: Path) 
         {"warn_above": 3.0, "latch": True, "latch_release_if": {"signal": "other", "is": 1.0}},
         {"field": "cell_voltage[*]", "type": "sensor_msgs/BatteryState", "warn_below": 3.2, "max_elements": 12},
         {"field": "cell_voltage[*]", "reduce": "spread", "warn_above": 0.1, "placeholders": [0.0, -1.0]},
+        {"field": "", "where": 'level >= ERROR and name == "*a*"', "statistic": "count", "warn_above": 5.0},
         {"field": "", "statistic": "frequency_hz", "warn_below": 8.0, "stale_after_s": 0.5},
     ],
     ids=str,

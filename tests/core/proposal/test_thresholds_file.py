@@ -59,7 +59,7 @@ def test_numbers_without_bounds_for_the_same_reason_are_one_line() -> None:
     assert text(signal("a", "/a", WATCHED), fields=fields)[-3:] == [
         "      # /a, x, y: constant",
         "      # /a, n: a counter",
-        "      # /a, c0, c1, c2, c3, c4, c5, c6, c7, c8, c9, c10, c11, ...: a code",
+        "      # /a, c0, c1, c2, c3, c4, c5, c6, c7, c8, c9, c10, c11 and 8 more: a code",
     ]
 
 
