@@ -159,7 +159,10 @@ def test_a_reader_that_keeps_the_log_from_being_shortened_does_not_fill_the_disk
     history.close()
 
 
-def test_a_file_that_is_damaged_while_it_is_used_is_kept_beside_a_new_one(tmp_path: Path) -> None:
+def test_a_file_that_is_damaged_while_it_is_used_is_kept_beside_a_new_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(database, "_PERIOD_S", 3600.0)  # a sign of life would be copied into the damaged file
     file, faults = tmp_path / "history.db", Faults()
     history = opened(file, faults)
     record(history, *range(40))

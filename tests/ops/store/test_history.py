@@ -200,7 +200,8 @@ def test_a_driver_that_renames_itself_leaves_nothing_in_memory(history: History)
         name = f"drivers[{number}]"
         robot.record(transition(0, Level.STALE, signal=name), {"level": 1}, [(float(number), 1.0)])
         robot.record(transition(0, Level.OK, from_level=Level.STALE, signal=name), {}, [])
-    history.run(lambda connection: None, 60.0)
+        if number % 500 == 499:  # on a busy machine, too many would wait
+            history.run(lambda connection: None, 60.0)
     state = history.state
     assert (len(state._states), len(state._alerts)) == (0, 0)
     assert len(robot._evidence_until_s) <= 1_000
