@@ -7,6 +7,7 @@ import os
 import shutil
 import sys
 import time
+from contextlib import nullcontext
 from typing import Any, Counter, Dict, Iterator, List, Mapping, NamedTuple, Optional, Sequence, TextIO, Tuple
 
 from ..core.config.signal_config import SignalConfig
@@ -83,10 +84,6 @@ class _Configuration(NamedTuple):
     path: Path
     parameters: Mapping[str, Any]
 
-    def locate(self, error: ConfigError) -> ConfigError:
-        """Returns an error of the node with file and line."""
-        return error if self.file is None else self.file.locate(error.below(self.path))
-
 
 class _Replay:
     def __init__(
@@ -122,10 +119,9 @@ class _Replay:
         self._judge = Judge(self._player, self._on_event, self._plot if report_file else None)
         self._player.on_gap.append(self._on_gap)
         for configuration in configurations:
-            try:
+            file, path = configuration.file, configuration.path
+            with nullcontext() if file is None else file.located(path):
                 self._judge.add(configuration.name, configuration.parameters, saved)
-            except ConfigError as error:
-                raise configuration.locate(error) from None
         self._require_recorded()
         self._buckets = buckets_of(sum(summary.recorded for summary in self._judge.summaries))
 

@@ -7,7 +7,7 @@ import math
 import sqlite3
 import time
 from dataclasses import replace
-from typing import List, Mapping, Optional, Sequence, Tuple
+from typing import Any, List, Mapping, Optional, Sequence, Tuple
 
 from ...core.config.kept_settings import read_kept
 from ...core.config.signal_config import SignalConfig, read_signal, template_name
@@ -153,17 +153,13 @@ def _events(
     connection: sqlite3.Connection, arguments: argparse.Namespace, start_s: float, end_s: float, problems: List[str]
 ) -> List[Tuple[float, str]]:
     """Returns starts, stops and gaps of the monitor, resets, configurations and silences."""
-    found: List[Tuple[float, str]] = [
-        (event.wall_s, event_text(event)) for event in queries.monitor_events(connection, start_s, arguments.robot)
-    ]
-    found += [
-        (gap.from_s, f"no monitor ran for {duration_text(gap.to_s - gap.from_s)}")
-        for gap in queries.gaps(connection, start_s)
-    ]
-    found += [
-        (event.wall_s, event_text(event))
-        for event in silence_events(connection, end_s, start_s, arguments.robot, arguments.signal)
-    ]
+    events: Tuple[Any, ...] = (
+        *queries.monitor_events(connection, start_s, arguments.robot),
+        *silence_events(connection, end_s, start_s, arguments.robot, arguments.signal),
+    )
+    found = [(event.wall_s, event_text(event)) for event in events]
+    for gap in queries.gaps(connection, start_s):
+        found.append((gap.from_s, f"no monitor ran for {duration_text(gap.to_s - gap.from_s)}"))
     found.sort(key=lambda event: event[0])
     if len(found) > MOST_EVENTS:
         problems.append(

@@ -19,7 +19,7 @@ from ..values.formatting import bound_text, describe, number_text
 from ..values.goals import STATUS_TOPICS
 from ..values.names import canonical_type, split_type_name
 from ..values.reduction import REDUCTIONS
-from ..values.where import is_equal, parse_where, selection
+from ..values.where import COMPARE, parse_where, selection
 from .parameters import Parameter, read_parameters, require_mapping
 from .schema import declared, parameters
 
@@ -67,6 +67,7 @@ _UNIT_RANGES: Mapping[str, Tuple[Optional[float], Optional[float]]] = {
 _TIME_FIELDS = (("std_msgs/Time", "data"), ("sensor_msgs/TimeReference", "time_ref"), ("rosgraph_msgs/Clock", "clock"))
 """Type and name of fields that are times, whatever their name says."""
 
+_OPERATORS = {"is": "==", "is_not": "!=", "below": "<", "above": ">"}
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*\Z")
 
 
@@ -95,12 +96,9 @@ class Condition:
 
     def holds(self, value: float) -> bool:
         """Returns whether the condition is true for this value of the other signal."""
-        if self.comparison in ("is", "is_not"):
-            return is_equal(value, self.number) is (self.comparison == "is")
         if self.comparison == "between":
-            ends = is_equal(value, self.number) or is_equal(value, self.upper)
-            return self.number <= value <= self.upper or ends
-        return value < self.number if self.comparison == "below" else value > self.number
+            return COMPARE[">="](value, self.number) and COMPARE["<="](value, self.upper)
+        return COMPARE[_OPERATORS[self.comparison]](value, self.number)
 
 
 def _duration(default: Optional[float], description: str, least_s: float = 0.0) -> Any:

@@ -69,16 +69,15 @@ class FlapDetector:
         """Returns the state as JSON values; empty if it is that of a new detector."""
         if self.is_at_rest and self._last is Level.OK:
             return {}
-        changes = f"{self._changes:0{CHANGES}b}".replace("0", "-").replace("1", "x")
-        state: Dict[str, Any] = {"changes": changes, "last": self._last.name, "flapping": self.flapping}
+        state: Dict[str, Any] = {"changes": self._changes, "last": self._last.name, "flapping": self.flapping}
         return state if self._worst is None else {**state, "worst": self._worst.name}
 
     def restore(self, saved: Saved) -> None:
         """Continues from a snapshot; raises UnusableStateError."""
-        changes = saved.text("changes", "-" * CHANGES)
-        if len(changes) != CHANGES:
-            raise UnusableStateError(f"changes of level: expected {CHANGES}, got {len(changes)}")
-        self._changes = int("".join("1" if mark == "x" else "0" for mark in changes), 2)
+        changes = saved.number("changes") or 0.0
+        if not 0.0 <= changes <= _KEPT:
+            raise UnusableStateError(f"changes of level: expected a number of {CHANGES} bits, got {changes:g}")
+        self._changes = int(changes)
         self._last, self.flapping = saved.level("last"), saved.flag("flapping")
         self._worst = saved.level("worst") if self.flapping and saved.has("worst") else None
 

@@ -367,7 +367,7 @@ class Monitor:
     def reset(self) -> Changes:
         """Clears every latch."""
         if self._restoration is not None:
-            self._restoration.release_latches()
+            self._restoration = self._restoration.without_latches()
         changes = Changes(filter(None, [signal.reset(self._now_s) for signal in self._signals.values()]))
         self._look_at_causes(self._now_s, changes)
         return changes

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Dict, List, Mapping, Tuple
+from typing import Dict, List, Mapping, NamedTuple, Tuple
 
 from ..config.monitor_config import MonitorConfig
 from ..config.signal_config import LINK, LINK_CONFIG, template_name
@@ -17,17 +17,17 @@ from .sources import Sources, is_source
 _MOST_NOTICES = 10
 
 
-class Restoration:
-    """What a monitor continues from, by the names of the signals."""
+class Restoration(NamedTuple):
+    """What a monitor continues from."""
 
-    def __init__(self, states: Mapping[str, SavedSignal], downtime: Downtime) -> None:
-        """Takes the snapshots of the earlier run, and the time in which nothing was watched."""
-        self._states = states
-        self._downtime = downtime
+    states: Mapping[str, SavedSignal]
+    """The snapshots of the earlier run, by the names of the signals."""
+    downtime: Downtime
+    """The time in which nothing was watched."""
 
-    def release_latches(self) -> None:
-        """Clears every latch in the saved states."""
-        self._states = {name: without_latch(saved) for name, saved in self._states.items()}
+    def without_latches(self) -> Restoration:
+        """Returns it with every latch cleared."""
+        return self._replace(states={name: without_latch(saved) for name, saved in self.states.items()})
 
     def restore(
         self,
@@ -42,13 +42,13 @@ class Restoration:
         Returns the transitions, with a notice for each state that cannot be used.
         """
         changes, unusable = Changes(), []
-        for name, saved in self._states.items():
+        for name, saved in self.states.items():
             if is_source(name):
                 continue
             try:
                 own = LINK_CONFIG if name == LINK else config_of(name, config.signals)
                 signal = SignalMonitor(own or unconfigured(name), robot, now_s)
-                signal.restore(saved, now_s, self._downtime)
+                signal.restore(saved, now_s, self.downtime)
             except (UnusableStateError, ConfigError) as error:
                 unusable.append(_unusable(name, error))
                 continue
@@ -63,10 +63,10 @@ class Restoration:
     def restore_sources(self, sources: Sources, now_s: float, changes: Changes) -> None:
         """Restores each source; call after `restore`, whose transitions and notices `changes` has."""
         restored: Dict[str, SavedSignal] = {}
-        for name, saved in self._states.items():
+        for name, saved in self.states.items():
             if is_source(name):
                 try:
-                    changes.add(sources.restore(name, saved, now_s, self._downtime))
+                    changes.add(sources.restore(name, saved, now_s, self.downtime))
                     restored[name] = saved
                 except UnusableStateError as error:
                     changes.notices = _first([*changes.notices, _unusable(name, error)])

@@ -37,7 +37,7 @@ def is_equal(value: float, number: float) -> bool:
     return value == number or (type(value) is float and math.isclose(value, number, rel_tol=1e-6))
 
 
-_COMPARE: Mapping[str, Callable[[float, float], bool]] = {
+COMPARE: Mapping[str, Callable[[float, float], bool]] = {
     "==": is_equal,
     "!=": lambda value, number: not is_equal(value, number),
     "<": operator.lt,
@@ -45,6 +45,7 @@ _COMPARE: Mapping[str, Callable[[float, float], bool]] = {
     ">": operator.gt,
     ">=": lambda value, number: value > number or is_equal(value, number),
 }
+"""Compares a value with a number, by the operator."""
 
 
 class Comparison(NamedTuple):
@@ -62,7 +63,7 @@ class Comparison(NamedTuple):
         """Returns whether it is true for the value of the field; `number` is that of the constant, if it is one."""
         is_text, is_number = isinstance(value, str) and type(value) is not BadDatum, isinstance(value, (int, float))
         if self.number is not None or self.constant:
-            return _COMPARE[self.operator](value, number) if is_number else is_text and self.operator == "!="
+            return COMPARE[self.operator](value, number) if is_number else is_text and self.operator == "!="
         return (
             matches_pattern(value[:LONGEST_TEXT], self.text) is (self.operator == "==")
             if is_text

@@ -21,6 +21,8 @@ CBOR_SUBPROTOCOL = "rosbridge.v2.cbor"
 SUBPROTOCOLS: Sequence[str] = () if CBOR_PROBLEM else (CBOR_SUBPROTOCOL,)
 """Those that a client requests and a server accepts."""
 
+_fragment_ids = itertools.count()
+
 
 class Connection:
     """The protocol state towards one peer."""
@@ -34,7 +36,6 @@ class Connection:
         self.limits = limits
         self.reassembly = Reassembly(limits)
         """The fragments of incomplete messages."""
-        self._fragment_ids = itertools.count()
         self._encode: Callable[[object], str] = encode_json if nan_as_null else encode_json_with_nan
 
     def receive(self, data: Wire, now_s: float) -> Optional[Operation]:
@@ -62,18 +63,29 @@ class Connection:
     ) -> List[Wire]:
         """Returns the messages to transmit for an operation, encoded with one of COMPRESSIONS.
 
-        JSON longer than `fragment_size` characters is split in fragments. MessageError: a value cannot be encoded.
+        Raises MessageError if a value cannot be encoded.
         """
-        fields = operation_fields(operation)
-        if compression in ("cbor", "cbor-raw"):
-            return [encode_cbor(fields)]
-        text = self._encode(fields)
-        if compression == "png":
-            text = self._encode({"op": "png", "data": encode_png(text)})
-        if fragment_size is None or len(text) <= fragment_size:
-            return [text]
-        fragments = split(text, fragment_size, f"fragment:{next(self._fragment_ids)}")
-        return [self._encode(fragment) for fragment in fragments]
+        return encode_fields(operation_fields(operation), self._encode, compression, fragment_size)
+
+
+def encode_fields(
+    fields: Mapping[str, Any],
+    encode: Callable[[object], str],
+    compression: str = "none",
+    fragment_size: Optional[int] = None,
+) -> List[Wire]:
+    """Returns the messages to transmit for the fields of an operation; `encode` writes JSON.
+
+    JSON longer than `fragment_size` characters is split in fragments. Raises as `Connection.send`.
+    """
+    if compression in ("cbor", "cbor-raw"):
+        return [encode_cbor(fields)]
+    text = encode(fields)
+    if compression == "png":
+        text = encode({"op": "png", "data": encode_png(text)})
+    if fragment_size is None or len(text) <= fragment_size:
+        return [text]
+    return [encode(fragment) for fragment in split(text, fragment_size, f"fragment:{next(_fragment_ids)}")]
 
 
 def split(text: str, size: int, id: str) -> Iterator[Dict[str, Any]]:  # noqa: A002 - the protocol's word

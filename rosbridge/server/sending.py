@@ -8,7 +8,6 @@ that was sent in part is completed. A client that stays behind is disconnected.
 from __future__ import annotations
 
 import asyncio
-import itertools
 import struct
 import time
 from typing import Any, Callable, Dict, Mapping, NamedTuple, Optional, Sequence, Tuple
@@ -17,8 +16,8 @@ from ...core.values.errors import MessageError, ServiceError
 from ...runtime.bounded_queue import BoundedQueue
 from ...runtime.event_loops import ThreadPool
 from ..protocol import Wire
-from ..protocol.codec import encode_cbor, encode_json, encode_large_json, encode_png
-from ..protocol.connection import split
+from ..protocol.codec import encode_json, encode_large_json
+from ..protocol.connection import encode_fields
 from ..protocol.definitions import Serializer
 
 LARGE_BYTES = 65_536
@@ -28,7 +27,6 @@ _FINAL_TEXT, _FINAL_BINARY = 0x81, 0x82
 _OBJECT_BYTES = 32
 _COUNTED_ITEMS = 16
 
-_fragment_ids = itertools.count()
 Receivers = Sequence[Any]
 
 
@@ -89,39 +87,20 @@ class EncodedMessage:
         self._message = message
         self._data = data
         self._serialize = serialize
-        self._wires: Dict[str, Wire] = {}
         self._frames: Dict[Encoding, bytes] = {}
 
     def frames(self, encoding: Encoding) -> bytes:
         """Returns the WebSocket frames: one, or one per fragment; raises MessageError if it cannot be encoded so."""
         frames = self._frames.get(encoding)
         if frames is None:
-            frames = self._frames[encoding] = self._framed(self._wire(encoding.compression), encoding.fragment_size)
+            encode = encode_large_json if self.is_large else encode_json
+            message: Any = self._message
+            if encoding.compression == "cbor-raw":
+                seconds, nanoseconds = divmod(time.time_ns(), 1_000_000_000)
+                message = {"secs": seconds, "nsecs": nanoseconds, "bytes": self._raw()}
+            wires = encode_fields({"op": "publish", "topic": self._topic, "msg": message}, encode, *encoding)
+            frames = self._frames[encoding] = b"".join(map(frame, wires))
         return frames
-
-    def _framed(self, wire: Wire, fragment_size: Optional[int]) -> bytes:
-        if fragment_size is None or isinstance(wire, bytes) or len(wire) <= fragment_size:
-            return frame(wire)
-        fragments = split(wire, fragment_size, f"publish:{next(_fragment_ids)}")
-        return b"".join(frame(encode_json(fragment)) for fragment in fragments)
-
-    def _wire(self, compression: str) -> Wire:
-        wire = self._wires.get(compression)
-        if wire is None:
-            wire = self._wires[compression] = self._encode(compression)
-        return wire
-
-    def _encode(self, compression: str) -> Wire:
-        if compression == "none":
-            text = encode_large_json(self._message) if self.is_large else encode_json(self._message)
-            return f'{{"op":"publish","topic":{encode_json(self._topic)},"msg":{text}}}'
-        if compression == "png":
-            return encode_json({"op": "png", "data": encode_png(str(self._wire("none")))})
-        message: Any = self._message
-        if compression == "cbor-raw":
-            seconds, nanoseconds = divmod(time.time_ns(), 1_000_000_000)
-            message = {"secs": seconds, "nsecs": nanoseconds, "bytes": self._raw()}
-        return encode_cbor({"op": "publish", "topic": self._topic, "msg": message})
 
     def _raw(self) -> bytes:
         if self._message is None:

@@ -18,7 +18,6 @@ from ...core.values.errors import ConfigError, ServiceError
 from ...core.values.names import resolve_name
 from ...runtime.bounded_queue import BoundedQueue
 from ...runtime.event_loops import ThreadPool
-from ...runtime.sockets import ignore_result
 from .sending import estimated_bytes
 
 T = TypeVar("T")
@@ -79,10 +78,9 @@ class ServedNode:
         arguments = (service, "", request, timeout_s)
         if not self.threads:
             return self.middleware.call_service(*arguments)
-        call = self._callers.submit(self.middleware.call_service, *arguments)
-        call.add_done_callback(ignore_result)
+        call = self._callers.run(self.middleware.call_service, *arguments)
         try:
-            return await asyncio.wait_for(asyncio.shield(call), timeout_s + _GRACE_S)
+            return await asyncio.wait_for(call, timeout_s + _GRACE_S)
         except asyncio.TimeoutError:
             raise ServiceError(f"no response within {timeout_s:g} s") from None
 

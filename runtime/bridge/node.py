@@ -10,6 +10,7 @@ import asyncio
 import contextlib
 import math
 import time
+from functools import partial
 from typing import (
     Any,
     Callable,
@@ -26,13 +27,10 @@ from typing import (
 )
 
 from ...core.messages.dialect import Message
-from ...core.messages.standard_messages import check_type, complete
-from ...core.port.local import LogLine
+from ...core.port.local import LocalBus, LogLine
 from ...core.port.mapping_node import CLOCK, CLOCK_TYPE, MappingNode
 from ...core.port.middleware import Callback, Middleware, NodeInfo, RawCallback, Severity
 from ...core.port.timers import ClockTimer
-from ...core.values.errors import ConfigError
-from ...core.values.names import split_type_name
 from .cause import Cause
 from .connection import BridgeConnection
 from .receivers import BridgeReceiver
@@ -124,8 +122,10 @@ class BridgeClient(abc.ABC, Generic[Node]):
 
         `parameters` are nested as in the file under `ros__parameters`. `remap` maps names as the node uses them
         (relative or absolute) to others. With `use_sim_time`, its time is that of the robot's topic `/clock`. `outputs`
-        publishes and offers services in its place, and is not closed here.
+        publishes and offers services in its place, since the robot is only read, and is not closed here; None: they
+        reach nothing.
         """
+        outputs = outputs or LocalBus().node(name, namespace=namespace, remap=remap)
         namespace = namespace.strip("/")
         full_name = f"/{namespace}/{name}" if namespace else f"/{name}"
         node = self._new_node(full_name, parameters or {}, remap or {}, use_sim_time, outputs)
@@ -176,7 +176,7 @@ class BridgeNode(MappingNode):
         parameters: Mapping[str, Any],
         remap: Mapping[str, str],
         use_sim_time: bool,
-        outputs: Optional[Middleware] = None,
+        outputs: Middleware,
     ) -> None:
         """Use `BridgeClient.node`."""
         clocks = {"clock": client.clock, "wall_clock": client.wall_clock}
@@ -220,26 +220,15 @@ class BridgeNode(MappingNode):
         return {*self._advertised, *(subscription.topic for subscription in tuple(self._subscriptions))}
 
     def advertise(self, topic: str, type_name: str, *, latched: bool = False) -> str:
-        if self._outputs is not None:
-            resolved = self._outputs.advertise(topic, type_name, latched=latched)
-        else:
-            resolved = self.resolve(topic)
-            check_type(type_name)
+        resolved = self._outputs.advertise(topic, type_name, latched=latched)
         self._advertised.setdefault(resolved, type_name)
         return resolved
 
     def publish(self, topic: str, message: Message) -> None:
-        if self._outputs is not None:
-            self._outputs.publish(topic, message)
-            return
-        resolved = self.require_advertised(topic)
-        complete(self._advertised[resolved], message)  # raises MessageError
+        self._outputs.publish(topic, message)
 
     def has_listeners(self, topic: str) -> bool:
-        if self._outputs is not None:
-            return self._outputs.has_listeners(topic)
-        self.require_advertised(topic)
-        return False
+        return self._outputs.has_listeners(topic)
 
     def subscribe(
         self, topic: str, type_name: str, callback: Callback, *, field: Optional[str] = "", latched: bool = False
@@ -263,14 +252,7 @@ class BridgeNode(MappingNode):
                 self._remove(subscription)
 
     def advertise_service(self, service: str, type_name: str, handler: Callable[[Message], Message]) -> None:
-        def answer(request: Message) -> Message:
-            return self.answer(handler, request)
-
-        if self._outputs is not None:
-            self._outputs.advertise_service(service, type_name, answer)
-            return
-        if split_type_name(type_name) is None:
-            raise ConfigError(f"expected a type such as std_srvs/Trigger, got {type_name!r}")
+        self._outputs.advertise_service(service, type_name, partial(self.answer, handler))
 
     def create_timer(self, period_s: float, callback: Callable[[float], None], *, steady: bool = False) -> ClockTimer:
         timer = super().create_timer(period_s, callback, steady=steady)

@@ -21,6 +21,9 @@ _SETTINGS = (
     "alert_system:\n  ros__parameters:\n    rosbridge_port: {port}\n    rosbridge_token_file: {token_file}\n"
     "    signals:\n      battery_level: {{warn_below: 20.0}}\n      odometry: {{warn_below: 1.0}}\n"
 )
+GRAPH = [("node", "*"), ("node", "/no_such_node"), ("publishers", "/battery_level")]
+GRAPH += [("subscribers", topic) for topic in ("/battery_level", "/heard_by_none")]
+"""What is counted of the robot over rosbridge."""
 
 
 def settings(folder: Path, port: int, token: str) -> str:
@@ -57,23 +60,28 @@ async def look_at(port: int, token: str) -> List[Any]:
     return [level["msg"]["data"], reset["values"], refused["values"], parameters, answers, captured]
 
 
-async def _capture(url: str, token: str) -> Tuple[Capture, List[float]]:
-    """Returns what a node of the client captures of a topic, and what it judges meanwhile."""
+async def _capture(url: str, token: str) -> Tuple[Capture, List[float], Any]:
+    """Returns what a node of the client captures of a topic, what it judges meanwhile, and counts in the graph."""
     client = RosbridgeClient(url, token=token, on_link=lambda up, cause: None)
     node, capture, judged = client.node("watcher"), Capture(), Recorder()
     node.subscribe("/battery_level", "", judged, field="data")
     node.subscribe_raw("/battery_level", "", capture)
+    graph: List[Any] = []
+    node.follow_graph(lambda: GRAPH, lambda counts, now_s: graph.append(counts))
     running = asyncio.ensure_future(client.run())
-    while len(capture.items) < 2:
+    while len(capture.items) < 2 or len(graph) < 2 or len(graph[-1]) < len(GRAPH):
         await asyncio.sleep(0.05)
     client.close()
     running.cancel()
     await asyncio.wait({running})
-    return capture, judged.values
+    return capture, judged.values, graph[-1]
 
 
-def _check_captured(capture: Capture, judged: List[float]) -> None:
+def _check_captured(capture: Capture, judged: List[float], graph: Any) -> None:
     """Checks that the bytes are those of ROS, with the definition that reads them, and are judged as such."""
+    assert graph["publishers", "/battery_level"] == 1.0
+    assert graph["subscribers", "/heard_by_none"] == 0.0
+    assert graph["node", "/no_such_node"] == 0.0 < graph["node", "*"]
     (profile,) = {raw_format.profile for _, _, raw_format in capture.items}
     assert profile == ("ros2" if importlib.util.find_spec("rclpy") else "ros1")
     values = capture.values()

@@ -553,7 +553,7 @@ def full_state() -> Dict[str, Any]:
     state["announced"].update(
         never_known=True,
         repeat_waited_s=1.0,
-        flaps={"changes": "x-" * 10, "last": "WARN", "flapping": True, "worst": "WARN"},
+        flaps={"changes": 0b10101010101010101010, "last": "WARN", "flapping": True, "worst": "WARN"},
     )
     state["since"]["unknown"] = 9.0
     state["storm"] = {"number": 61, "first": 1e9 - 40.0, "last": 1e9 - 1.0}  # the test restores at 1e9

@@ -138,7 +138,7 @@ def test_the_limit_leaves_descriptors_to_the_rest_of_the_process() -> None:
 
 
 def test_the_time_without_a_request_begins_anew_after_each_request() -> None:
-    connections, (connection, _), clock, _ = fill(2)
+    connections, (connection, _), _, _ = fill(2)
     first = connections.timeout(connection)
     assert first is not None
     connections.set_stage(connection, Stage.ACTIVE)
