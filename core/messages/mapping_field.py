@@ -9,6 +9,7 @@ from typing import Any, Optional
 from ..values.elements import Elements
 from ..values.errors import ConfigError, MessageError
 from ..values.field_path import Getter, mapping_getter, parse_field_path
+from ..values.formatting import describe
 from ..values.where import filtered, parse_selection
 from .dialect import Message
 from .standard_messages import check_field, complete, constant_getter
@@ -45,7 +46,11 @@ class MappingField:
         self._get: Getter = _arrival
         self._null_is_nan = self.is_filtered = False
         if field is not None:
-            path, comparisons = parse_selection(field)
+            try:
+                path, comparisons = parse_selection(field)
+                parse_field_path(path)
+            except ValueError as error:
+                raise ConfigError(f"{topic}: field {describe(field)}: {error}") from None
             if path or not comparisons:
                 self._value_of = self._get = mapping_getter(path)
                 self._null_is_nan = self.null_is_nan and _is_never_short(path)

@@ -27,6 +27,8 @@ _NUMBER = 2
 """Lowest priority of signals."""
 _DEEPEST = 16
 _OF_MIDDLEWARE = ("/clock", "/rosout_agg", "/parameter_events", "/client_count", "/connected_clients")
+_ERRORS = 'level >= ERROR and name != "*alert_system"'
+"""The alerts of this monitor are errors in the log too."""
 _ENDINGS_OF_MIDDLEWARE = ("/_action/feedback", "/_executor_probe")
 _NAME = re.compile(r"/[A-Za-z_]\w*(/\w+)*\Z", re.ASCII)
 _DIAGNOSTICS = "diagnostic_msgs/DiagnosticArray"
@@ -269,7 +271,7 @@ def _only_signal(topic: Topic, short: str, names: Names) -> Optional[Candidate]:
         settings["field"] = 'status["*"]'
         return Candidate(names.new(topic.topic), topic.topic, "statuses", settings)
     if topic.type_name in _LOGS:
-        settings.update(field="", where="level >= ERROR", statistic="count", window_s=60.0)
+        settings.update(field="", where=_ERRORS, statistic="count", window_s=60.0)
         return Candidate(names.new(topic.topic, "errors"), topic.topic, "log", settings)
     return None
 

@@ -242,8 +242,9 @@ class Proposal:
         measured = self._survey.measured[candidate.name]
         lasted_s = max(each.duration_s for each in self._survey.measured.values())
         most = measured.values.max if measured.values.count else 0.0
-        bound = max(LEAST_ERRORS, 3 * round(most * max(1.0, 60.0 / max(1.0, lasted_s))))
-        seen = f"at most {most:.0f} in a minute seen; three times that, at least" if most else "none seen; at least"
+        per_minute = round(most * max(1.0, 60.0 / max(1.0, lasted_s)))
+        bound = max(LEAST_ERRORS, 3 * per_minute)
+        seen = f"at most {per_minute} per minute seen; three times that, at least" if most else "none seen; at least"
         settings = {"warn_above": Setting(float(bound), f"{seen} {LEAST_ERRORS}")}
         given = dict(candidate.settings)
         return Signal(

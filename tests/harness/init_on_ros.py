@@ -67,7 +67,7 @@ class InitOnRos:
         assert signals["diagnostics"].field == 'status["*"]'
         assert signals["whole_robot_node"].graph == ("node", "whole_robot")
         assert "/scan" in signals["whole_robot_node"].depends_on
-        assert signals["rosout_errors"].where == "level >= ERROR"
+        assert signals["rosout_errors"].where == 'level >= ERROR and name != "*alert_system"'
         assert not any(signal.topic == "event" for signal in signals.values())
         assert re.search(r'^      # /joint_states, .*effort\["', file.read_text(), re.MULTILINE)
         assert "robot_health_init" not in file.read_text()

@@ -44,3 +44,9 @@ def test_a_message_without_the_field_raises() -> None:
 def test_a_field_that_the_type_does_not_have_is_refused() -> None:
     with pytest.raises(ConfigError, match="std_msgs/Float32"):
         MappingField("/a", "std_msgs/Float32", "date")
+
+
+@pytest.mark.parametrize("field", ["data[", "data where level >=", " where "])
+def test_a_field_that_is_no_path_or_condition_is_refused_with_the_topic(field: str) -> None:
+    with pytest.raises(ConfigError, match="^/a: field '"):
+        MappingField("/a", "", field)
