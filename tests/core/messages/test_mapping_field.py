@@ -48,5 +48,5 @@ def test_a_field_that_the_type_does_not_have_is_refused() -> None:
 
 @pytest.mark.parametrize("field", ["data[", "data where level >=", " where "])
 def test_a_field_that_is_no_path_or_condition_is_refused_with_the_topic(field: str) -> None:
-    with pytest.raises(ConfigError, match="^/a: field '"):
+    with pytest.raises(ConfigError, match=r"^/a: field '"):
         MappingField("/a", "", field)
