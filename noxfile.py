@@ -221,7 +221,16 @@ def missing_packages(packages: Iterable[str]) -> List[str]:
     return [package for package in packages if f"{package} installed" not in printed.splitlines()]
 
 
-@nox.session(python=OLDEST_AND_NEWEST, requires=["apt"])
+@nox.session(python=OLDEST_AND_NEWEST)
+def python(session: nox.Session) -> None:
+    """The environment of the sessions `core`, `processes`, `faults` and `fleets` of a version of Python."""
+    set_up(session, {}, "apprise", *(COVERAGE if session.python == NEWEST else []))
+    if session.python != "3.8":  # there is no version of their dependencies for it
+        for package in ("roslibpy", "selenium>=4.10", "axe-core-python", "foxglove-sdk"):
+            install(session, package, success_codes=range(256))
+
+
+@nox.session(python=OLDEST_AND_NEWEST, venv_params=["--no-seed"], requires=["apt", "python-{python}"])
 def core(session: nox.Session) -> None:
     """The tests that need no ROS, on Python 3.8 and on the newest Python here.
 
@@ -229,8 +238,7 @@ def core(session: nox.Session) -> None:
     runs, and drawing in a browser. The code that they check is arithmetic and text; the other tests run it on both.
     `tests/docs` compares pages with the sources, which no version of Python changes.
     """
-    set_up(session, {}, "apprise")
-    install_optional(session)
+    use_shared(session)
     others = ["ros1", "ros2", "packaging", "distributions", "debs", "site"]
     if session.python != NEWEST:
         others.append("docs")
@@ -239,27 +247,26 @@ def core(session: nox.Session) -> None:
     run_pytest(session, "tests", *(f"--ignore={path}" for path in ignored))
 
 
-@nox.session(python=OLDEST_AND_NEWEST, requires=["apt"])
+@nox.session(python=OLDEST_AND_NEWEST, venv_params=["--no-seed"], requires=["apt", "python-{python}"])
 def processes(session: nox.Session) -> None:
     """The tests of the command line. As those of `fleets` and `faults`, they wait for most of their time."""
-    set_up(session, {})
+    use_shared(session)
     elsewhere = CONNECT_TESTS if session.python == NEWEST else []
     note_newest_python(session, " or fleets")
     run_pytest(session, *COMMAND_LINE_TESTS, *(f"--ignore={path}" for path in elsewhere))
 
 
-@nox.session(python=NEWEST, requires=["apt"])
+@nox.session(python=NEWEST, venv_params=["--no-seed"], requires=["apt", "python-{python}"])
 def fleets(session: nox.Session) -> None:
     """The tests of fleets that push to Prometheus and to VictoriaMetrics, and of `connect` and `notify`."""
-    set_up(session, {})
+    use_shared(session)
     run_pytest(session, *FLEET_TESTS, *CONNECT_TESTS)
 
 
-@nox.session(python=OLDEST_AND_NEWEST, requires=["apt"])
+@nox.session(python=OLDEST_AND_NEWEST, venv_params=["--no-seed"], requires=["apt", "python-{python}"])
 def faults(session: nox.Session) -> None:
     """The tests of whole programs under faults and attacks, and of the page in a browser."""
-    set_up(session, {})
-    install_optional(session)
+    use_shared(session)
     note_newest_python(session)
     run_pytest(session, *FAULT_TESTS, "--ignore=tests/chaos/test_ros1.py", "--ignore=tests/chaos/test_ros2.py")
 
@@ -411,23 +418,27 @@ def note_newest_python(session: nox.Session, others: str = "") -> None:
         session.env["NEWEST_PYTHON_SESSION"] = f"{session.name.rpartition('-')[0]}-{NEWEST}{others}"
 
 
-def set_up(session: nox.Session, ros: Optional[Mapping[str, str]], *requirements: str) -> None:
-    """Gives a session the variables of one ROS only, and installs what the tests need.
+def use_shared(session: nox.Session) -> None:
+    """Gives a session whose own environment is empty that of the session `python`, and the variables of no ROS."""
+    isolate(session, {})
+    session.env["SHARED_PYTHON"] = str(ROOT / ".venv" / f"python-{session.python}".replace(".", "-") / "bin" / "python")
+
+
+def isolate(session: nox.Session, ros: Optional[Mapping[str, str]]) -> None:
+    """Gives a session the variables of one ROS only.
 
     Plugins of pytest that come with a ROS were written for its own pytest, and stop a newer one.
     """
-    renew(session, (ros or {}).get("ROS_DISTRO", "no ROS"))
     session.env.update({**dict.fromkeys(ROS_VARIABLES), **(ros or {}), "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"})
+
+
+def set_up(session: nox.Session, ros: Optional[Mapping[str, str]], *requirements: str) -> None:
+    """Gives a session the variables of one ROS only, and installs what the tests need."""
+    renew(session, (ros or {}).get("ROS_DISTRO", "no ROS"))
+    isolate(session, ros)
     measuring = COVERAGE if session.name in MEASURED else []
     needed = [*runtime_requirements(), *recordings_requirements(), *test_requirements(), *measuring, *requirements]
     install(session, *needed)
-
-
-def install_optional(session: nox.Session) -> None:
-    """Installs what some tests use where pip has it: for Python 3.8 there is no version of their dependencies."""
-    if session.python != "3.8":
-        for package in ("roslibpy", "selenium>=4.10", "axe-core-python", "foxglove-sdk"):
-            install(session, package, success_codes=range(256))
 
 
 def install(session: nox.Session, *arguments: str, **options: Any) -> None:
@@ -457,10 +468,12 @@ def run_pytest(session: nox.Session, *tests: str) -> None:
     for old in (junit, data):
         if old.exists():
             old.unlink()
-    python = ["python"]
+    interpreter = session.env.pop("SHARED_PYTHON", "python")
+    python = [interpreter]
     if session.name in MEASURED:
-        python = ["python", "-m", "coverage", "run", f"--data-file={data}"]
-        if session.run("python", "-c", "import sys; print(hasattr(sys, 'monitoring'))", silent=True) == "True\n":
+        python += ["-m", "coverage", "run", f"--data-file={data}"]
+        has_monitoring = [interpreter, "-c", "import sys; print(hasattr(sys, 'monitoring'))"]
+        if session.run(*has_monitoring, silent=True, external=True) == "True\n":
             session.env["COVERAGE_CORE"] = "sysmon"
     timeout = ["timeout", "--foreground", "--signal=INT", "--kill-after=60", SESSION_TIMEOUT]
     pytest = [*python, "-m", "pytest", "-q", "--color=no", f"--junit-xml={junit}", *tests, *session.posargs]
