@@ -71,7 +71,7 @@ class RecordedRobot:
     def files(self) -> List[Path]:
         """Waits until all recordings that have ended are written; returns the files, by name."""
         assert self.operations.black_box is not None
-        assert self.operations.black_box.wait_until_written(10.0)
+        assert self.operations.black_box.wait_until_written(60.0)
         return sorted(self.folder.glob("*.mcap"))
 
     def close(self) -> None:
