@@ -163,6 +163,7 @@ class Notifier:
         if self._is_up_to_date and targets is None:
             self._queue.reconcile(connection)
         else:
+            self._history.state.keep_lines(connection)
             self._queue.prepare(connection, targets)
             if watched is not None:
                 self._queue.end_unwatched(connection, watched, self._history.wall_s())

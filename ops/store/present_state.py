@@ -9,12 +9,15 @@ from __future__ import annotations
 from sqlite3 import Connection
 from typing import Any, Callable, Dict, Mapping, Sequence, Tuple
 
+from ...core.config.signal_config import template_name
 from ...core.nodes.outlets import json_line
 from ...core.values.formatting import printable
 from ...core.values.model import Level, Transition
 from ...core.values.version import package_version
 from . import schema
-from .rows import select
+from .queries import configuration
+from .queries import transition as stored_transition
+from .rows import StoredTransition, select
 
 _Name = Tuple[str, str]
 """Robot and signal."""
@@ -39,6 +42,15 @@ def alert_json(transition: Transition, alert_id: int, **further: object) -> str:
     return json_line(transition, alert_id=alert_id, **further)
 
 
+def _past_alert_json(connection: Connection, stored: StoredTransition) -> str:
+    """Formats a transition of an earlier run as `alert_json`, with what to do by the configuration in force then."""
+    kept = configuration(connection, stored.robot, stored.wall_s) or {}
+    settings = kept.get(stored.signal) or kept.get(template_name(stored.signal))
+    advice = settings.get("what_to_do") if isinstance(settings, dict) else None
+    further = {"what_to_do": printable(advice)} if isinstance(advice, str) else {}
+    return json_line(stored, alert_id=stored.alert_id, **further)
+
+
 class PresentState:
     """The present run with its robots, the states of their signals, and the open alerts."""
 
@@ -50,6 +62,7 @@ class PresentState:
         self._watches: Dict[str, Tuple[int, float]] = {}
         self._states: Dict[_Name, str] = {}
         self._alerts: Dict[_Name, Tuple[Any, ...]] = {}
+        self._keeps_lines = False
         self._last_id = 0
 
     def begin(self, connection: Connection) -> float:
@@ -78,6 +91,23 @@ class PresentState:
         if "open_alerts" in unreadable:
             connection.executemany(_STORE_ALERT, self._alerts.values())
         self.continue_numbers(connection)
+
+    def keep_lines(self, connection: Connection) -> None:
+        """From now on, stores the JSON of each open alert, which only notifications need: it takes most of the space.
+
+        That of an alert of an earlier run is made from its transition.
+        """
+        self._keeps_lines = True
+        for name, alert in self._alerts.items():
+            line = alert[-1]
+            stored = None if line else stored_transition(connection, alert[3])
+            if stored is not None:
+                line = _past_alert_json(connection, stored)
+                self._alerts[name] = (*alert[:-1], line)
+            update = (
+                "UPDATE open_alerts SET transition_json = ? WHERE robot = ? AND signal = ? AND transition_json = ''"
+            )
+            connection.execute(update, (line, *name))
 
     def continue_numbers(self, connection: Connection) -> None:
         """Lets the numbers of transitions continue, also in a new file."""
@@ -131,11 +161,9 @@ class PresentState:
         elif not transition.repeat:
             known = self._alerts.get(name)
             begun_s = known[5] if alert and known is not None else wall_s
-            row = (
-                *name, alert or number, number, transition.to_level, begun_s, wall_s, transition.fingerprint,
-                alert_json(transition, alert or number),
-            )  # fmt: skip
+            line = alert_json(transition, alert or number)
+            row = (*name, alert or number, number, int(transition.to_level), begun_s, wall_s, transition.fingerprint)
             if not alert:
                 connection.execute("DELETE FROM open_alerts WHERE robot = ? AND signal = ?", name)
-            self._alerts[name] = row
-            connection.execute(_STORE_ALERT, row)
+            self._alerts[name] = (*row, line)
+            connection.execute(_STORE_ALERT, (*row, line if self._keeps_lines else ""))

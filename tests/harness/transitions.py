@@ -34,6 +34,7 @@ class StoredAlerts:
     def __init__(self, connection: sqlite3.Connection) -> None:
         self._connection = connection
         self._state = PresentState(lambda: 0.0)
+        self._state.keep_lines(connection)
         self._number = 0
 
     def record(self, queue: NotificationQueue, event: Transition, wall_s: float) -> None:

@@ -59,14 +59,26 @@ def test_an_alert_that_begins_again_has_a_new_number() -> None:
     assert connection.execute(query).fetchall() == [(11, 1011.0)]
 
 
-def test_the_json_of_open_alerts_is_stored_with_them(tmp_path: Path) -> None:
-    file, query = tmp_path / "history.db", "SELECT transition_json FROM open_alerts ORDER BY signal"
-    for name in ("fan", "link"):
-        with closing(opened(file)) as history:
-            history.of_robot("r1").record(transition(signal=name, value=15.0), {}, ())
-            lines = [json.loads(line) for (line,) in history.run(lambda file: file.execute(query).fetchall())]
-    found = [(line["signal"], line["alert_id"], line["to_level"], line["value"]) for line in lines]
-    assert found == [(name, number, "WARN", 15.0) for number, name in enumerate(("fan", "link"), 1)]
+def test_the_json_of_open_alerts_is_stored_once_something_needs_it(tmp_path: Path) -> None:
+    file, query = tmp_path / "history.db", "SELECT signal, transition_json FROM open_alerts ORDER BY signal"
+    with closing(opened(file)) as history:
+        robot = history.of_robot("r1")
+        robot.record_configuration({"fan": {"what_to_do": "clean it"}})
+        robot.record(transition(signal="fan", value=15.0), {}, ())
+        assert history.run(lambda connection: connection.execute(query).fetchall()) == [("fan", "")]
+    with closing(opened(file)) as history:
+        history.of_robot("r1").record(transition(signal="link"), {}, ())
+        history.run(history.state.keep_lines)
+        history.of_robot("r1").record(transition(signal="motor"), {}, ())
+        lines = {
+            signal: json.loads(line)
+            for signal, line in history.run(lambda connection: connection.execute(query).fetchall())
+        }
+    found = [(line["signal"], line["alert_id"], line["to_level"], line["value"]) for line in lines.values()]
+    expected = [(name, number, "WARN", 15.0) for number, name in enumerate(("fan", "link", "motor"), 1)]
+    assert found == expected  # fan is of the run before
+    assert lines["fan"].pop("what_to_do") == "clean it"
+    assert lines["fan"].keys() == lines["motor"].keys()
 
 
 def test_a_run_continues_from_the_latest_time_that_is_known() -> None:
