@@ -16,9 +16,7 @@ another ends with code 3.
 class                     is a                what cannot be used, does not match, failed or is down
 ========================  ==================  ==============================================================
 `RecordingError`          `ConfigError`       a recording that was named on the command line
-`NotAHistoryError`        `ConfigError`       a history file that is another file
-`UnknownSchemaError`      `ConfigError`       a history file of a newer version
-`InUseError`              `ConfigError`       a history file that another monitor writes
+`UnusableFileError`       `ConfigError`       a history file: in use, of a newer version, or another file
 `ProtocolError`           `MessageError`      a message of a peer over a bridge
 `AuthenticationError`     `MessageError`      the first message of a rosbridge client
 `FloodError`              `MessageError`      the pings and empty messages of a rosbridge client
