@@ -137,7 +137,7 @@ class Robot:
             self._alert_system.observe(Sample(name, value, float(step)))
         self._bus.run_until(float(step))
         self.levels.append(dict(self._announced))
-        text = b"".join(self._metrics.render([self._metrics.read(self._alert_system)], self._profile)[0]).decode()
+        text = b"".join(self._metrics.render([self._metrics.read(self._alert_system)], self._profile)).decode()
         for family in text_string_to_metric_families(text):
             for sample in family.samples:
                 labels = ", ".join(f"{name}={json.dumps(value)}" for name, value in sorted(sample.labels.items()))
