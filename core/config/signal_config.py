@@ -334,6 +334,7 @@ def _mistakes(signal: SignalConfig, given: Mapping[str, Any]) -> Iterator[Tuple[
         yield from _mistakes_of_topic(signal, given)
     else:
         yield from _mistakes_of_graph(signal, given)
+    yield from _mistakes_of_names(given)
     try:
         parse_field_path(signal.field)
     except ValueError as error:
@@ -379,11 +380,19 @@ def _mistakes_of_graph(signal: SignalConfig, given: Mapping[str, Any]) -> Iterat
             yield key, f"{keys[0]} has no message; remove this key"
     if not signal.lifecycle:
         return
-    if "*" in signal.lifecycle or "?" in signal.lifecycle:
-        yield "lifecycle", f"expected the name of one node, got {describe(signal.lifecycle)}"
     for key in (*BOUNDS, "hysteresis", "statistic"):
         if given.get(key) not in (None, "last", 0, 0.0):
             yield key, "lifecycle is an ERROR unless the node is active; remove this key"
+
+
+def _mistakes_of_names(given: Mapping[str, Any]) -> Iterator[Tuple[str, str]]:
+    """Yields the keys in place of `topic` whose name cannot be one; `*` and `?` match where several are counted."""
+    for key in ("action", *GRAPH_KEYS):
+        is_one = key in ("action", "lifecycle")
+        if key in given and not re.fullmatch(r"[~/\w]+" if is_one else r"[~/\w*?]+", given[key], re.ASCII):
+            of_one = "the name of one " + ("action" if key == "action" else "node")
+            expected = of_one if is_one else "a name such as /lidar_driver, in which * and ? match"
+            yield key, f"expected {expected}, got {describe(given[key])}"
 
 
 def _mistakes_of_topic(signal: SignalConfig, given: Mapping[str, Any]) -> Iterator[Tuple[str, str]]:

@@ -124,6 +124,10 @@ def test_a_live_change_is_followed() -> None:
         ({"node": "/a", "field": "data"}, "field"),
         ({"lifecycle": "/a", "error_below": 3}, "error_below"),
         ({"lifecycle": "/a*"}, "lifecycle"),
+        ({"action": "/a?"}, "action"),
+        ({"node": ""}, "node"),
+        ({"publishers": "/a b"}, "publishers"),
+        ({"subscribers": "/é"}, "subscribers"),
     ],
 )
 def test_what_contradicts_is_a_configuration_error(signal: Dict[str, Any], key: str) -> None:
