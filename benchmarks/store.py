@@ -41,7 +41,7 @@ print(took_s, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
 
 
 def history(rounds: int = 5, count: int = TRANSITIONS) -> Iterator[Row]:
-    """Compares an empty file with one of thirty days. Each step is a process of its own, as a user would start it."""
+    """Compares an empty file with one of thirty days. Each step is a separate process, as a user would start it."""
     compile_source(sys.executable)
     memory_kb = {}
     with tempfile.TemporaryDirectory() as folder:

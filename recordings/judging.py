@@ -117,7 +117,7 @@ class SignalSummary:
     unknown: float = 1.0
     """Share of the recorded time before the first sample or alert, 0 to 1."""
     alerts: int = 0  # an alert that changes its level counts once
-    cause: str = ""  # the latest alert of which it was an effect, if it had none of its own
+    cause: str = ""  # the latest alert of which it was an effect, if it was not announced itself
     effects: List[str] = field(default_factory=list)  # of its latest alert
 
     # Times are log times minus the time that was skipped before them.

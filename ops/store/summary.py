@@ -56,7 +56,7 @@ class SignalSummary:
     levels: Sequence[Tuple[float, Optional[Level]]]
     """The course of the level: begin of each, in s since 1970; None: unknown."""
     cause: str = ""
-    """Name of the latest alert of which it was an effect, if it had none of its own; empty: none."""
+    """Name of the latest alert of which it was an effect, if it was not announced itself; empty: none."""
 
     @property
     def availability(self) -> Optional[float]:

@@ -59,7 +59,7 @@ def test_errors_in_the_log_give_the_same_line_on_both_generations_of_ros(type_na
 def test_errors_in_the_log_are_counted_over_a_bridge(harness: Any, type_name: str, log: Any, levels: Any) -> None:
     ros = harness()
     try:
-        # This project's server, which serves the harness, has a /rosout of its own.
+        # This project's server, which serves the harness, has its own /rosout.
         signal = {**ERRORS, "topic": "/robot1/rosout", "where": 'level >= ERROR and name == "*plan?er"'}
         system = AlertSystem(ros.node("alert_system", parameters={"signals": {"errors": signal}}))
         for number, (level, name) in enumerate([*((level, "/planner") for level in levels), (levels[3], "/other")], 1):
