@@ -158,7 +158,7 @@ class WatchedSignals:
         take = partial(self._take, name)
         if not signal.action:
             # Frames that never move are published once.
-            latched = topic.endswith("tf_static")
+            latched = topic.rpartition("/")[2] == "tf_static"
             return self._middleware.subscribe(topic, type_name, take, field=field, latched=latched)
         goals = Goals()
 
