@@ -9,7 +9,7 @@ from harness.parameters import set_parameter
 from harness.stage import FLOAT32, Stage, status, values_of
 
 from robot_health_monitor.core.nodes import AlertSystem, BatterySensor
-from robot_health_monitor.core.port.local import LocalMiddleware
+from robot_health_monitor.core.port.local import LocalBus, LocalMiddleware
 from robot_health_monitor.core.port.middleware import Severity
 from robot_health_monitor.core.values.errors import ConfigError
 
@@ -158,3 +158,13 @@ class TestUnavailableSensors:
         stage.publish("temperature", 50.0)
         stage.bus.run_until(5.0)
         assert stage.log(Severity.WARN) == []
+
+
+@pytest.mark.parametrize(("topic", "seen"), [("/tf_static", 1), ("/robot1/tf_static", 1), ("/no_tf_static", 0)])
+def test_static_transforms_that_were_published_before_are_received(topic: str, seen: int) -> None:
+    bus = LocalBus()
+    publisher = bus.node("robot_state_publisher")
+    publisher.advertise(topic, FLOAT32, latched=True)
+    publisher.publish(topic, {"data": 1.0})
+    signals = {"frames": {"topic": topic, "type": FLOAT32}}
+    assert AlertSystem(bus.node("alert_system", parameters={"signals": signals})).samples == seen
