@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import importlib.util
-import math
 import os
 import time
 from contextlib import closing, contextmanager, suppress
@@ -23,8 +22,6 @@ from ..runtime.interrupts import Interrupts
 
 _LIST_PERIOD_S = 2.0
 """Topics are listed again: discovery takes its time, and nodes may start late."""
-_ASK_PERIOD_S = 15.0
-"""Nodes are asked for again over a bridge: it is a call for each topic."""
 _CONNECT_S = 10.0
 _NAME = "robot_health_init"
 
@@ -37,19 +34,15 @@ def choose_ros(wanted: str) -> str:
 
     Raises ConfigError if it is not there, or if both are and none is wanted.
     """
-    here = [name for name, module in (("ros1", "rospy"), ("ros2", "rclpy")) if importlib.util.find_spec(module)]
-    if wanted:
-        if wanted not in here:
-            raise ConfigError(f"--{wanted}: ROS {wanted[-1]} is not sourced here; {_BY_URL}")
-        return wanted
-    sourced = f"ros{os.environ.get('ROS_VERSION', '')}"
-    if sourced in here:
-        return sourced
+    modules = {"ros1": "rospy", "ros2": "rclpy"}
+    here = [ros for ros in modules if wanted in ("", ros) and importlib.util.find_spec(modules[ros])]
     if not here:
-        raise ConfigError(f"neither ROS 1 nor ROS 2 is sourced here; {_BY_URL}")
-    if len(here) > 1:
+        missing = f"--{wanted}: ROS {wanted[-1]} is not" if wanted else "neither ROS 1 nor ROS 2 is"
+        raise ConfigError(f"{missing} sourced here; {_BY_URL}")
+    sourced = f"ros{os.environ.get('ROS_VERSION', '')}"
+    if len(here) > 1 and sourced not in here:
         raise ConfigError("both ROS 1 and ROS 2 are here: choose one with --ros1 or --ros2")
-    return here[0]
+    return sourced if sourced in here else here[0]
 
 
 _BY_URL = (
@@ -79,12 +72,11 @@ def listen(
     start_s: Optional[float] = None
     try:
         while True:
-            topics, of_graph = robot.look(proposal.topics)
+            topics, of_graph = robot.look(proposal.candidates.topics)
             if start_s is None:
                 start_s = time.monotonic()
                 robot.run(partial(nodes.begin, robot.node))
-            robot.run(partial(_take, proposal, robot.node, topics))
-            robot.run(partial(nodes.take, of_graph))
+            robot.run(partial(_take, proposal, nodes, robot.node, topics, of_graph))
             listened_s = time.monotonic() - start_s
             if listened_s >= seconds:
                 if robot.node.now_s() == 0.0:
@@ -126,8 +118,7 @@ def ros_robot(ros: str, interrupts: Interrupts) -> Iterator[Robot]:
                 for topic, found in graph.topics.items()
                 if topic not in known and not topic.startswith(f"/{name}/")  # its own
             }
-            texts = {found: _definition(node, found) for found in set(new.values())}
-            topics = [Topic(topic, found, _parsed(found, texts[found], byte)) for topic, found in new.items()]
+            topics = [Topic(topic, kind, _parsed(kind, _definition(node, kind), byte)) for topic, kind in new.items()]
             return topics, {each: info for each, info in graph.nodes.items() if each != node.name}
 
         yield Robot(node, look, node.exclusively)
@@ -136,18 +127,17 @@ def ros_robot(ros: str, interrupts: Interrupts) -> Iterator[Robot]:
 @contextmanager
 def bridged_robot(url: str, interrupts: Interrupts, **options: Any) -> Iterator[Robot]:
     """Yields the robot behind a bridge; `options` are further ones of `bridge_client`, which runs in a thread."""
-    from ..runtime.bridge.cause import Cause
     from ..runtime.event_loops import LoopThread
     from .fleet import bridge_client
 
     interrupts.defer()
-    links: List[Tuple[bool, Cause]] = []
-    asked = [-math.inf]
+    links: List[Any] = []
+    """Whether the connection is up, and the cause if it is not, after each change."""
     loop = LoopThread(_NAME)
 
     async def connect() -> Tuple[Any, Any, Any]:
-        def note_link(up: bool, cause: Cause) -> None:
-            links.append((up, cause))
+        def note_link(*link: Any) -> None:
+            links.append(link)
 
         client = bridge_client(url, on_link=note_link, on_log=lambda line: None, **options)
         return client, client.node(_NAME), asyncio.ensure_future(client.run())
@@ -171,8 +161,7 @@ def bridged_robot(url: str, interrupts: Interrupts, **options: Any) -> Iterator[
             if each.topic not in known
         ]
         nodes: Mapping[str, NodeInfo] = {}
-        if _is_past(asked[-1] + _ASK_PERIOD_S):
-            asked.append(time.monotonic())
+        if topics:  # it is a call for each topic
             with suppress(ServiceError):  # an old rosapi
                 nodes = loop.call(client.known_nodes([each.topic for each in listed]))
         return topics, nodes
@@ -189,10 +178,12 @@ def _is_past(time_s: float) -> bool:
     return time.monotonic() >= time_s
 
 
-def _take(proposal: Proposal, node: Any, topics: Sequence[Topic]) -> None:
-    if topics:
-        proposal.take(topics)
-        proposal.listen(node, {each.topic for each in topics})
+def _take(
+    proposal: Proposal, nodes: Nodes, node: Any, topics: Sequence[Topic], of_graph: Mapping[str, NodeInfo]
+) -> None:
+    proposal.candidates.add(topics)
+    proposal.listen(node, {each.topic for each in topics})
+    nodes.take(of_graph)
 
 
 def _definition(node: ServedMiddleware, type_name: str) -> str:

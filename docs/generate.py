@@ -113,9 +113,10 @@ def _parameters(parameters: Iterable[Parameter]) -> str:
 
 
 def _sources() -> str:
-    rows = (
-        (f"`{name}`", source.options_text, source.unit, source.description) for name, source in HOST_SOURCES.items()
-    )
+    rows = []
+    for name, source in HOST_SOURCES.items():
+        options = "; ".join(f"`{option.name}`: {option.description}" for option in source.options)
+        rows.append((f"`{name}`", options, source.unit, source.description))
     return _table(("`source`", "options", "unit", "description"), rows)
 
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 import argparse
 import sys
 from functools import partial
-from typing import Any, Dict, Set, Tuple
+from typing import Any, List, Tuple
 
 from ...core.values.errors import ServiceError
+from ...core.values.formatting import count_text, duration_text, list_text, printable
 from ...runtime.interrupts import Interrupts
 from ...runtime.libraries import ROSBRIDGE, libraries
 from ..arguments import Parser, add, add_robot_server, seconds
@@ -52,31 +53,25 @@ def _check(arguments: argparse.Namespace) -> str:
 
 def run(arguments: argparse.Namespace, interrupts: Interrupts) -> None:
     """Writes the thresholds. Raises ServiceError if there is nothing to watch."""
+    from ...core.proposal.candidates import Candidates
     from ...core.proposal.nodes import Nodes
-    from ...core.proposal.proposal import PUBLISHED_HERE, Proposal
+    from ...core.proposal.proposal import Proposal
     from ...core.proposal.suggestion import LEAST_RANGE_S
     from ...core.proposal.thresholds_file import thresholds_text
-    from ...core.values.formatting import duration_text, printable
 
     namespace = arguments.namespace.strip("/")
     watched = _Watched(arguments.against, namespace) if arguments.against else None
-    proposal = Proposal(namespace, ages_of_bulk=not arguments.url, taken=watched.names if watched else ())
+    candidates = Candidates(namespace, watched.names if watched else (), ages_of_bulk=not arguments.url)
+    proposal = Proposal(candidates)
     nodes = Nodes()
     robot, listened_s, is_complete = _listen(arguments, proposal, nodes, interrupts)
-    for problem in proposal.problems:
+    for problem in candidates.problems:
         sys.stderr.write(f"{printable(f'WARN: {problem}')}\n")
     proposed = proposal.result()
     heard = _heard(proposal)
     if not proposed.signals:
-        # First a topic that has messages, but not enough.
-        dull = ("a topic of the middleware", "no ", PUBLISHED_HERE)
-        reasons = sorted(proposed.not_watched.items(), key=lambda item: (item[1].startswith(dull), item))
-        more = f" ({reasons[0][0]}: {reasons[0][1]})" if reasons else ""
-        if reasons and reasons[0][1].startswith(dull) and proposal.own_topics:
-            more = ": only this monitor publishes there; start the robot's drivers"
-        elif proposal.samples:
-            longer_s = max(_USUAL_S, proposal.needed_s(("rate", "number", "elements")))
-            more += f"; --seconds {longer_s:.0f} listens longer" if longer_s > listened_s else ""
+        reasons = [f"{topic}: {reason}" for topic, reason in sorted(proposed.not_watched.items())]
+        more = f" ({list_text(reasons, 5)})" if reasons else ""
         raise ServiceError(f"nothing to watch on {robot}: {heard} in {duration_text(listened_s)}{more}")
     nodes.add_to(proposed, proposal)
     if watched is not None:
@@ -84,17 +79,11 @@ def run(arguments: argparse.Namespace, interrupts: Interrupts) -> None:
         if not proposed.signals:
             sys.stderr.write(f"{printable(f'{arguments.against} watches everything on {robot} that can be watched')}\n")
             return
-    needed_s = proposal.needed_s()
     lasted = f"{duration_text(listened_s)}{'' if is_complete else ', interrupted'}"
     heading = [
         f"Written by `robot-health init` after listening to {robot} for {lasted}: {heard}.",
-        *([f"Only what {arguments.against} does not watch."] if watched else []),
-        *([_COMMENTED] if listened_s < LEAST_RANGE_S else []),
-        *(
-            [f"Some came too rarely to show their range: `--seconds {needed_s:.0f}` is long enough."]
-            if needed_s
-            else []
-        ),
+        *([f"Only what {arguments.against} does not watch."] * bool(watched)),
+        *([_COMMENTED] * (listened_s < LEAST_RANGE_S)),
         "docs/statistics.md explains how each value is computed. Review before use.",
     ]
     sys.stdout.write(thresholds_text(heading, {}, proposed))
@@ -134,9 +123,7 @@ def _listen(
 
 
 def _heard(proposal: Any) -> str:
-    from ...core.values.formatting import count_text
-
-    return f"{count_text(len(proposal.topics), 'topic')}, {count_text(proposal.samples, 'message')}"
+    return f"{count_text(len(proposal.candidates.topics), 'topic')}, {count_text(proposal.samples, 'message')}"
 
 
 class _Watched:
@@ -149,27 +136,24 @@ class _Watched:
         node = f"/{namespace}/alert_system" if namespace else "/alert_system"
         config = load_config(file)
         self.names = tuple(config.signals)
-        self._topics: Dict[str, Set[str]] = {}
+        self._fields: List[Tuple[str, str]] = []
+        """Topics or parts of the graph, as signals that are proposed have them, and their fields."""
         for signal in config.signals.values():
-            for topic in signal.topics:
-                self._topics.setdefault(resolve_name(topic, node), set()).add(signal.field)
+            self._fields += [(resolve_name(topic, node), signal.field) for topic in signal.topics]
             if signal.graph is not None:
                 key, name = signal.graph
-                self._topics.setdefault(f"{key} {resolve_name(name, node)}", set()).add(signal.field)
+                self._fields.append((f"{key} {resolve_name(name, node)}", signal.field))
 
     def remove_from(self, proposed: Any) -> None:
         """Removes the signals whose topic and field are watched, and the remarks about topics that are."""
         from ...core.values.patterns import matches_pattern
 
-        proposed.signals = [
-            signal
-            for signal in proposed.signals
-            if not any(
-                matches_pattern(signal.given.get("field", "data"), each) for each in self._topics.get(signal.topic, ())
-            )
-        ]
-        proposed.not_watched = {
-            topic: reason for topic, reason in proposed.not_watched.items() if topic not in self._topics
-        }
+        def is_watched(signal: Any) -> bool:
+            field = signal.given.get("field", "data")
+            return any(topic == signal.topic and matches_pattern(field, each) for topic, each in self._fields)
+
+        proposed.signals = [signal for signal in proposed.signals if not is_watched(signal)]
+        for topic, _ in self._fields:
+            proposed.not_watched.pop(topic, "")
         if all(signal.is_shown_only for signal in proposed.signals):
             proposed.signals = []

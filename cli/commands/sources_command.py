@@ -8,8 +8,9 @@ import shutil
 import sys
 import time
 from functools import partial
-from typing import Any, Callable, Dict, List, NamedTuple, Optional, Sequence, TextIO
+from typing import Any, Callable, Dict, List, Optional, Sequence, TextIO, Tuple
 
+from ...core.proposal.thresholds_file import yaml_text
 from ...core.sensors.catalogue import HOST_SOURCES
 from ...core.sensors.computer import Computer
 from ...core.sensors.source import NotMeasuredYet, SensorError
@@ -23,25 +24,6 @@ _BETWEEN_READS_S = 0.5
 """Loads and rates are measured between two reads."""
 _MOST_READS = 5
 """What has not answered by the last one does not answer."""
-
-
-class SourceReading(NamedTuple):
-    """One source of this machine, and its present value."""
-
-    kind: str
-    """Its name in the configuration, as `source`."""
-    options: Dict[str, Any]
-    """The other keys of its configuration."""
-    value: Optional[float]
-    """The value, in the unit of the source; None if it is not available."""
-    problem: str
-    """Why the value is not available; empty if it is."""
-
-    @property
-    def configuration(self) -> str:
-        """The value of a key in the section `host`, in YAML."""
-        options = [f"{name}: {_yaml(value)}" for name, value in self.options.items()]
-        return "{" + ", ".join([f"source: {self.kind}", *options]) + "}"
 
 
 def add_arguments(parser: Parser) -> None:
@@ -63,13 +45,17 @@ def show_sources(as_json: bool, stream: Optional[TextIO] = None, computer: Optio
     stream = stream or sys.stdout
     rows = []
     lines = []
-    for reading in read_sources(computer or Computer(background=DetachedCalls("sources", most_threads=200))):
-        kind, options, value, problem = reading
-        source = HOST_SOURCES[kind]
-        shown = "-" if value is None else readable(with_unit(number_text(value), source.unit), stream)
-        rows.append((reading.configuration, shown, problem or source.description))
-        record = {"source": kind, **options, "value": value, "unit": source.unit, "problem": problem or None}
-        lines.append(json.dumps(record) if as_json else f"{reading.configuration}: {problem or shown}")
+    for kind, options, answer in _read_sources(computer or Computer(background=DetachedCalls("sources", 200))):
+        unit, problem = HOST_SOURCES[kind].unit, None
+        shown = "-"
+        if isinstance(answer, SensorError):
+            problem, answer = str(answer).partition("; ")[0], None  # without the advice for battery_sensor
+        else:
+            shown = readable(with_unit(number_text(answer), unit), stream)
+        configuration = yaml_text({"source": kind, **options})
+        rows.append((configuration, shown, problem or HOST_SOURCES[kind].description))
+        record = {"source": kind, **options, "value": answer, "unit": unit, "problem": problem}
+        lines.append(json.dumps(record) if as_json else f"{configuration}: {problem or shown}")
     if stream.isatty() and not as_json:
         columns = max(shutil.get_terminal_size().columns, 20)
         lines = [line[:columns] for line in plain_table([("configuration", "value", "description"), *rows], 3)]
@@ -77,23 +63,23 @@ def show_sources(as_json: bool, stream: Optional[TextIO] = None, computer: Optio
     stream.flush()
 
 
-def read_sources(computer: Computer) -> List[SourceReading]:
-    """Reads every source of this machine; takes half a second, and at most four if something does not answer."""
+def _read_sources(computer: Computer) -> List[Tuple[str, Dict[str, Any], Any]]:
+    """Returns kind, options and value of every source of this machine; the value may be a SensorError.
+
+    Takes half a second, and at most four if something does not answer.
+    """
     # A driver may be asked for the list of options, too, and hang.
-    every = HOST_SOURCES.values()
-    listed = _answers([partial(computer.ask, every_s=0.0, subject="", function=each.available) for each in every])
+    asks = [
+        partial(computer.ask, every_s=0.0, subject=kind, function=each.available) for kind, each in HOST_SOURCES.items()
+    ]
     made = []
-    for (kind, source), found in zip(HOST_SOURCES.items(), listed):
+    for (kind, source), listed in zip(HOST_SOURCES.items(), _answers(asks)):
         # Without any available here, the example, whose error gives the reason.
-        for options in ([] if isinstance(found, SensorError) else list(found)) or [source.example]:
-            made.append((kind, options, source.make(computer, **options)))
-    readings = []
-    for (kind, options, _), answer in zip(made, _answers([source.read for _, _, source in made])):
-        shown = {name: value for name, value in options.items() if value not in (None, "")}
-        is_missing = isinstance(answer, SensorError)
-        problem = str(answer).partition("; ")[0] if is_missing else ""  # without the advice for battery_sensor
-        readings.append(SourceReading(kind, shown, None if is_missing else answer, problem))
-    return readings
+        for options in ([] if isinstance(listed, SensorError) else list(listed)) or [source.example]:
+            shown = {name: value for name, value in options.items() if value not in (None, "")}
+            made.append((kind, shown, source.make(computer, **options)))
+    answers = _answers([source.read for _, _, source in made])
+    return [(kind, options, answer) for (kind, options, _), answer in zip(made, answers)]
 
 
 def _answers(asks: Sequence[Callable[[float], Any]]) -> List[Any]:
@@ -111,9 +97,3 @@ def _answers(asks: Sequence[Callable[[float], Any]]) -> List[Any]:
         if not any(isinstance(answer, NotMeasuredYet) for answer in answers):
             break
     return answers
-
-
-def _yaml(value: object) -> str:
-    """Returns a value in JSON, which is YAML too; quoted texts are never read as numbers or flags."""
-    text = json.dumps(value, ensure_ascii=False)
-    return text if text.isprintable() else json.dumps(value)

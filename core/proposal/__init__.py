@@ -1,6 +1,7 @@
 """Proposes what to watch on a robot, and with which bounds: from recordings and from a live robot alike.
 
-`candidates.py` lists the signals that topics can have, `survey.py` listens to them on any middleware and measures,
-`suggestion.py` derives settings, `proposal.py` puts it together, and `thresholds_file.py` writes it with the evidence.
+One `Signal` (suggestion.py) is filled in step by step: `candidates.py` makes it for what a topic can have,
+`measured.py` listens to it on any middleware and measures, `suggestion.py` derives its settings, `proposal.py` puts
+all of them together, `nodes.py` adds nodes, and `thresholds_file.py` writes the file with the evidence.
 docs/statistics.md has the rules.
 """

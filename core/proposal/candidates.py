@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import re
 from functools import lru_cache
-from typing import Any, Collection, Dict, Iterable, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple
+from itertools import islice
+from typing import Any, Dict, Iterable, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple
 
 from ..config.signal_config import LINK
 from ..messages.definitions import NUMBERS, SEQUENCE, TEXTS, Definitions, Field
 from ..values.elements import NAME_ARRAYS, TIME_TYPES
 from ..values.formatting import list_text
 from ..values.goals import STATUS_TOPICS, STATUS_TYPES
-from .suggestion import NO_RULES, Rules
+from .suggestion import Rules, Signal
 
 OF_MIDDLEWARE = "a topic of the middleware"
 """Why topics that every robot has are not watched."""
@@ -42,8 +43,6 @@ _LOGS = ("rosgraph_msgs/Log", "rcl_interfaces/Log")
 _TIMES = (*TIME_TYPES, "builtin_interfaces/Duration")
 
 _EIGHT_BITS = ("uint8", "int8", "byte", "char")
-_ENDS = ("min", "max")
-"""What an array of numbers is reduced to: two signals."""
 _OF_ITS_FIELDS = "a message, whose fields are looked at"
 
 _UNITS = """
@@ -87,6 +86,11 @@ _SPREAD_RULES: Rules = {
     "error_above": (0.2, "rule: 5 % of a cell's 4 V"),
     "for_s": (10.0, "a sag under load is no alert"),
 }
+_RULES = {
+    (_BATTERY, "percentage"): _CHARGE_RULES,
+    (_BATTERY, "cell_voltage"): _SPREAD_RULES,
+    (_TEMPERATURE, "temperature"): _TEMPERATURE_RULES,
+}
 
 
 class Topic(NamedTuple):
@@ -100,28 +104,18 @@ class Topic(NamedTuple):
     """The types in its definition; None: it is not known, so that only arrivals can be watched."""
 
 
-class Candidate(NamedTuple):
-    """One signal that a topic can have."""
-
-    name: str
-    topic: str
-    """The absolute name."""
-    kind: str
-    """`rate`, `age`, `statuses`, `action`, `log`, `frames` and `elements` (each is measured by itself) or `number`."""
-    settings: Mapping[str, Any]
-    """Topic relative to the namespace, type, field, statistic and, where the definition has one, unit."""
-    rules: Rules = NO_RULES
-
-
 class Names:
     """Gives signals names of letters, digits and `_`, each once."""
 
     def __init__(self, taken: Iterable[str] = ()) -> None:
         """Starts with names that are taken."""
         self._used: Set[str] = set(taken)
+        self._names: Dict[Tuple[str, ...], str] = {}
 
-    def new(self, *words: str) -> str:
-        """Returns a name for a topic or a field that has not been returned before."""
+    def of(self, *words: str) -> str:
+        """Returns the name for a topic or a field, which no other one has."""
+        if words in self._names:
+            return self._names[words]
         ending = "".join(f"_{word}" for word in words[1:])[:_LONGEST_NAME]
         text = words[0].strip("/")[: _LONGEST_NAME - len(ending)] + ending
         name = re.sub(r"[^A-Za-z0-9_]", "_", text)
@@ -132,76 +126,133 @@ class Names:
             number += 1
             unique = f"{name}_{number}"
         self._used.add(unique)
-        return unique
+        return self._names.setdefault(words, unique)
 
 
-class Listing(NamedTuple):
-    """What topics offer."""
+class Candidates:
+    """The signals that topics can have, at most `MOST_SIGNALS`."""
 
-    candidates: Sequence[Candidate]
-    """Sorted by topic; the arrivals of a topic come first."""
-    left_out: Mapping[str, str]
-    """Why topics are not looked at, by their names."""
-    fields: Mapping[str, Mapping[str, Sequence[str]]]
-    """Fields that are not looked at, by the names of topics and the reasons."""
-    problems: Sequence[str]
-    """One line for each topic of which something is left out."""
+    def __init__(self, namespace: str = "", taken: Iterable[str] = (), *, ages_of_bulk: bool = True) -> None:
+        """Starts without topics.
 
+        Topics in the namespace (without slashes at its ends) are relative to it. `taken` are names of signals not to
+        use. `ages_of_bulk`: stamps of images and clouds can be read without decoding the message.
+        """
+        self.namespace = namespace
+        self.names = Names(taken)
+        self.topics: Dict[str, str] = {}
+        """Types of the topics, by their absolute names."""
+        self.signals: Dict[str, Signal] = {}
+        """By their names; the arrivals of a topic come first."""
+        self.left_out: Dict[str, str] = {}
+        """Why topics are not looked at, by their names."""
+        self.fields: Dict[str, Dict[str, List[str]]] = {}
+        """Fields that are not looked at, by the names of topics and the reasons."""
+        self.problems: List[str] = []
+        """One line for each topic of which something is left out."""
+        self._ages_of_bulk = ages_of_bulk
 
-def list_candidates(
-    topics: Iterable[Topic],
-    namespace: str = "",
-    names: Optional[Names] = None,
-    *,
-    ages_of_bulk: bool = True,
-    before: Collection[Candidate] = (),
-) -> Listing:
-    """Returns the signals that topics can have, at most `MOST_SIGNALS`.
+    def add(self, topics: Iterable[Topic]) -> None:
+        """Adds the signals of topics; topics that were added before are ignored."""
+        found: List[Signal] = []
+        for each in sorted(topics, key=lambda each: each.topic):
+            if each.topic in self.topics:
+                if self.topics[each.topic] != each.type_name:
+                    first = self.topics[each.topic]
+                    self.problems.append(f"{each.topic}: {each.type_name} left out, it also has {first}")
+                continue
+            self.topics[each.topic] = each.type_name
+            if each.topic in _OF_MIDDLEWARE or each.topic.endswith(_ENDINGS_OF_MIDDLEWARE):
+                self.left_out[each.topic] = OF_MIDDLEWARE
+            elif not _NAME.match(each.topic):
+                self.left_out[each.topic] = "its name is not valid in ROS"
+            else:
+                signals = list(self._of_topic(each))
+                rest = [signal.name for signal in signals if signal.kind == "number"][MOST_FIELDS:]
+                found += [signal for signal in signals if signal.name not in rest]
+                if rest:
+                    what = f"expected at most {MOST_FIELDS} numbers, got more: the rest is left out"
+                    self.problems.append(f"{each.topic}: {what}")
+        self._keep(sorted(found, key=_priority))
 
-    Topics in the namespace (without slashes at its ends) are relative to it. `ages_of_bulk`: stamps of images and
-    clouds can be read without decoding the message. `before` are those of topics that were listed before: they count,
-    but their numbers take no place from arrivals.
-    """
-    names = names or Names()
-    left_out: Dict[str, str] = {}
-    problems: List[str] = []
-    known: Dict[str, Topic] = {}
-    for each in sorted(topics, key=lambda each: each.topic):
-        if each.topic in _OF_MIDDLEWARE or each.topic.endswith(_ENDINGS_OF_MIDDLEWARE):
-            left_out[each.topic] = OF_MIDDLEWARE
-        elif not _NAME.match(each.topic):
-            left_out[each.topic] = "its name is not valid in ROS"
-        elif each.topic in known:
-            first = known[each.topic].type_name
-            if first != each.type_name:
-                problems.append(f"{each.topic}: {each.type_name} left out, it also has {first}")
+    def _keep(self, found: Iterable[Signal]) -> None:
+        """Keeps signals; numbers of topics that were added before take no place from arrivals."""
+        important = sum(_priority(each) < _NUMBER for each in self.signals.values())
+        rest: Set[str] = set()
+        for each in found:
+            is_important = _priority(each) < _NUMBER
+            if len(self.signals) < MOST_SIGNALS or (is_important and important < MOST_SIGNALS):
+                self.signals[each.name] = each
+                important += is_important
+            else:
+                rest.add(each.topic)
+        cut = rest & {each.topic for each in self.signals.values()}
+        self.left_out.update((topic, f"more than {MOST_SIGNALS} signals") for topic in rest - cut)
+        if cut:
+            self.problems.append(f"more than {MOST_SIGNALS} signals: numbers are left out of {list_text(sorted(cut))}")
+
+    def _of_topic(self, topic: Topic) -> Iterator[Signal]:
+        """Yields the signals of one topic, and notes its other fields."""
+        only = self._only_signal(topic)
+        if only is not None:
+            yield only
+            return
+        yield self._signal(topic, "rate", "", "rate", statistic="frequency_hz")
+        fields = list(islice(_walk(topic.definitions or {}, topic.type_name), _MOST_WALKED))
+        if topic.definitions is None:
+            self.fields[topic.topic] = {"the definition of its type is not known": ["its fields"]}
+        is_bulk = _is_bulk(topic.type_name, fields)
+        named = _named_arrays(topic, fields)
+        for path, kind in named.items():
+            if kind == "frames":
+                yield self._signal(topic, kind, f'{path}["*"].header.stamp', rules=AGE_RULES, unit="s")
+            else:
+                yield self._signal(topic, kind, f'{path}["*"]', path)
+        for path, field, unit in fields:
+            reason = _why_no_number(topic.type_name, field, is_bulk=is_bulk)
+            if path.split(".")[0] == "header":
+                if path == "header" and field.kind == _HEADER and (self._ages_of_bulk or not is_bulk):
+                    yield self._signal(topic, "age", "header.stamp", "age", rules=AGE_RULES, unit="s")
+            elif path not in named and not reason:
+                yield from self._numbers(topic, path, field, unit)
+            elif path not in named and reason != _OF_ITS_FIELDS:
+                self.fields.setdefault(topic.topic, {}).setdefault(reason, []).append(path)
+
+    def _numbers(self, topic: Topic, path: str, field: Field, unit: str) -> Iterator[Signal]:
+        """Yields the signals of a number or of an array of numbers."""
+        words = () if path == "data" else (path,)
+        rules = _RULES.get((topic.type_name, path), {})
+        if field.size is None:
+            yield self._signal(topic, "number", path, *words, rules=rules, unit=unit)
+        elif rules is _SPREAD_RULES:
+            yield self._signal(topic, "number", f"{path}[*]", "cell_spread", rules=rules, reduce="spread", unit="V")
         else:
-            known[each.topic] = each
-    found: List[Tuple[int, int, Candidate]] = []
-    fields: Dict[str, Dict[str, List[str]]] = {}
-    for at, topic in enumerate(known.values()):
-        others = fields.setdefault(topic.topic, {})
-        of_topic = list(_of_topic(topic, namespace, names, others, ages_of_bulk=ages_of_bulk))
-        numbers = [each for each in of_topic if each.kind == "number"]
-        if len(numbers) > MOST_FIELDS:
-            problems.append(f"{topic.topic}: expected at most {MOST_FIELDS} numbers, got more: the rest is left out")
-            of_topic = [each for each in of_topic if each.kind != "number"] + numbers[:MOST_FIELDS]
-        found += [(_priority(each), at, each) for each in of_topic]
-    found.sort(key=lambda each: each[:2])
-    arrivals = sum(priority < _NUMBER for priority, _, _ in found)
-    room = MOST_SIGNALS - sum(_priority(each) < _NUMBER for each in before)
-    most = max(0, min(room, max(arrivals, MOST_SIGNALS - len(before))))
-    kept, rest = found[:most], found[most:]
-    looked_at = {each.topic for _, _, each in kept}
-    for _, _, candidate in rest:
-        if candidate.topic not in looked_at:
-            left_out[candidate.topic] = f"more than {MOST_SIGNALS} signals"
-    cut = sorted({each.topic for _, _, each in rest} & looked_at)
-    if cut:
-        problems.append(f"more than {MOST_SIGNALS} signals: numbers are left out of {list_text(cut)}")
-    kept.sort(key=lambda each: (each[1], each[0]))
-    fields = {name: reasons for name, reasons in fields.items() if reasons}
-    return Listing([each for _, _, each in kept], left_out, fields, problems)
+            for reduce in ("min", "max"):
+                yield self._signal(topic, "number", f"{path}[*]", *words, reduce, reduce=reduce, unit=unit)
+
+    def _signal(
+        self, topic: Topic, kind: str, field: str, *words: str, rules: Rules = {}, **settings: str
+    ) -> Signal:
+        short = relative(topic.topic, self.namespace)
+        short = topic.topic if short[0].isdigit() else short  # `2d` is no name
+        settings = {key: value for key, value in settings.items() if value}
+        given = {"topic": short, "type": topic.type_name, "field": field, **settings}
+        return Signal(self.names.of(short, *words), topic.topic, kind, given, rules)
+
+    def _only_signal(self, topic: Topic) -> Optional[Signal]:
+        """Returns the signal of a topic that has no other one: goals of an action, the drivers' statuses, the log."""
+        short = relative(topic.topic, self.namespace)
+        given: Dict[str, Any] = {"topic": topic.topic, "type": topic.type_name}
+        action = next((short[: -len(end)] for end in STATUS_TOPICS if short.endswith(end)), "")
+        if topic.type_name in STATUS_TYPES and action:
+            given = {"action": action, "statistic": "mean", "window_s": 1200.0, "window_min_s": 0.0}
+            return Signal(self.names.of(action, "goals"), topic.topic, "action", given)
+        if topic.type_name == _DIAGNOSTICS:
+            return Signal(self.names.of(topic.topic), topic.topic, "statuses", {**given, "field": 'status["*"]'})
+        if topic.type_name in _LOGS:
+            given.update(field="", where=_ERRORS, statistic="count", window_s=60.0)
+            return Signal(self.names.of(topic.topic, "errors"), topic.topic, "log", given)
+        return None
 
 
 def relative(name: str, namespace: str) -> str:
@@ -210,113 +261,23 @@ def relative(name: str, namespace: str) -> str:
     return name[len(prefix) :] if name.startswith(prefix) else name
 
 
-def _priority(candidate: Candidate) -> int:
-    return 0 if candidate.kind in ("rate", "statuses", "action", "log") else 1 if candidate.rules else _NUMBER
+def _priority(signal: Signal) -> int:
+    return 0 if signal.kind in ("rate", "statuses", "action", "log") else 1 if signal.rules else _NUMBER
 
 
-def _of_topic(
-    topic: Topic, namespace: str, names: Names, others: Dict[str, List[str]], *, ages_of_bulk: bool
-) -> Iterator[Candidate]:
-    """Yields the signals of one topic; `others` receives its other fields by the reasons."""
-    only = _only_signal(topic, relative(topic.topic, namespace), names)
-    if only is not None:
-        yield only
-        return
-    short = relative(topic.topic, namespace)
-    short = topic.topic if short[0].isdigit() else short  # `2d` is no name
-
-    def candidate(kind: str, field: str, *words: str, rules: Rules = NO_RULES, **settings: Any) -> Candidate:
-        base = {"topic": short, "type": topic.type_name, "field": field, **settings}
-        return Candidate(names.new(short, *words), topic.topic, kind, base, rules)
-
-    definitions = topic.definitions
-    fields = list(_walk(definitions, topic.type_name)) if definitions is not None else []
-    is_bulk = _is_bulk(topic.type_name, fields)
-    named = _named_arrays(topic, fields)
-    watched = [*named, "cell_voltage"] if topic.type_name == _BATTERY else list(named)  # by the spread of the cells
-    numbers = _numbers(topic, fields, watched, others, is_bulk=is_bulk)
-    yield candidate("rate", "", "rate", statistic="frequency_hz")
-    has_header = any(path == "header" and field.kind == _HEADER for path, field, _ in fields)
-    if has_header and (ages_of_bulk or not is_bulk):
-        yield candidate("age", "header.stamp", "age", rules=AGE_RULES, unit="s")
-    for path, field, unit in numbers:
-        if field.size is not None:
-            continue
-        rules = _CHARGE_RULES if (topic.type_name, path) == FRACTIONS[0] else NO_RULES
-        rules = _TEMPERATURE_RULES if (topic.type_name, path) == (_TEMPERATURE, "temperature") else rules
-        words = () if path == "data" else (path,)
-        yield candidate("number", path, *words, rules=rules, **({"unit": unit} if unit else {}))
-    if topic.type_name == _BATTERY:
-        settings = {"reduce": "spread", "unit": "V"}
-        yield candidate("number", "cell_voltage[*]", "cell_spread", rules=_SPREAD_RULES, **settings)
-    for path, kind in named.items():
-        if kind == "frames":
-            yield candidate(kind, f'{path}["*"].header.stamp', rules=AGE_RULES, unit="s")
-        else:
-            yield candidate(kind, f'{path}["*"]', path)
-    for path, unit, reduce in [(path, unit, each) for path, field, unit in numbers if field.size for each in _ENDS]:
-        ends = (reduce,) if path == "data" else (path, reduce)
-        ends_of: Dict[str, Any] = {"reduce": reduce, **({"unit": unit} if unit else {})}
-        yield candidate("number", f"{path}[*]", *ends, **ends_of)
-
-
-def _only_signal(topic: Topic, short: str, names: Names) -> Optional[Candidate]:
-    """Returns the signal of a topic that has no other one: the goals of an action, the drivers' statuses, the log."""
-    settings: Dict[str, Any] = {"topic": topic.topic, "type": topic.type_name}
-    action = next((short[: -len(end)] for end in STATUS_TOPICS if short.endswith(end)), "")
-    if topic.type_name in STATUS_TYPES and action:
-        settings = {"action": action, "statistic": "mean", "window_s": 1200.0, "window_min_s": 0.0}
-        return Candidate(names.new(action, "goals"), topic.topic, "action", settings)
-    if topic.type_name == _DIAGNOSTICS:
-        settings["field"] = 'status["*"]'
-        return Candidate(names.new(topic.topic), topic.topic, "statuses", settings)
-    if topic.type_name in _LOGS:
-        settings.update(field="", where=_ERRORS, statistic="count", window_s=60.0)
-        return Candidate(names.new(topic.topic, "errors"), topic.topic, "log", settings)
-    return None
-
-
-def _numbers(
-    topic: Topic,
-    fields: Sequence[Tuple[str, Field, str]],
-    watched: Sequence[str],
-    others: Dict[str, List[str]],
-    *,
-    is_bulk: bool,
-) -> List[Tuple[str, Field, str]]:
-    """Returns the fields that are numbers or arrays of numbers, apart from `watched` and those of the header."""
-    numbers = []
-    for path, field, unit in fields:
-        reason = _why_no_number(topic.type_name, field, is_bulk=is_bulk)
-        if path in watched or path.split(".")[0] == "header" or reason == _OF_ITS_FIELDS:
-            continue
-        if reason:
-            others.setdefault(reason, []).append(path)
-        else:
-            numbers.append((path, field, unit))
-    if topic.definitions is None:
-        others["the definition of its type is not known"] = ["its fields"]
-    return numbers
-
-
-def _walk(definitions: Definitions, type_name: str) -> Iterator[Tuple[str, Field, str]]:
-    """Yields path, field and unit of the fields of a type and of the messages in it, at most `_MOST_WALKED`."""
-    waiting: List[Tuple[str, str, Tuple[Tuple[str, int], ...]]] = [("", type_name, ())]
-    walked = 0
-    while waiting and walked < _MOST_WALKED:
-        prefix, kind, above = waiting.pop(0)
-        above = (*above, (kind, len(prefix)))
-        definition = definitions.get(kind)
-        nested = []
-        for field in definition.fields if definition else ():
-            walked += 1
-            path = f"{prefix}{field.name}"
-            unit = next(filter(None, (_units().get((each, path[at:]), "") for each, at in above)), "")
-            yield path, field, unit
-            is_message = "/" in field.kind and field.size is None
-            if is_message and field.kind != _HEADER and field.kind not in _TIMES and len(above) < _DEEPEST:
-                nested.append((f"{path}.", field.kind, above))
-        waiting[:0] = nested
+def _walk(
+    definitions: Definitions, type_name: str, prefix: str = "", above: Tuple[Tuple[str, int], ...] = ()
+) -> Iterator[Tuple[str, Field, str]]:
+    """Yields path, field and unit of the fields of a type and of the messages in it."""
+    above = (*above, (type_name, len(prefix)))
+    definition = definitions.get(type_name)
+    for field in definition.fields if definition else ():
+        path = f"{prefix}{field.name}"
+        unit = next(filter(None, (_units().get((each, path[at:]), "") for each, at in above)), "")
+        yield path, field, unit
+        is_message = "/" in field.kind and field.size is None
+        if is_message and field.kind != _HEADER and field.kind not in _TIMES and len(above) < _DEEPEST:
+            yield from _walk(definitions, field.kind, f"{path}.", above)
 
 
 @lru_cache(maxsize=None)

@@ -1,15 +1,25 @@
-"""What is measured of one signal: its values, its steps and the times between its samples, in bounded memory."""
+"""What is measured of one signal: its values, its steps and the times between its samples, in bounded memory.
+
+It is measured on any middleware, live or recorded. Values are those that the monitor would judge, by its own code.
+"""
 
 from __future__ import annotations
 
 import math
 from array import array
-from typing import Optional, Set
+from dataclasses import replace
+from typing import Dict, Optional, Set
 
-from ..config.signal_config import SignalConfig
+from ..config.signal_config import BOUNDS, SignalConfig, read_signal
+from ..judge.signal_monitor import SignalMonitor
+from ..port.middleware import Middleware
+from ..values.elements import DriverStatus, Elements, with_ages
+from ..values.field_path import ABSENT
 from ..values.formatting import count_text, duration_text, number_text, with_unit
 from .quantiles import Quantiles
 
+MOST_ELEMENTS = 64
+"""Elements of one field that are measured."""
 MOST_CODES = 10
 """A signal with at most this many different values, all whole numbers, is taken for a code."""
 LEAST_MESSAGES = 20
@@ -18,6 +28,7 @@ _LEAST_SAMPLES = 100
 """Valid samples below which no bound is suggested."""
 _LEAST_DURATION_S = 30.0
 """Time of samples, in s, below which no bound is suggested."""
+_UNKNOWN = read_signal("unknown", {})
 _BINS = 128
 _FIRST_BIN_S = 0.001
 _LEAST_BINS = 8
@@ -29,7 +40,7 @@ _RATE_S = 30.0
 class Measured:
     """Statistics of one signal over everything that was heard of it."""
 
-    def __init__(self, config: SignalConfig) -> None:
+    def __init__(self, config: SignalConfig = _UNKNOWN) -> None:
         """Starts without samples."""
         self.config = config
         self.values = Quantiles()
@@ -48,6 +59,11 @@ class Measured:
         """Values that are larger than the one before."""
         self.codes: Optional[Set[float]] = set()
         """The different values; None if there are more than `MOST_CODES` or one is not a whole number."""
+        self.elements: Dict[str, Measured] = {}
+        """Each element, by its name, of a signal that selects several."""
+        self.is_cut = False
+        """Whether there are more than `MOST_ELEMENTS`."""
+        self._monitor: Optional[SignalMonitor] = None
         self._last_s = math.nan
         self._last = math.nan
         self._bins = array("q", bytes(8 * _BINS))
@@ -55,7 +71,39 @@ class Measured:
 
     def begin_recording(self) -> None:
         """Ends the previous recording: the time up to the next one is no gap."""
+        self._monitor = None
         self._last_s = self._last = math.nan
+        for element in self.elements.values():
+            element.begin_recording()
+
+    def listen(self, node: Middleware) -> None:
+        """Subscribes to the topic; raises ConfigError if its type is unknown, or has no such field."""
+
+        def receive(value: object, now_s: float) -> None:
+            if value is not ABSENT:
+                self.take(with_ages(value, node.stamp_s), now_s)
+
+        node.subscribe(self.config.topic, self.config.type, receive, field=self.config.selection)
+
+    def take(self, value: object, now_s: float) -> None:
+        """Adds the value of a message, as the monitor judges it without bounds; elements are measured one by one."""
+        if isinstance(value, Elements) and not self.config.reduce:
+            self.add(now_s, None)
+            for name, element in value:
+                if name not in self.elements and len(self.elements) < MOST_ELEMENTS:
+                    self.elements[name] = Measured(self.config)
+                if name in self.elements:
+                    level = element.level if isinstance(element, DriverStatus) else element
+                    self.elements[name].take(level, now_s)
+                else:
+                    self.is_cut = True
+            return
+        if self._monitor is None:
+            none = dict.fromkeys(BOUNDS)
+            config = replace(self.config, **none, stale_after_s=0.0, only_if=None, latch_release_if=None)  # type: ignore[arg-type]
+            self._monitor = SignalMonitor(config, "", now_s)
+        self._monitor.observe(value, now_s)
+        self.add(now_s, self._monitor.latest_good if self.config.statistic == "last" else self._monitor.judged)
 
     def add(self, now_s: float, value: Optional[float]) -> None:
         """Adds a sample; None: it is not valid, or its statistic is not defined yet. Times must not decrease."""
@@ -110,25 +158,14 @@ class Measured:
         """Messages per second from the first to the last; NaN if no time has passed."""
         return self.gaps.count / self.duration_s if self.duration_s > 0.0 else math.nan
 
-    @property
-    def needed_s(self) -> float:
-        """Time in which enough samples come for a bound, in whole minutes, as s; 0 if enough came, or none."""
-        is_rate = self.config.statistic == "frequency_hz"
-        count, least = (self.samples, LEAST_MESSAGES) if is_rate else (self.values.count, _LEAST_SAMPLES)
-        if not count or not self.duration_s or count >= least:
-            return 0.0
-        needed_s = max(_LEAST_DURATION_S, self.duration_s * least / count)
-        return 60.0 * math.ceil(1.05 * needed_s / 60.0)
-
     def unsuitable(self) -> str:
         """Returns why no bound can be derived from the values; empty if one can."""
         values = self.values
         if not values.count:
             return "no valid value"
         if values.count < _LEAST_SAMPLES:
-            takes = f", which takes about {duration_text(self.needed_s)}" if self.needed_s else ""
             seen = f"only {count_text(values.count, 'valid sample')} in {duration_text(self.duration_s)}"
-            return f"{seen}; a range needs {_LEAST_SAMPLES}{takes}"
+            return f"{seen}; a range needs {_LEAST_SAMPLES}"
         if self.duration_s < _LEAST_DURATION_S * 0.999:
             return f"seen for {duration_text(self.duration_s)} only; a range needs {duration_text(_LEAST_DURATION_S)}"
         if values.min == values.max:

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import re
-from typing import Any, Dict, List, Mapping, Sequence, Set, Tuple, Union
+from typing import Dict, List, Mapping, Sequence, Set, Tuple, Union
 
-from ..config.signal_config import ACTIVE, is_element_name, read_signal, template_name
+from ..config.signal_config import ACTIVE, is_element_name, template_name
 from ..port.graph import Counts, Unread, Wanted
 from ..port.middleware import Middleware, NodeInfo
 from ..values.errors import ConfigError, ServiceError
 from ..values.formatting import list_text
 from .candidates import relative
-from .measured import Measured
-from .proposal import PUBLISHED_HERE, Proposal, Proposed, Signal
-from .suggestion import Setting, Suggestion
+from .proposal import PUBLISHED_HERE, Proposal, Proposed
+from .suggestion import Setting, Signal
 
 _GET_STATE = "/get_state"
 """Ending of the service that every lifecycle node has."""
@@ -66,21 +65,19 @@ class Nodes:
         own = {node for topic in proposal.own_topics for node in self._publishers.get(topic, ())}
         watched: Dict[str, List[Signal]] = {}
         for signal in tuple(proposed.signals):
-            topic = signal.topic
-            if signal.given.get("statistic") == "count":  # the log, which every node publishes
-                if not self.problem and all(map(_TOOLS.match, self._publishers.get(topic, own) - own)):
+            if signal.kind == "log":  # which every node publishes
+                if not self.problem and all(map(_TOOLS.match, self._publishers.get(signal.topic, own) - own)):
                     proposed.signals.remove(signal)
-                    proposed.not_watched[topic] = PUBLISHED_HERE
+                    proposed.not_watched[signal.topic] = PUBLISHED_HERE
             elif not signal.is_shown_only:
-                watched.setdefault(topic, []).append(signal)
+                watched.setdefault(signal.topic, []).append(signal)
         statuses = self._statuses(proposal)
         others: List[str] = []
         for node in sorted(name for key, name in self._wanted if key == "node" and name not in own):
             published = [topic for topic in watched if node in self._publishers.get(topic, ())]
-            alone = [topic for topic in published if len(self._publishers[topic]) == 1]
-            of_driver = statuses.get(node, [])
-            for signal in [signal for topic in alone for signal in watched[topic] if of_driver]:
-                _depend_on_driver(signal, of_driver)
+            alone = {topic: watched[topic] for topic in published if len(self._publishers[topic]) == 1}
+            for signal in [signal for signals in alone.values() for signal in signals]:
+                _depend_on_driver(signal, statuses.get(node, []))
             key = "lifecycle" if ("lifecycle", node) in self._wanted else "node"
             reason = self._why_not(key, node)
             if not published and (reason or key == "node"):
@@ -88,36 +85,25 @@ class Nodes:
             elif reason:
                 proposed.not_watched[f"{key} {node}"] = reason
             else:
-                short = relative(node, proposal.namespace)
-                given: Dict[str, Any] = {key: short}
-                settings: Dict[str, Setting] = {}
-                limits_s = {topic: _silent_after_s(watched[topic]) for topic in alone}
-                silent = [topic for topic, limit_s in limits_s.items() if limit_s]
-                if key == "node" and silent:
-                    causes = [f"/{watched[topic][0].given['topic'].lstrip('/')}" for topic in silent]
-                    for_s = max(limits_s.values()) + _AFTER_S
-                    settings["for_s"] = Setting(for_s, "longer than its topics may be silent")
-                    settings["depends_on"] = Setting(causes, "their silence is the alert")
-                name = proposal.names.new(short, key)
-                measured = Measured(read_signal(name, given))
-                note = f"publishes {list_text(published, most=5)}" if published else "a lifecycle node that is active"
-                proposed.signals.append(
-                    Signal(name, f"{key} {node}", given, Suggestion(settings, {}, []), measured, note)
+                short = relative(node, proposal.candidates.namespace)
+                signal = Signal(proposal.candidates.names.of(short, key), f"{key} {node}", "node", {key: short})
+                signal.note = (
+                    f"publishes {list_text(published, most=5)}" if published else "a lifecycle node that is active"
                 )
-        if self.problem or others:
-            proposed.not_watched["nodes"] = (
-                self.problem or f"{list_text(others, most=50)} publish nothing that is watched"
-            )
+                if key == "node":
+                    _depend_on_topics(signal, alone)
+                proposed.signals.append(signal)
+        if others:
+            proposed.not_watched["nodes"] = f"{list_text(others, most=50)} publish nothing that is watched"
+        if self.problem:
+            proposed.not_watched["nodes"] = self.problem
 
     def _statuses(self, proposal: Proposal) -> Mapping[str, List[str]]:
         """Returns the signals of the statuses of each node, by whose name they begin: `laser: scan` of `/laser`."""
-        by_name: Dict[str, List[str]] = {}
-        for _, node in self._wanted:
-            for name in {node.lstrip("/"), node.rpartition("/")[2]}:
-                by_name.setdefault(name, []).append(node)
         statuses: Dict[str, List[str]] = {}
         for template, status in proposal.statuses:
-            nodes = set(by_name.get(status.partition(":")[0].strip().lstrip("/"), ()))
+            driver = status.partition(":")[0].strip().lstrip("/")
+            nodes = {node for _, node in self._wanted if driver in (node.lstrip("/"), node.rpartition("/")[2])}
             name = f"{template}[{status}]"
             if len(nodes) == 1 and is_element_name(name):
                 statuses.setdefault(nodes.pop(), []).append(name)
@@ -145,13 +131,22 @@ class Nodes:
 
 def _depend_on_driver(signal: Signal, statuses: Sequence[str]) -> None:
     """Lets a signal depend on the status of its driver; of several, which one is a guess."""
-    suggestion, is_certain = signal.suggestion, len(statuses) == 1
-    if signal.name not in map(template_name, statuses) and (is_certain or suggestion.has_bounds):
-        why = "its driver's own status" if is_certain else "a guess: its driver's own statuses"
-        (suggestion.settings if is_certain else suggestion.seen)["depends_on"] = Setting(list(statuses), why)
+    if not statuses or signal.name in map(template_name, statuses):
+        return
+    if len(statuses) == 1:
+        signal.proposed["depends_on"] = Setting(statuses, "its driver's own status")
+    elif signal.has_bounds:
+        signal.seen["depends_on"] = Setting(statuses, "a guess: its driver's own statuses")
 
 
-def _silent_after_s(signals: Sequence[Signal]) -> float:
-    """Returns after which time without a message a topic is an alert; 0: never."""
-    limits = [signal.settings.get("stale_after_s", 0.0) for signal in signals]
-    return min(filter(None, limits), default=0.0)
+def _depend_on_topics(node: Signal, published: Mapping[str, Sequence[Signal]]) -> None:
+    """Lets a node depend on the silence of the topics that it publishes alone."""
+    limits_s = {}
+    for signals in published.values():
+        stale_s = [limit_s for limit_s in (each.settings.get("stale_after_s") for each in signals) if limit_s]
+        if stale_s:
+            limits_s[f"/{signals[0].given['topic'].lstrip('/')}"] = min(stale_s)
+    if limits_s:
+        for_s = max(limits_s.values()) + _AFTER_S
+        node.proposed["for_s"] = Setting(for_s, "longer than its topics may be silent")
+        node.proposed["depends_on"] = Setting(list(limits_s), "their silence is the alert")

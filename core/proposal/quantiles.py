@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from array import array
-from bisect import bisect_left, bisect_right
 from typing import List, Tuple
 
 SIZE = 16_384
@@ -51,17 +50,12 @@ class Quantiles:
 
         Estimated, as quantiles are. Without a number in the range its ends are returned.
         """
-        smallest, largest, inside, total = math.inf, -math.inf, 0, 0
-        for level, buffer in enumerate(self._buffers):
-            found = sorted(buffer)
-            first, end = bisect_left(found, low), bisect_right(found, high)
-            total += len(found) << level
-            if first < end:
-                inside += (end - first) << level
-                smallest, largest = min(smallest, found[first]), max(largest, found[end - 1])
+        weighed = self._weighed()
+        inside = [each for each in weighed if low <= each[0] <= high]
         if not inside:
-            smallest, largest = low, high
-        return smallest, largest, 1.0 - inside / max(1, total)
+            return low, high, 1.0
+        outside = sum(weight for _, weight in weighed) - sum(weight for _, weight in inside)
+        return inside[0][0], inside[-1][0], outside / sum(weight for _, weight in weighed)
 
     def quantile(self, fraction: float) -> float:
         """Returns the smallest number such that at least `fraction` of all are at most that; NaN without numbers."""
@@ -69,7 +63,7 @@ class Quantiles:
             return math.nan
         if fraction <= 0.0 or fraction >= 1.0:
             return self.min if fraction <= 0.0 else self.max
-        weighed = sorted((each, 1 << level) for level, buffer in enumerate(self._buffers) for each in buffer)
+        weighed = self._weighed()
         wanted = fraction * sum(weight for _, weight in weighed) * (1.0 - 1e-12)
         rank = 0
         for number, weight in weighed:
@@ -78,13 +72,15 @@ class Quantiles:
                 return number
         return self.max
 
+    def _weighed(self) -> List[Tuple[float, int]]:
+        """Returns the numbers in their order, each with how often it counts."""
+        return sorted((each, 1 << level) for level, buffer in enumerate(self._buffers) for each in buffer)
+
     def _halve(self, level: int) -> None:
         """Moves half of the numbers of a full level to the next one."""
-        full = sorted(self._buffers[level])
-        even = len(full) - len(full) % 2
-        half = full[self._odd[level] : even : 2]
+        half = sorted(self._buffers[level])[self._odd[level] :: 2]
         self._odd[level] = 1 - self._odd[level]
-        self._buffers[level] = array("d", full[even:])
+        self._buffers[level] = array("d")
         if level + 1 == len(self._buffers):
             self._buffers.append(array("d"))
             self._odd.append(0)

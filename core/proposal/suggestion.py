@@ -7,6 +7,7 @@ are replayed with them.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass, field, replace
 from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Tuple
 
 from ..config.signal_config import BOUNDS, SignalConfig
@@ -40,77 +41,110 @@ _HIGHEST = {"%": 100.0}
 Rules = Mapping[str, Tuple[float, str]]
 """Keys of a signal whose values do not depend on what was seen: value, and the rule that it comes from."""
 
-NO_RULES: Rules = {}
-
 
 class Setting(NamedTuple):
-    """One suggested key of a signal."""
+    """One proposed key of a signal."""
 
     value: Any  # a number; of `depends_on` names
     evidence: str  # why, in one line
 
 
-class Suggestion(NamedTuple):
-    """The suggested keys of one signal."""
+@dataclass
+class Signal:
+    """One signal, from the topic that can have it to the settings that are proposed: filled in step by step."""
 
-    settings: Dict[str, Setting]  # by key of thresholds.yaml
-    seen: Dict[str, Setting]  # those that the recordings are too short for: what they would be
-    left_out: List[str]  # one line for each key that the data cannot justify
+    name: str
+    topic: str
+    """The absolute name of its topic; of the graph such as `node /lidar`."""
+    kind: str
+    """What it is measured by: `rate`, `gap`, `age`, `statuses`, `action`, `log`, `frames`, `elements`, `number`,
+    `forecast`, `node`; `given` was configured before, and stays."""
+    given: Dict[str, Any]
+    """Settings that say what it is; all settings of one that was configured before."""
+    rules: Rules = field(default_factory=dict)
+    measured: Measured = field(default_factory=Measured)
+    proposed: Dict[str, Setting] = field(default_factory=dict)
+    """The proposed keys of thresholds.yaml."""
+    seen: Dict[str, Setting] = field(default_factory=dict)
+    """Keys that are comments, such as those of a range that was not seen for long enough."""
+    left_out: List[str] = field(default_factory=list)
+    """One line for each key that the data cannot justify."""
+    note: str = ""
+    alerts: Mapping[str, str] = field(default_factory=dict)
+    """How often keys alerted in a replay: `0 alerts in 7.4 h`."""
+
+    @property
+    def settings(self) -> Dict[str, Any]:
+        """All settings."""
+        return {**self.given, **{key: setting.value for key, setting in self.proposed.items()}}
 
     @property
     def has_bounds(self) -> bool:
-        """Whether there is a bound."""
-        return any(key in self.settings for key in BOUNDS)
+        """Whether a bound is proposed."""
+        return any(key in self.proposed for key in BOUNDS)
+
+    @property
+    def is_shown_only(self) -> bool:
+        """Whether it is no more than a comment: its range was not seen for long enough."""
+        return bool(self.seen) and not self.has_bounds and self.kind not in ("given", "action")
+
+    def copy(self, **changes: Any) -> Signal:
+        """Returns it as it was before anything was proposed."""
+        fresh: Dict[str, Any] = {"given": dict(self.given), "proposed": {}, "seen": {}, "left_out": []}
+        return replace(self, **{**fresh, **changes})
 
 
-def suggest(measured: Measured, longest_excursion_s: Optional[float] = None, rules: Rules = NO_RULES) -> Suggestion:
+def suggest(signal: Signal, longest_excursion_s: Optional[float] = None) -> None:
     """Derives the settings of a signal.
 
     `longest_excursion_s` is the longest time for which a healthy value was beyond a bound that this function suggested
-    before; None: not known yet. `rules` replace bounds that follow from what was seen.
+    before; None: not known yet. Rules replace bounds that follow from what was seen.
     """
-    settings: Dict[str, Setting] = {}
-    left_out: List[str] = []
-    if measured.config.statistic == "frequency_hz":
-        _add_rate_bounds(measured, settings, left_out)
-        _add_staleness(measured, settings)
-        return Suggestion(settings, {}, left_out)
-    if rules:
-        return _by_rules(measured, rules)
+    if signal.measured.config.statistic == "frequency_hz":
+        _add_rate_bounds(signal)
+    elif signal.rules:
+        _add_rules(signal)
+    else:
+        _add_range(signal, longest_excursion_s)
+    if not signal.rules or signal.measured.values.count:
+        _add_staleness(signal)
+
+
+def _add_range(signal: Signal, longest_excursion_s: Optional[float]) -> None:
+    measured = signal.measured
     reason = measured.unsuitable()
     if reason and not measured.config.field and measured.config.statistic == "last":
         reason = "only the arrival of its messages is watched"
     if reason:
-        left_out.append(f"no bounds: {reason}")
-    else:
-        from_extreme = longest_excursion_s is not None and longest_excursion_s > LONGEST_EXCURSION_S
-        _add_bounds(measured, from_extreme, settings, left_out)
-        if measured.config.statistic == "count":
-            settings.pop("warn_below", None)  # it is measured where it rises: how far it falls is not seen
-        if settings:
-            _add_hysteresis(measured, settings)
-            if longest_excursion_s and not from_extreme:
-                for_s = rounded(1.5 * max(longest_excursion_s, 0.001), math.ceil)
-                evidence = f"longest healthy excursion beyond a bound {duration_text(longest_excursion_s)}"
-                settings["for_s"] = Setting(for_s, evidence)
-    seen: Dict[str, Setting] = {}
-    if settings and measured.duration_s < LEAST_RANGE_S * 0.999:
-        settings, seen = {}, settings
+        signal.left_out.append(f"no bounds: {reason}")
+        return
+    from_extreme = longest_excursion_s is not None and longest_excursion_s > LONGEST_EXCURSION_S
+    _add_bounds(signal, from_extreme)
+    if measured.config.statistic == "count":
+        signal.proposed.pop("warn_below", None)  # it is measured where it rises: how far it falls is not seen
+    if not signal.proposed:
+        return
+    _add_hysteresis(signal)
+    if longest_excursion_s and not from_extreme:
+        for_s = rounded(1.5 * max(longest_excursion_s, 0.001), math.ceil)
+        evidence = f"longest healthy excursion beyond a bound {duration_text(longest_excursion_s)}"
+        signal.proposed["for_s"] = Setting(for_s, evidence)
+    if measured.duration_s < LEAST_RANGE_S * 0.999:
+        signal.seen, signal.proposed = signal.proposed, {}
         expected = f"expected at least {duration_text(LEAST_RANGE_S)}"
-        left_out.append(f"the range was seen for {duration_text(measured.duration_s)} only, {expected}")
-    _add_staleness(measured, settings)
-    return Suggestion(settings, seen, left_out)
+        signal.left_out.append(f"the range was seen for {duration_text(measured.duration_s)} only, {expected}")
 
 
-def _add_rate_bounds(measured: Measured, settings: Dict[str, Setting], left_out: List[str]) -> None:
+def _add_rate_bounds(signal: Signal) -> None:
+    measured = signal.measured
     lasted = duration_text(measured.duration_s)
     if measured.samples < LEAST_MESSAGES or not measured.mean_rate_hz > 0.0:
         seen = f"only {count_text(measured.samples, 'message')} in {lasted}"
-        left_out.append(f"no bounds: {seen}: a rate needs {LEAST_MESSAGES}")
+        signal.left_out.append(f"no bounds: {seen}: a rate needs {LEAST_MESSAGES}")
         return
     if not measured.irregularity < MOST_IRREGULAR:
         gaps = f"{duration_text(measured.gaps.min)} to {duration_text(measured.gaps.max)}"
-        left_out.append(f"not periodic: {measured.samples:,} messages in {lasted}, {gaps} apart")
+        signal.left_out.append(f"not periodic: {measured.samples:,} messages in {lasted}, {gaps} apart")
         return
     values = measured.values
     known = values.count > 0 and values.min > 0.0
@@ -121,28 +155,24 @@ def _add_rate_bounds(measured: Measured, settings: Dict[str, Setting], left_out:
     why = f"margin {margin * 100.0:.0f} %{seen}"
     low = rounded(lowest * (1.0 - margin), math.floor)
     high = rounded(highest * (1.0 + margin), math.ceil)
-    settings["warn_below"] = Setting(low, f"lowest {measured.text(lowest)}; {why}")
-    settings["warn_above"] = Setting(high, f"highest {measured.text(highest)}; {why}")
+    signal.proposed["warn_below"] = Setting(low, f"lowest {measured.text(lowest)}; {why}")
+    signal.proposed["warn_above"] = Setting(high, f"highest {measured.text(highest)}; {why}")
 
 
-def _by_rules(measured: Measured, rules: Rules) -> Suggestion:
-    """Derives settings from rules; bounds that a healthy robot was beyond are only shown."""
-    settings: Dict[str, Setting] = {}
-    seen: Dict[str, Setting] = {}
-    values = measured.values
+def _add_rules(signal: Signal) -> None:
+    """Adds the settings that are rules; bounds that a healthy robot was beyond are only shown."""
+    measured, values = signal.measured, signal.measured.values
     if not values.count:
-        return Suggestion({}, {}, [f"not measured: {count_text(measured.samples, 'sample')}, none valid"])
+        signal.left_out.append(f"not measured: {count_text(measured.samples, 'sample')}, none valid")
+        return
     spread = f"seen {measured.text(values.min)} to {measured.text(values.max)}"
-    for key, (value, why) in rules.items():
+    for key, (value, why) in signal.rules.items():
         is_low, is_bound = key.endswith("below"), key.endswith(("below", "above"))
         beyond = is_bound and (values.min <= value if is_low else values.max >= value)
-        (seen if beyond else settings)[key] = Setting(value, f"{why}; {spread}" if is_bound else why)
-    left_out: List[str] = []
-    if not any(key.startswith(("warn", "error")) for key in settings):
-        settings = {}
-        left_out.append(f"no bounds: {spread}")
-    _add_staleness(measured, settings)
-    return Suggestion(settings, seen, left_out)
+        (signal.seen if beyond else signal.proposed)[key] = Setting(value, f"{why}; {spread}" if is_bound else why)
+    if not signal.has_bounds:
+        signal.proposed = {}
+        signal.left_out.append(f"no bounds: {spread}")
 
 
 def _without_outliers(values: Quantiles, fence: float, low: float, high: float) -> Tuple[float, float]:
@@ -158,7 +188,8 @@ def _without_outliers(values: Quantiles, fence: float, low: float, high: float) 
     return max(low, smallest), min(high, largest)
 
 
-def _add_bounds(measured: Measured, from_extreme: bool, settings: Dict[str, Setting], left_out: List[str]) -> None:
+def _add_bounds(signal: Signal, from_extreme: bool) -> None:
+    measured = signal.measured
     values, config = measured.values, measured.config
     low, high = _without_outliers(values, FENCE, values.quantile(TAIL), values.quantile(1.0 - TAIL))
     noise = measured.steps.quantile(0.95) if measured.steps.count else 0.0
@@ -167,7 +198,7 @@ def _add_bounds(measured: Measured, from_extreme: bool, settings: Dict[str, Sett
         low, high = _without_outliers(values, WIDE_FENCE, values.min, values.max)
     if not _TINY < margin < _HUGE:
         spread = f"from {measured.text(values.min)} to {measured.text(values.max)}"
-        left_out.append(f"no bounds: the values are {spread}, nearly all of them about {measured.text(low)}")
+        signal.left_out.append(f"no bounds: the values are {spread}, nearly all of them about {measured.text(low)}")
         return
     digits = math.floor(math.log10(margin))
     step = 10.0**digits
@@ -179,12 +210,12 @@ def _add_bounds(measured: Measured, from_extreme: bool, settings: Dict[str, Sett
         side, outermost = ("below", "lowest") if key == "warn_below" else ("above", "highest")
         beyond = _beyond_limit(key, bound, config, values.min)
         if beyond:
-            left_out.append(f"no {key}: {measured.text(bound)} {beyond}")
+            signal.left_out.append(f"no {key}: {measured.text(bound)} {beyond}")
             continue
         evidence = f"{outermost} {measured.text(extreme)}"
         if quantile != extreme:
             evidence = f"{TAIL * 100.0:g} % of the samples are {side} {measured.text(quantile)}, {evidence}"
-        settings[key] = Setting(bound, f"{evidence}; margin {measured.text(margin)}")
+        signal.proposed[key] = Setting(bound, f"{evidence}; margin {measured.text(margin)}")
 
 
 def _beyond_limit(key: str, bound: float, config: SignalConfig, lowest_value: float) -> str:
@@ -204,33 +235,33 @@ def _beyond_limit(key: str, bound: float, config: SignalConfig, lowest_value: fl
     return ""
 
 
-def _add_hysteresis(measured: Measured, settings: Dict[str, Setting]) -> None:
+def _add_hysteresis(signal: Signal) -> None:
     """Adds the hysteresis, if the signal has noise; an alert must be able to clear at a healthy value."""
+    measured = signal.measured
     noise = measured.steps.quantile(0.95)
     median = measured.values.quantile(0.5)
-    bounds = [settings[key].value for key in ("warn_below", "warn_above") if key in settings]
-    room = min(abs(bound - median) for bound in bounds)
+    room = min(abs(bound.value - median) for bound in signal.proposed.values())
     evidence = f"95 % of the steps between samples are at most {measured.text(noise)}"
     hysteresis = rounded(noise, math.ceil)
     if hysteresis > room / 2.0:
         hysteresis = rounded(room / 2.0, math.floor)
         evidence += "; at most half of the distance from a bound to the median"
     if hysteresis > 0.0:
-        settings["hysteresis"] = Setting(hysteresis, evidence)
+        signal.proposed["hysteresis"] = Setting(hysteresis, evidence)
 
 
-def _add_staleness(measured: Measured, settings: Dict[str, Setting]) -> None:
-    gaps = measured.gaps
-    if measured.config.statistic == "count":
+def _add_staleness(signal: Signal) -> None:
+    gaps = signal.measured.gaps
+    if signal.measured.config.statistic == "count":
         return  # it is known without samples
     if gaps.count < LEAST_GAPS:
         evidence = f"0: never; {count_text(gaps.count, 'gap')} between samples, expected at least {LEAST_GAPS}"
-        settings["stale_after_s"] = Setting(0.0, evidence)
+        signal.proposed["stale_after_s"] = Setting(0.0, evidence)
         return
     median = gaps.quantile(0.5)
     stale_s = max(1.0, rounded(max(2.0 * gaps.max, 5.0 * median), math.ceil))
     evidence = f"longest gap {duration_text(gaps.max)}, median {duration_text(median)}"
-    settings["stale_after_s"] = Setting(stale_s, evidence)
+    signal.proposed["stale_after_s"] = Setting(stale_s, evidence)
 
 
 def rounded(value: float, rounding: Callable[[float], int]) -> float:

@@ -5,10 +5,11 @@ from __future__ import annotations
 import json
 import re
 from itertools import groupby
-from typing import Any, Callable, Iterable, List, Mapping
+from typing import Any, Iterable, List, Mapping
 
 from ..values.formatting import count_text, duration_text, number_text, printable
-from .proposal import ORDER, Proposed, Signal
+from .proposal import ORDER, Proposed
+from .suggestion import Signal
 
 MOST_NOT_WATCHED = 60
 """Topics that are listed as not watched; of further ones, only the number is given."""
@@ -19,42 +20,22 @@ _NOT_TEXT = ("y", "n", "yes", "no", "on", "off", "true", "false", "null")
 _COLUMN = 36
 """Column of the comments."""
 
-Alerts = Callable[[str, str, Any], str]
-"""Returns how often a key with a value alerted, for a signal by its name: `0 alerts in 7.4 h; `; empty if unknown."""
 
-
-def thresholds_text(
-    heading: Iterable[str],
-    others: Mapping[str, Any],
-    proposed: Proposed,
-    alerts: Alerts = lambda name, key, value: "",
-    unchanged: Mapping[str, Mapping[str, Any]] = {},
-) -> str:
-    """Returns the file.
-
-    Args:
-        heading: lines of the comment at its head.
-        others: further keys of alert_system.
-        proposed: signals, and what is not watched.
-        alerts: how often the proposed bounds alerted in a replay.
-        unchanged: signals of which nothing is known, by their names.
-    """
+def thresholds_text(heading: Iterable[str], others: Mapping[str, Any], proposed: Proposed) -> str:
+    """Returns the file: `heading` as a comment at its head, `others` as further keys of alert_system, and signals."""
     lines = [*(f"# {line}" for line in heading), "alert_system:", "  ros__parameters:"]
     lines += [f"    {key}: {yaml_text(value)}" for key, value in others.items()]
     watched = [signal for signal in proposed.signals if not signal.is_shown_only]
-    lines.append("    signals:" if watched or unchanged else "    signals: {}")
+    lines.append("    signals:" if watched else "    signals: {}")
     for topic, signals in groupby(proposed.signals, key=lambda signal: signal.topic):
         comments: List[str] = []
         for signal in signals:
             if signal.is_shown_only:
                 comments.append(_shown_only(signal))
             else:
-                lines += _signal(signal, alerts)
+                lines += _signal(signal)
         lines += _at_most(comments, topic, "more of them")
         lines += _fields(proposed, topic)
-    for name, settings in unchanged.items():
-        lines += [f"      {name}:", "        # not recorded: unchanged"]
-        lines += [f"        {key}: {yaml_text(value)}" for key, value in settings.items()] or ["        {}"]
     shown = {signal.topic for signal in proposed.signals}
     unshown = [topic for topic in sorted(proposed.fields) if topic not in shown][:MOST_NOT_WATCHED]
     lines += [line for topic in unshown for line in _fields(proposed, topic)]
@@ -76,52 +57,50 @@ def _fields(proposed: Proposed, topic: str) -> List[str]:
     return _at_most(reasons, topic, "more without bounds")
 
 
-def _signal(signal: Signal, alerts: Alerts) -> List[str]:
-    measured, settings, suggestion = signal.measured, signal.given, signal.suggestion
-    invalid = f", {measured.bad_samples:,} of them invalid" if _counts_bad(signal) else ""
-    samples = f"{count_text(measured.samples, 'sample')} in {duration_text(measured.duration_s)}{invalid}"
+def _signal(signal: Signal) -> List[str]:
+    settings, measured = signal.given, signal.measured
     lines = [f"      {signal.name}:"]
     if measured.samples or not signal.note:
+        field = str(settings.get("field", "data"))
+        selects_several = ("*" in field or "?" in field) and not settings.get("reduce")
+        has_bad = measured.bad_samples and not selects_several
+        invalid = f", {measured.bad_samples:,} of them invalid" if has_bad else ""
+        samples = f"{count_text(measured.samples, 'sample')} in {duration_text(measured.duration_s)}{invalid}"
         lines.append(f"        # {samples}")
     if signal.note:
         lines.append(f"        # {signal.note}")
 
-    def add(text: str, key: str, comment: str) -> None:
+    def add(text: str, key: str, *comments: str) -> None:
         unit = "s" if key.endswith("_s") else "" if key == "depends_on" else _unit(settings)
-        lines.append(f"        {text} ".ljust(_COLUMN) + "# " + "; ".join(filter(None, [unit, comment])))
+        lines.append(f"        {text} ".ljust(_COLUMN) + "# " + "; ".join(filter(None, [unit, *comments])))
 
     for key, value in settings.items():
-        evidence = alerts(signal.name, key, value).rstrip("; ")
-        if key in suggestion.seen:
-            other, why = suggestion.seen[key]
-            evidence += f"{'; ' * bool(evidence)}suggested: {yaml_text(other)}; {why}"
-        if evidence:
-            add(f"{key}: {yaml_text(value)}", key, f"given; {evidence}")
+        comments = [signal.alerts.get(key, "")]
+        if key in signal.seen:
+            other, why = signal.seen[key]
+            comments.append(f"suggested: {yaml_text(other)}; {why}")
+        if any(comments):
+            add(f"{key}: {yaml_text(value)}", key, "given", *comments)
         else:
             lines.append(f"        {key}: {yaml_text(value)}")
+    if not settings:
+        lines.append("        {}")
     for key in ORDER:
-        if key in suggestion.settings:
-            value, why = suggestion.settings[key]
-            add(f"{key}: {yaml_text(value)}", key, f"{alerts(signal.name, key, value)}{why}")
-        elif key in suggestion.seen and key not in settings:
-            value, why = suggestion.seen[key]
+        if key in signal.proposed:
+            value, why = signal.proposed[key]
+            add(f"{key}: {yaml_text(value)}", key, signal.alerts.get(key, ""), why)
+        elif key in signal.seen and key not in settings:
+            value, why = signal.seen[key]
             add(f"# {key}: {yaml_text(value)}", key, why)
-    return lines + [f"        # {reason}" for reason in suggestion.left_out]
-
-
-def _counts_bad(signal: Signal) -> bool:
-    field = str(signal.given.get("field", "data"))
-    selects_several = ("*" in field or "?" in field) and not signal.given.get("reduce")
-    return bool(signal.measured.bad_samples) and not selects_several
+    return lines + [f"        # {reason}" for reason in signal.left_out]
 
 
 def _shown_only(signal: Signal) -> str:
     """Returns a signal whose range was not seen for long enough, as one comment that can be made a line."""
-    keys = {**signal.given, **{key: setting.value for key, setting in signal.suggestion.seen.items()}}
-    text = ", ".join(f"{key}: {yaml_text(value)}" for key, value in keys.items())
+    keys = {**signal.given, **{key: setting.value for key, setting in signal.seen.items()}}
     values, unit = signal.measured.values, _unit(signal.given)
     seen = f"seen {number_text(values.min)} to {number_text(values.max)}{f' {unit}' if unit else ''}"
-    return f"      # {signal.name}: {{{text}}}  # {seen} in {duration_text(signal.measured.duration_s)}"
+    return f"      # {signal.name}: {yaml_text(keys)}  # {seen} in {duration_text(signal.measured.duration_s)}"
 
 
 def _at_most(lines: List[str], topic: str, what: str) -> List[str]:

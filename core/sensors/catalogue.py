@@ -9,18 +9,17 @@ docs/signals.md is generated from this table, and `robot-health sources` lists i
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
 from functools import partial
-from typing import Any, Callable, Dict, Iterable, List, Mapping, NamedTuple, Tuple
+from typing import Any, Callable, Iterable, Mapping, NamedTuple, Sequence, Tuple
 
 from ..config.parameters import Parameter
 from . import daemons, disks, gpu, network, operating_system, processes
-from .computer import Computer, HostPaths, call_psutil
-from .host import Battery, HostCpuUsage, fan_rpm, rail_volts, read_cpu_ticks, sensor_names, temperature
+from .computer import Computer, Growth, HostPaths, HostReading, load_psutil
+from .host import Battery, busy_percent, core_ticks, fan_rpm, rail_volts, read_cpu_ticks, sensor_names, temperature
 from .processes import ProcessSource
 from .source import Source
 
-Options = Dict[str, Any]
+Options = Mapping[str, Any]
 
 
 class HostSource(NamedTuple):
@@ -34,45 +33,24 @@ class HostSource(NamedTuple):
     """Select one where a machine may have several."""
     available: Callable[[HostPaths], Iterable[Options]] = lambda paths: ()
     """Returns the options of each that this machine has; raises SensorError if they cannot be read."""
-    required: Tuple[str, ...] = ()
-    """Names of options of which at least one must be given."""
-
-    @property
-    def example(self) -> Options:
-        """The options shown where `available` lists none: what a user may write, whose error gives the reason."""
-        if self.required:
-            return {"command": "*/amcl *"}
-        return {option.name: option.default for option in self.options[:1]}
-
-    @property
-    def options_text(self) -> str:
-        """The options with their meaning, for the documentation."""
-        return "; ".join(f"`{option.name}`: {option.description}" for option in self.options)
-
-
-@dataclass(frozen=True)
-class HostReading:
-    """A source that remembers nothing between two reads."""
-
-    function: Callable[[float], float]
-
-    def read(self, now_s: float) -> float:
-        """Returns the value of the function, which may raise SensorError."""
-        return self.function(now_s)
+    example: Options = {}
+    """Keys of which at least one must be given, with what is shown where `available` lists none."""
 
 
 def _asked(
-    subject: str, read: Callable[..., Any], value: Callable[[Any], float] = float, every_s: float = 0.0
+    subject: str, read: Callable[..., Any], value: Any = float, every_s: float = 0.0, kind: Any = HostReading
 ) -> Callable[..., Source]:
-    """Returns what makes a source of a part of what `read` returns, which gets the paths and the options.
+    """Returns what makes a source of what `read` returns, which gets the paths and the options.
 
-    Sources with the same `read` and the same options share what it returns.
+    Sources with the same `read` and the same options share what it returns. `kind` is `HostReading`, which calls
+    `value` with that, or `Growth`, which does with its growth.
     """
 
     def make(computer: Computer, **options: Any) -> Source:
         arguments = tuple(options.values())
-        named = " ".join([subject, *map(str, arguments)]).rstrip()
-        return HostReading(lambda now_s: value(computer.ask(now_s, every_s, named, read, *arguments)))
+        named = " ".join([subject, *(str(each) for each in arguments if each is not None)]).rstrip()
+        source: Source = kind(lambda now_s: computer.ask(now_s, every_s, named, read, *arguments), value)
+        return source
 
     return make
 
@@ -89,160 +67,156 @@ def _pressure(resource: str) -> Callable[..., Source]:
     return _asked("the pressure", lambda paths: operating_system.pressure_percent(paths, resource))
 
 
-def _listed(option: str, names: Callable[[HostPaths], Iterable[Any]]) -> Callable[[HostPaths], Iterable[Options]]:
-    """Returns what lists the values of one option."""
-    return lambda paths: [{option: name} for name in names(paths)]
-
-
-def _sensors(kind: str) -> Callable[[HostPaths], Iterable[Options]]:
-    return _listed("sensor", lambda paths: sensor_names(paths, kind))
-
-
-def _temperatures(paths: HostPaths) -> List[str]:
-    names = sensor_names(paths, "temp")
-    return ["", *names] if names else []
-
-
 def _nodes(paths: HostPaths) -> Iterable[Options]:
-    return [{"node": name} for name in processes.Processes(paths).scan(paths).nodes()[:50]]
+    return [{"node": name} for name in processes.Processes().scan(paths).nodes()[:50]]
 
 
-_MEMORY = partial(call_psutil, "virtual_memory", "the memory")
-_SWAP = partial(call_psutil, "swap_memory", "the swap")
-_CORE = Parameter("core", int, None, "core, counted from 0; left out: all cores together", 0, 65535)
-_PATH = Parameter("path", str, "/", "mount point of the disk")
-_SENSOR = Parameter("sensor", str, "", "sensor, as chip/label or chip/number; left out: the hottest of the CPU")
-_FAN = Parameter("sensor", str, "", "fan, as chip/label; left out: the fastest")
-_RAIL = Parameter("sensor", str, "", "voltage, as chip/label; left out: the first")
-_INTERFACE = Parameter("interface", str, "", "network interface; left out: all together")
-_CARRIER = Parameter("interface", str, "", "network interface; left out: any")
-_WIFI = Parameter("interface", str, "", "Wi-Fi interface; left out: the first")
-_CAN = Parameter("interface", str, "", "CAN interface; left out: all together")
-_DISK = Parameter("device", str, "", "disk, such as sda; left out: the slowest")
-_GPU = Parameter("device", int, 0, "number of the graphics processor", 0, 63)
+_SPACE = partial(_asked, "the disk at", disks.read_space, every_s=5.0)
+_CLOCK = partial(_asked, "the time daemon", daemons.read_clock, every_s=5.0)
+_COMMAND = {"command": "*/amcl *", "node": ""}
+_MEMORY = partial(_asked, "the memory", lambda paths: load_psutil(paths).virtual_memory())
+_SWAP = _asked("the swap", lambda paths: load_psutil(paths).swap_memory(), operating_system.swap_percent)
 _REDUCE = Parameter("reduce", str, "sum", "of several processes", choices=tuple(processes.REDUCTIONS))
 
 
-def _process(metric: str, unit: str, description: str, *options: Parameter) -> HostSource:
+def _process(metric: str, unit: str, description: str, *options: Parameter) -> Tuple[Any, ...]:
     selecting = (
         Parameter("command", str, "", "pattern of the whole command line, with * and ?"),
         Parameter("node", str, "", "name of a ROS node: of __node:= or __name:=, or the executable"),
     )
     make = partial(ProcessSource, metric)
-    return HostSource(unit, description, make, (*selecting, *options), _nodes, ("command", "node"))
+    return metric, unit, description, make, (*selecting, *options), _nodes, _COMMAND
 
 
-def _rate(fields: Tuple[str, ...], scale: float = 1.0, **options: Any) -> Callable[..., Source]:
-    return partial(network.CounterRate, fields, scale, **options)
-
-
-def _space(value: Callable[[disks.Space], float]) -> Callable[..., Source]:
-    return _asked("the disk at", disks.read_space, value, 5.0)
+def _traffic(counters: slice, scale: float = 1.0) -> Callable[..., Source]:
+    return _asked("the network", network.read_counters, network.rate(counters, scale), kind=Growth)
 
 
 def _gpu(name: str) -> Callable[..., Source]:
     return _asked("graphics processor", gpu.read_gpu, lambda found: gpu.gpu_value(found, name))
 
 
-def _clock(value: Callable[[daemons.Clock], float]) -> Callable[..., Source]:
-    return _asked("the time daemon", daemons.read_clock, value, 5.0)
+def _option(
+    names: Callable[[HostPaths], Iterable[Any]], name: str, kind: type, default: Any, *declared: Any
+) -> Tuple[Tuple[Parameter, ...], Callable[[HostPaths], Iterable[Options]]]:
+    """Returns an option that selects one of `names`, and what lists its values."""
+    option = Parameter(name, kind, default, *declared)
+    return (option,), lambda paths: [{name: each} for each in names(paths)]
 
 
-_ON_DISK = (_PATH,), _listed("path", disks.mount_points)
-_OF_INTERFACE = (_INTERFACE,), _listed("interface", network.interfaces)
-_OF_WIFI = (_WIFI,), _listed("interface", network.wifi_interfaces)
-_OF_GPU = (_GPU,), _listed("device", gpu.gpus)
+def _sensor(kind: str, description: str) -> Any:
+    return _option(lambda paths: ["", *sensor_names(paths, kind)], "sensor", str, "", description)
 
-HOST_SOURCES: Mapping[str, HostSource] = {
-    "cpu_percent": HostSource(
-        "%", "CPU load", HostCpuUsage, (_CORE,),
-        _listed("core", read_cpu_ticks),
+
+def _interface(names: Callable[[HostPaths], Iterable[Any]], description: str) -> Any:
+    return _option(names, "interface", str, "", description)
+
+
+_OF_CORE = _option(read_cpu_ticks, "core", int, None, "core, counted from 0; left out: all cores together", 0, 65535)
+_ON_DISK = _option(disks.mount_points, "path", str, "/", "mount point of the disk")
+_OF_DISK = _option(disks.read_requests, "device", str, "", "disk, such as sda; left out: the slowest")
+_OF_INTERFACE = _interface(network.read_counters, "network interface; left out: all together")
+_OF_WIFI = _interface(network.wifi_signals, "Wi-Fi interface; left out: the first")
+_OF_GPU = _option(gpu.gpus, "device", int, 0, "number of the graphics processor", 0, 63)
+
+_TABLE: Sequence[Tuple[Any, ...]] = (
+    (
+        "cpu_percent", "%", "CPU load", _asked("the CPU", core_ticks, busy_percent, kind=Growth), *_OF_CORE,
     ),
-    "load_1min": HostSource("", "load average over 1 minute", _load(0)),
-    "load_5min": HostSource("", "load average over 5 minutes", _load(1)),
-    "load_15min": HostSource("", "load average over 15 minutes", _load(2)),
-    "memory_percent": HostSource("%", "memory in use", _asked("the memory", _MEMORY, operating_system.memory_percent)),
-    "memory_available": HostSource(
-        "MB", "memory available to programs", _asked("the memory", _MEMORY, lambda memory: memory.available * 1e-6)
+    ("load_1min", "", "load average over 1 minute", _load(0)),
+    ("load_5min", "", "load average over 5 minutes", _load(1)),
+    ("load_15min", "", "load average over 15 minutes", _load(2)),
+    ("memory_percent", "%", "memory in use", _MEMORY(operating_system.memory_percent)),
+    (
+        "memory_available", "MB", "memory available to programs", _MEMORY(lambda memory: memory.available * 1e-6)
     ),
-    "swap_percent": HostSource("%", "swap in use", _asked("the swap", _SWAP, operating_system.swap_percent)),
-    "pressure_cpu": HostSource(
-        "%", "share of the last 10 s in which a process waited for the CPU",
+    ("swap_percent", "%", "swap in use", _SWAP),
+    (
+        "pressure_cpu", "%", "share of the last 10 s in which a process waited for the CPU",
         _pressure("cpu"),
     ),
-    "pressure_memory": HostSource(
-        "%", "share of the last 10 s in which a process waited for memory",
+    (
+        "pressure_memory", "%", "share of the last 10 s in which a process waited for memory",
         _pressure("memory"),
     ),
-    "pressure_io": HostSource(
-        "%", "share of the last 10 s in which a process waited for a disk",
+    (
+        "pressure_io", "%", "share of the last 10 s in which a process waited for a disk",
         _pressure("io"),
     ),
-    "oom_kills": HostSource(
-        "", "processes that were killed since the start because memory was used up",
+    (
+        "oom_kills", "", "processes that were killed since the start because memory was used up",
         _asked("the kernel", operating_system.oom_kills),
     ),
-    "disk_percent": HostSource("%", "disk in use", _space(lambda space: space.percent), *_ON_DISK),
-    "disk_free": HostSource("GB", "free disk space", _space(lambda space: space.free_gb), *_ON_DISK),
-    "disk_inodes_percent": HostSource("%", "inodes in use: files and folders", _space(disks.inodes_percent), *_ON_DISK),
-    "disk_read_only": HostSource(
-        "", "1 while the disk cannot be written, else 0", _space(lambda space: float(space.is_read_only)), *_ON_DISK
+    ("disk_percent", "%", "disk in use", _SPACE(lambda space: space.percent), *_ON_DISK),
+    ("disk_free", "GB", "free disk space", _SPACE(lambda space: space.free_gb), *_ON_DISK),
+    ("disk_inodes_percent", "%", "inodes in use: files and folders", _SPACE(disks.inodes_percent), *_ON_DISK),
+    (
+        "disk_read_only", "", "1 while the disk cannot be written, else 0",
+        _SPACE(lambda space: float(space.is_read_only)), *_ON_DISK
     ),
-    "disk_latency_ms": HostSource(
-        "ms", "mean time of a request of the disk", disks.DiskLatency, (_DISK,), _listed("device", disks.devices)
+    (
+        "disk_latency_ms", "ms", "mean time of a request of the disk",
+        _asked("the disks", disks.read_requests, disks.latency_ms, kind=Growth), *_OF_DISK,
     ),
-    "temperature": HostSource(
-        "degC", "temperature", _asked("temperature sensor", temperature), (_SENSOR,),
-        _listed("sensor", _temperatures),
+    (
+        "temperature", "degC", "temperature", _asked("temperature sensor", temperature),
+        *_sensor("temp", "sensor, as chip/label or chip/number; left out: the hottest of the CPU"),
     ),
-    "fan_rpm": HostSource(
-        "rpm", "speed of a fan", _asked("fan", fan_rpm), (_FAN,), _sensors("fan"),
+    (
+        "fan_rpm", "rpm", "speed of a fan",
+        _asked("fan", fan_rpm), *_sensor("fan", "fan, as chip/label; left out: the fastest"),
     ),
-    "voltage_rail": HostSource(
-        "V", "voltage of a supply", _asked("voltage sensor", rail_volts), (_RAIL,), _sensors("in"),
+    (
+        "voltage_rail", "V", "voltage of a supply", _asked("voltage sensor", rail_volts),
+        *_sensor("in", "voltage, as chip/label; left out: the first"),
     ),
-    "throttled": HostSource(
-        "", "1 while a Raspberry Pi is slowed down by its supply or temperature, else 0",
+    (
+        "throttled", "", "1 while a Raspberry Pi is slowed down by its supply or temperature, else 0",
         _asked("the firmware", operating_system.throttled),
     ),
-    "gpu_percent": HostSource("%", "load of the graphics processor", _gpu("percent"), *_OF_GPU),
-    "gpu_memory_percent": HostSource(
-        "%", "memory of the graphics processor in use", _gpu("memory_percent"), *_OF_GPU
+    ("gpu_percent", "%", "load of the graphics processor", _gpu("percent"), *_OF_GPU),
+    (
+        "gpu_memory_percent", "%", "memory of the graphics processor in use", _gpu("memory_percent"), *_OF_GPU
     ),
-    "gpu_temperature": HostSource("degC", "temperature of the graphics processor", _gpu("celsius"), *_OF_GPU),
-    "battery_percent": HostSource("%", "battery charge", _battery(Battery.percent)),
-    "battery_plugged": HostSource("", "1 while the charger is connected, else 0", _battery(Battery.is_plugged)),
-    "battery_voltage": HostSource("V", "battery voltage", _battery(Battery.volts)),
-    "battery_current": HostSource("A", "battery current, negative when discharging", _battery(Battery.amperes)),
-    "network_receive": HostSource("MB/s", "data received", _rate(("bytes_recv",), 1e-6), *_OF_INTERFACE),
-    "network_send": HostSource("MB/s", "data sent", _rate(("bytes_sent",), 1e-6), *_OF_INTERFACE),
-    "network_errors": HostSource("1/s", "packets with errors", _rate(("errin", "errout")), *_OF_INTERFACE),
-    "network_drops": HostSource("1/s", "dropped packets", _rate(("dropin", "dropout")), *_OF_INTERFACE),
-    "network_carrier": HostSource(
-        "", "1 while there is a carrier (cable connected, Wi-Fi associated), else 0",
-        _asked("the network", network.carrier), (_CARRIER,), _listed("interface", network.interfaces),
+    ("gpu_temperature", "degC", "temperature of the graphics processor", _gpu("celsius"), *_OF_GPU),
+    ("battery_percent", "%", "battery charge", _battery(Battery.percent)),
+    ("battery_plugged", "", "1 while the charger is connected, else 0", _battery(Battery.is_plugged)),
+    ("battery_voltage", "V", "battery voltage", _battery(Battery.volts)),
+    ("battery_current", "A", "battery current, negative when discharging", _battery(Battery.amperes)),
+    ("network_receive", "MB/s", "data received", _traffic(network.RECEIVED, 1e-6), *_OF_INTERFACE),
+    ("network_send", "MB/s", "data sent", _traffic(network.SENT, 1e-6), *_OF_INTERFACE),
+    ("network_errors", "1/s", "packets with errors", _traffic(network.ERRORS), *_OF_INTERFACE),
+    ("network_drops", "1/s", "dropped packets", _traffic(network.DROPS), *_OF_INTERFACE),
+    (
+        "network_carrier", "", "1 while there is a carrier (cable connected, Wi-Fi associated), else 0",
+        _asked("the network", network.carrier), *_interface(network.read_counters, "network interface; left out: any"),
     ),
-    "wifi_signal": HostSource("dBm", "signal of the Wi-Fi", _asked("the Wi-Fi", network.signal_dbm), *_OF_WIFI),
-    "wifi_bitrate": HostSource("Mbit/s", "bit rate of the Wi-Fi", _asked("the Wi-Fi", network.bitrate), *_OF_WIFI),
-    "can_errors": HostSource(
-        "1/s", "errors of a CAN bus", _rate(("errin", "errout"), among=network.can_interfaces), (_CAN,),
-        _listed("interface", network.can_interfaces),
+    ("wifi_signal", "dBm", "signal of the Wi-Fi", _asked("the Wi-Fi", network.signal_dbm), *_OF_WIFI),
+    ("wifi_bitrate", "Mbit/s", "bit rate of the Wi-Fi", _asked("the Wi-Fi", network.bitrate), *_OF_WIFI),
+    (
+        "can_errors", "1/s", "errors of a CAN bus",
+        _asked("the network", network.read_can_counters, network.rate(network.ERRORS), kind=Growth),
+        *_interface(network.can_interfaces, "CAN interface; left out: all together"),
     ),
-    "clock_offset_ms": HostSource(
-        "ms", "time of the servers minus that of this clock (chrony, systemd-timesyncd)",
-        _clock(daemons.clock_offset_ms),
+    (
+        "clock_offset_ms", "ms", "time of the servers minus that of this clock (chrony, systemd-timesyncd)",
+        _CLOCK(daemons.clock_offset_ms),
     ),
-    "clock_synchronized": HostSource(
-        "", "1 while the clock is synchronized, else 0", _clock(lambda clock: float(clock.is_synchronized))
+    (
+        "clock_synchronized", "", "1 while the clock is synchronized, else 0",
+        _CLOCK(lambda clock: float(clock.is_synchronized))
     ),
-    "systemd_failed": HostSource(
-        "", "failed units of systemd", _asked("systemd", daemons.failed_units, every_s=10.0)
+    (
+        "systemd_failed", "", "failed units of systemd", _asked("systemd", daemons.failed_units, every_s=10.0)
     ),
-    "process_cpu_percent": _process("process_cpu_percent", "%", "CPU time, in % of one core", _REDUCE),
-    "process_memory": _process("process_memory", "MB", "resident memory", _REDUCE),
-    "process_threads": _process("process_threads", "", "threads", _REDUCE),
-    "process_files": _process("process_files", "", "open files and sockets", _REDUCE),
-    "process_restarts": _process("process_restarts", "", "starts again since the monitor began"),
-    "process_running": _process("process_running", "", "1 while at least one runs, else 0"),
-}  # fmt: skip
+    _process("process_cpu_percent", "%", "CPU time, in % of one core", _REDUCE),
+    _process("process_memory", "MB", "resident memory", _REDUCE),
+    _process("process_threads", "", "threads", _REDUCE),
+    _process("process_files", "", "open files and sockets", _REDUCE),
+    _process("process_restarts", "", "starts again since the monitor began"),
+    _process("process_running", "", "1 while at least one runs, else 0"),
+)  # fmt: skip
+"""Name, unit, description, what makes the source, and what selects one where a machine may have several."""
+
+HOST_SOURCES: Mapping[str, HostSource] = {name: HostSource(*row) for name, *row in _TABLE}
 """Allowed values of `source` in the section `host` of battery_sensor."""

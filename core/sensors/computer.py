@@ -6,18 +6,22 @@ threads: core itself has none. Sources share what they ask for: it is read once 
 
 from __future__ import annotations
 
-import fnmatch
 import glob
+import math
 import os
 import re
 import warnings
-from typing import Any, Callable, Dict, List, NamedTuple, Optional, Tuple, TypeVar
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, Callable, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Tuple, TypeVar
 
 from ..values.errors import ServiceError
-from ..values.formatting import printable
+from ..values.formatting import list_text, printable
 from .source import NoSuchSensor, NotMeasuredYet, SensorError
 
 Result = TypeVar("Result")
+Counters = Mapping[Any, Sequence[float]]
+"""Counters of each part of the computer, by its name."""
 
 LATE_S = 5.0
 """An answer that takes longer is an error, which is logged; before that, it is merely not there yet."""
@@ -53,22 +57,25 @@ def run_at_once(function: Callable[[], None]) -> bool:
     return True
 
 
+@dataclass
 class _Question:
     """What is asked in the background: its latest answer, and since when the next one is awaited."""
 
-    def __init__(self) -> None:
-        self.asked_s: Optional[float] = None
-        self.is_pending = False
-        self.is_late = False
-        """Whether the answer came after its period, and has not been given yet."""
-        self.value: Any = None
-        self.error: Optional[Exception] = None
+    asked_s: float = math.nan
+    is_pending: bool = False
+    is_late: bool = False
+    """Whether the answer came after its period, and has not been given yet."""
+    value: Any = None
+    error: Optional[SensorError] = None
 
-    def run(self, function: Callable[..., Any], paths: HostPaths, arguments: Tuple[Any, ...]) -> None:
+    def run(self, subject: str, function: Callable[..., Any], *arguments: Any) -> None:
         try:
-            self.value, self.error = function(paths, *arguments), None
+            self.value, self.error = function(*arguments), None
+        except SensorError as error:
+            self.error = error
         except Exception as error:  # whatever a driver or a library raises is the answer
-            self.value, self.error = None, error
+            text = printable(f"{type(error).__name__}: {str(error)[:200]}")
+            self.error = SensorError(f"{subject} cannot be read: {text}")
         self.is_pending = False
 
 
@@ -80,14 +87,8 @@ class Computer:
         self.paths = paths
         self._background = background
         self._questions: Dict[Tuple[Any, ...], _Question] = {}
-        self._kept: Dict[Callable[..., Any], Any] = {}
-
-    def kept(self, make: Callable[[HostPaths], Result]) -> Result:
-        """Returns what `make` returned at its first call: state that several sources share, such as the processes."""
-        if make not in self._kept:
-            self._kept[make] = make(self.paths)
-        found: Result = self._kept[make]
-        return found
+        self.shared: Dict[type, Any] = {}
+        """State that several sources share, such as the processes."""
 
     def ask(
         self, now_s: float, every_s: float, subject: str, function: Callable[..., Result], *arguments: Any
@@ -95,7 +96,7 @@ class Computer:
         """Returns or raises what `function(paths, *arguments)` does, which may hang: nothing waits for it.
 
         An answer that came after its period is given at the next read. Where the function raises NoSuchSensor, it is
-        called again after `ABSENT_S`.
+        called again after `ABSENT_S`. Errors of libraries and of the kernel become SensorError.
 
         Args:
             now_s: the time of the read.
@@ -105,59 +106,93 @@ class Computer:
             *arguments: what it is called with, after the paths.
         """
         question = self._questions.setdefault((function, *arguments), _Question())
-        asked_s = question.asked_s
+        elapsed_s = now_s - question.asked_s
         every_s = ABSENT_S if isinstance(question.error, NoSuchSensor) else every_s
-        is_due = asked_s is None or now_s < asked_s or (now_s != asked_s and now_s - asked_s >= every_s)
         if not question.is_pending and question.is_late:
             question.is_late = False
-        elif not question.is_pending and is_due:
+        elif not question.is_pending and elapsed_s != 0.0 and not 0.0 < elapsed_s < every_s:
             question.asked_s, question.is_pending = now_s, True
+            call = partial(question.run, subject, function, self.paths, *arguments)
             try:
-                question.is_late = not self._background(lambda: question.run(function, self.paths, arguments))
+                question.is_late = not self._background(call)
             except ServiceError as error:
                 question.is_pending = False
                 raise SensorError(str(error)) from None
         if question.is_pending:
-            if question.asked_s is not None and now_s - question.asked_s >= LATE_S:
+            if now_s - question.asked_s >= LATE_S:
                 raise SensorError(f"no answer from {subject} for more than {LATE_S:g} s")
             raise NotMeasuredYet(f"no answer from {subject} yet")
-        if isinstance(question.error, SensorError):
-            raise question.error.with_traceback(None)
         if question.error is not None:
-            raise SensorError(f"{type(question.error).__name__}: {printable(str(question.error)[:200])}")
-        found: Result = question.value
-        return found
+            raise question.error.with_traceback(None)
+        result: Result = question.value
+        return result
+
+
+@dataclass(frozen=True)
+class HostReading:
+    """A source of a part of an answer; it remembers nothing between two reads."""
+
+    ask: Callable[[float], Any]
+    """Returns the answer at a time, or raises SensorError."""
+    value: Callable[[Any], float]
+
+    def read(self, now_s: float) -> float:
+        """Returns the value, or raises SensorError."""
+        return self.value(self.ask(now_s))
+
+
+class Growth:
+    """A source of how much counters grew between two reads."""
+
+    def __init__(
+        self, ask: Callable[[float], Counters], value: Callable[[List[List[float]], float], Optional[float]]
+    ) -> None:
+        """Reads nothing yet.
+
+        `ask` returns the counters of each part of the computer by its name, such as those of each disk. `value` is
+        called with the growth of each part and the time in s; it returns None if nothing can be said, such as within a
+        tick of the kernel.
+        """
+        self._ask = ask
+        self._value_of = value
+        self._counters: Counters = {}
+        self._at_s = math.nan
+        self._value: Optional[float] = None
+
+    def read(self, now_s: float) -> float:
+        """Returns the value since the previous read, or that of before if no time has passed; raises SensorError."""
+        try:
+            counters = self._ask(now_s)
+        except NotMeasuredYet:
+            raise
+        except SensorError:  # such as of an interface that is unplugged; it counts from there
+            self._counters, self._value = {}, None
+            raise
+        elapsed_s = now_s - self._at_s
+        # A counter that is smaller than before was reset.
+        grown = [
+            [max(0, new - old) for new, old in zip(counters[name], last)]
+            for name, last in self._counters.items()
+            if name in counters
+        ]
+        value = self._value_of(grown, elapsed_s) if grown and elapsed_s > 0.0 else None
+        self._value = self._value if value is None else value
+        self._counters, self._at_s = counters, now_s
+        if self._value is None:
+            raise NotMeasuredYet("not measured yet: it takes two reads")
+        return self._value
 
 
 def read_bytes(path: str, most: int = MOST_BYTES) -> bytes:
     """Returns the content of a file of the kernel, at most so many bytes of it; raises OSError."""
-    # Not `open`, which takes longer than the kernel does. Only an empty read is the end: a file comes in whole records.
-    file = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
-    try:
-        content = os.read(file, most)
-        while content and len(content) < most:
-            more = os.read(file, most - len(content))
-            if not more:
-                break
-            content += more
-        return content
-    finally:
-        os.close(file)
-
-
-def read_line(path: str) -> bytes:
-    """Returns the content of a file that the kernel gives at once; raises OSError."""
-    file = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
-    try:
-        return os.read(file, 4096)
-    finally:
-        os.close(file)
+    with open(path, "rb") as file:
+        return file.read(most)
 
 
 def read_text(*parts: str) -> Optional[str]:
     """Returns the content of a small file below folders, None if it cannot be read."""
     try:
-        return read_line(os.path.join(*parts)).decode("utf-8", "replace").strip()
+        return read_bytes(os.path.join(*parts), 4096).decode("utf-8", "replace").strip()
     except OSError:
         return None
 
@@ -165,25 +200,34 @@ def read_text(*parts: str) -> Optional[str]:
 def read_float(*parts: str) -> Optional[float]:
     """Returns the number in a file, None if there is none: the file of a sensor that is switched off is empty."""
     try:
-        return float(read_text(*parts) or "")
+        number = float(read_text(*parts) or "")
     except ValueError:
         return None
+    return number if math.isfinite(number) else None
 
 
 def sorted_paths(pattern: str) -> List[str]:
     """Returns the paths that match, hwmon2 before hwmon10."""
 
-    def key(path: str) -> Tuple[object, ...]:
-        parts = re.split(r"(\d+)", os.path.basename(path))
-        return tuple(int(part) if part.isdigit() else part for part in parts)
+    def key(path: str) -> List[object]:
+        return [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", path)]
 
-    folder, _, names = pattern.rpartition("/")
-    if "*" in folder:
-        return sorted(glob.glob(pattern), key=key)
-    try:  # glob takes several times as long
-        return sorted((f"{folder}/{name}" for name in fnmatch.filter(os.listdir(folder), names)), key=key)
-    except OSError:
-        return []
+    return sorted(glob.glob(pattern), key=key)
+
+
+def chosen(parts: Mapping[Any, Result], noun: str, name: Any, default: Iterable[Any]) -> Dict[Any, Result]:
+    """Returns the part of this computer with a name, such as one disk; without a name those of `default`.
+
+    Raises SensorError if there is none with this name, and NoSuchSensor if `default` is empty.
+    """
+    is_named = name not in (None, "")
+    names = [name] if is_named else list(default)
+    if is_named and name not in parts:
+        available = list_text([str(each) for each in parts if each is not None], most=12)
+        raise SensorError(f"this machine has no {noun} {name}; available: {available or 'none'}")
+    if not names:
+        raise NoSuchSensor(f"this machine has no {noun}")
+    return {each: parts[each] for each in names}
 
 
 def load_psutil(paths: HostPaths) -> Any:
@@ -196,13 +240,3 @@ def load_psutil(paths: HostPaths) -> Any:
     # It warns of figures that are not used here, such as the traffic of the swap.
     warnings.filterwarnings("ignore", category=RuntimeWarning, module="psutil")
     return psutil
-
-
-def call_psutil(function: str, subject: str, paths: HostPaths, **options: Any) -> Any:
-    """Calls a function of psutil, which reads a `subject`; raises SensorError if that is not possible."""
-    psutil = load_psutil(paths)
-    try:
-        return getattr(psutil, function)(**options)
-    except Exception as error:  # psutil raises anything when a file is odd
-        text = printable(str(error)[:200])
-        raise SensorError(f"psutil cannot read {subject}: {type(error).__name__}: {text}") from error

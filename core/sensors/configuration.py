@@ -9,7 +9,7 @@ from __future__ import annotations
 import random
 import re
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Dict, Mapping, Optional, Tuple
+from typing import TYPE_CHECKING, Any, Dict, List, Mapping, Optional, Sequence, Tuple
 
 from ..config.parameters import Parameter, read_parameters, require_mapping
 from ..config.schema import parameters
@@ -96,45 +96,54 @@ def read_sources(tree: Mapping[str, Any], path: Path = (), computer: Optional[Co
     with problems:
         if tree.get("seed") is not None:
             seed = SEED.read(tree["seed"], (*path, "seed"))
-    for metric in METRICS:
+    metrics = list(METRICS)
+    with problems:
+        metrics += _host_sections(tree, path)
+    for metric in metrics:
         with problems:
-            source = _read_source(metric, tree, f"{seed}/{metric}", (*path, metric), computer)
+            where, table, given = _section(tree, metric, path)
+            values = read_parameters(given, table, where)
+            source = _source(metric, values, f"{seed}/{metric}", where, computer)
             if source is not None:
                 sources[metric] = source
-    with problems:
-        for metric, found in _host_sections(tree, path).items():
-            with problems:
-                sources[metric] = _read_host_source(found, (*path, HOST_SECTION, metric), computer)
     problems.raise_if_any()
     return sources
 
 
 def settings_of(tree: Mapping[str, Any], metric: str) -> Mapping[str, Any]:
-    """Returns the settings of one metric in a valid configuration, defaults included; empty if it is not there."""
-    if metric in METRICS:
-        section, table = _section(tree, metric, ()), METRIC_PARAMETERS[metric]
-    else:
-        section = _host_sections(tree, ()).get(metric, {})
-        table = _host_parameters(section["source"]) if section else ()
-    return {**{parameter.name: parameter.default for parameter in table}, **section}
+    """Returns the settings of one metric in a valid configuration, defaults included."""
+    _, table, given = _section(tree, metric, ())
+    return {**{parameter.name: parameter.default for parameter in table}, **given}
 
 
 def declared_parameters(tree: Mapping[str, Any]) -> Tuple[Parameter, ...]:
     """Returns the parameters of every metric in a valid configuration, by their dotted names."""
-    # A middleware that fills in defaults must not fill in another source than `sensors` does.
-    source = replace(_SOURCE, default=tree.get("sensors") or _SOURCE.default)
-    sections = {metric: (source, *table[1:]) for metric, table in METRIC_PARAMETERS.items()}
-    for metric, found in _host_sections(tree, ()).items():
-        first, *options = _host_parameters(found["source"])
-        sections[f"{HOST_SECTION}.{metric}"] = (replace(first, default=found["source"]), *options)
-    return tuple(parameter.below(section) for section, table in sections.items() for parameter in table)
+    declared: List[Parameter] = []
+    for metric in [*METRICS, *_host_sections(tree, ())]:
+        where, (source, *options), given = _section(tree, metric, ())
+        # A middleware that fills in defaults must not fill in another source than `sensors` does.
+        table = (replace(source, default=given["source"]), *options)
+        declared += [parameter.below(".".join(where)) for parameter in table]
+    return tuple(declared)
 
 
-def _section(tree: Mapping[str, Any], metric: str, path: Path) -> Mapping[str, Any]:
-    """Returns the section of a standard metric; its default source is that of the parameter `sensors`."""
-    found = require_mapping(tree.get(metric, {}), path)
-    source = found.get("source", tree.get("sensors") or _SOURCE.default)
-    return {**found, "source": "none" if source is False else source}  # YAML reads a plain `off` or `no` as false
+def _section(
+    tree: Mapping[str, Any], metric: str, path: Path
+) -> Tuple[Tuple[str, ...], Sequence[Parameter], Dict[str, Any]]:
+    """Returns where the settings of a metric are, the parameters that it can have, and what is given of them."""
+    if metric in METRICS:
+        where = (*path, metric)
+        given = {"source": tree.get("sensors") or _SOURCE.default, **require_mapping(tree.get(metric, {}), where)}
+        if given["source"] is False:  # YAML reads a plain `off` or `no` as false
+            given["source"] = "none"
+        return where, METRIC_PARAMETERS[metric], given
+    where = (*path, HOST_SECTION, metric)
+    given = dict(_host_sections(tree, path)[metric])
+    source = Parameter("source", str, None, "metric of this machine", choices=tuple(_host_sources()))
+    if given.get("source") is None:
+        raise ConfigError(f"is missing; expected {source.allowed} (see `robot-health sources`)", (*where, "source"))
+    options = _host_sources()[source.read(given["source"], (*where, "source"))].options
+    return where, (source, *options), given
 
 
 def _host_sections(tree: Mapping[str, Any], path: Path) -> Mapping[str, Mapping[str, Any]]:
@@ -159,34 +168,18 @@ def _host_sources() -> Mapping[str, HostSource]:
     return HOST_SOURCES
 
 
-def _host_source() -> Parameter:
-    return Parameter("source", str, None, "metric of this machine", choices=tuple(_host_sources()))
-
-
-def _host_parameters(source: str) -> Tuple[Parameter, ...]:
-    return (_host_source(), *_host_sources()[source].options)
-
-
-def _read_host_source(section: Mapping[str, Any], path: Path, computer: Computer) -> Source:
-    parameter = _host_source()
-    if section.get("source") is None:
-        raise ConfigError(f"is missing; expected {parameter.allowed} (see `robot-health sources`)", (*path, "source"))
-    kind = parameter.read(section["source"], (*path, "source"))
-    options = read_parameters(section, _host_parameters(kind), path)
-    del options["source"]
-    source = _host_sources()[kind]
-    if source.required and not any(options[name] for name in source.required):
-        raise ConfigError(f"expected {' or '.join(source.required)}, to select processes", path)
-    return source.make(computer, **options)
-
-
-def _read_source(metric: str, tree: Mapping[str, Any], seed: str, path: Path, computer: Computer) -> Optional[Source]:
-    values = read_parameters(_section(tree, metric, path), METRIC_PARAMETERS[metric], path)
+def _source(metric: str, values: Dict[str, Any], seed: str, path: Path, computer: Computer) -> Optional[Source]:
+    """Returns the source of a metric with these settings; None if it has none."""
     kind = values.pop("source")
     if kind == "none":
         return None
+    if metric not in METRICS:
+        source = _host_sources()[kind]
+        if source.example and not any(values[name] for name in source.example):
+            raise ConfigError(f"expected {' or '.join(source.example)}, to select processes", path)
+        return source.make(computer, **values)
     if kind == "host":
         return _host_sources()[_HOST_METRICS[metric]].make(computer)
     seeds = {} if metric == "battery_level" else {"seed": seed}
-    source: Source = _SIMULATED[metric](**values, **seeds)
-    return source
+    simulated: Source = _SIMULATED[metric](**values, **seeds)
+    return simulated

@@ -7,15 +7,18 @@ the one of Linux 5.5 and newer.
 
 from __future__ import annotations
 
+import contextlib
 import os
 import re
 from typing import Dict, List, NamedTuple, Tuple
 
-from .computer import Computer, HostPaths, call_psutil, read_bytes
-from .source import NoSuchSensor, NotMeasuredYet, SensorError
+from .computer import HostPaths, chosen, load_psutil, read_bytes
+from .source import NoSuchSensor, SensorError
 
-_NO_DISK = re.compile(r"(loop|ram|zram|fd|sr|dm-|md)\d+\Z")
-"""Devices without a latency of their own, and those that consist of others; they can be selected by their names."""
+_NO_DISK = re.compile(
+    r"(?:(?:loop|ram|zram|fd|sr|dm-|md)\d+|[hsv]d[a-z]+\d+|xvd[a-z]+\d+|(?:nvme\d+n\d+|mmcblk\d+)(?:p|boot|rpmb)\d*)\Z"
+)
+"""Devices without a latency, those that consist of others, and partitions; they can be selected by their names."""
 
 
 class Space(NamedTuple):
@@ -30,15 +33,12 @@ class Space(NamedTuple):
     is_read_only: bool
 
 
-def read_space(paths: HostPaths, path: str) -> Space:
+def read_space(paths: HostPaths, path: str = "/") -> Space:
     """Returns the space of the disk that is mounted at `path`; may hang."""
     # The empty folder of an unmounted disk would be read as the disk that contains it.
     if not os.path.ismount(path):
-        raise SensorError(f"no disk is mounted at {path}{_containing_disk(path)}")
-    try:
-        found = os.statvfs(path)
-    except (AttributeError, OSError) as error:
-        raise SensorError(f"the disk at {path} cannot be read: {error}") from None
+        raise SensorError(f"no disk is mounted at {path}")
+    found = os.statvfs(path)
     used = found.f_blocks - found.f_bfree
     usable = used + found.f_bavail
     return Space(
@@ -74,86 +74,26 @@ def inodes_percent(space: Space) -> float:
     return 100.0 * (space.inodes - space.free_inodes) / space.inodes
 
 
-def _containing_disk(path: str) -> str:
-    if not os.path.exists(path):
-        return ": there is no such folder"
-    above = os.path.realpath(path)
-    while not os.path.ismount(above):
-        above = os.path.dirname(above)
-    return f": the folder is on the disk at {above}"
-
-
 def mount_points(paths: HostPaths) -> List[str]:
     """Returns where disks are mounted, each disk once."""
-    found = {"/": ""}
-    for partition in call_psutil("disk_partitions", "mounted disks", paths, all=False):
-        if partition.device not in found.values() and os.path.isdir(partition.mountpoint):
-            found[partition.mountpoint] = partition.device
-    return sorted(path for path in found if os.path.ismount(path))
+    partitions = [each for each in load_psutil(paths).disk_partitions(all=False) if os.path.isdir(each.mountpoint)]
+    first = {each.device: each.mountpoint for each in reversed(partitions)}
+    return sorted(path for path in {"/", *first.values()} if os.path.ismount(path))
 
 
-class DiskLatency:
-    """Mean time that a disk took for each request since the previous read, in ms."""
+def read_requests(paths: HostPaths, device: str = "") -> Dict[str, Tuple[int, int]]:
+    """Returns the number of reads and writes that disks finished, and the time that they took in ms.
 
-    def __init__(self, computer: Computer, device: str = "") -> None:
-        """Measures one device or, without a name, the slowest disk."""
-        self._computer = computer
-        self._device = device
-        self._last: Dict[str, Tuple[int, int]] = {}
-        self._last_s = 0.0
-        self._ms: float = -1.0
-
-    def read(self, now_s: float) -> float:
-        """Returns the time in ms, 0 without a request; the previous one if no time has passed since. May raise."""
-        found = self._computer.ask(now_s, 0.0, "the disks", read_requests)
-        names = [self._device] if self._device else whole_disks(found)
-        if not names:
-            raise NoSuchSensor("this machine has no disk")
-        if names[0] not in found:
-            available = ", ".join(whole_disks(found)) or "none"
-            raise SensorError(f"this machine has no disk {self._device}; available: {available}")
-        last, measured = self._last, [name for name in names if name in self._last]
-        if last and now_s == self._last_s:
-            measured = []
-        else:
-            self._last, self._last_s = {name: found[name] for name in names}, now_s
-        if measured:
-            self._ms = max(_latency_ms(last[name], found[name]) for name in measured)
-        if self._ms < 0.0:
-            raise NotMeasuredYet("the latency is not measured yet: it takes two reads")
-        return self._ms
-
-
-def _latency_ms(before: Tuple[int, int], now: Tuple[int, int]) -> float:
-    requests, ms = now[0] - before[0], now[1] - before[1]
-    return ms / requests if requests > 0 and ms > 0 else 0.0
-
-
-def read_requests(paths: HostPaths) -> Dict[str, Tuple[int, int]]:
-    """Returns per device the number of reads and writes that it finished, and the time that they took in ms."""
-    file = os.path.join(paths.proc, "diskstats")
-    try:
-        lines = read_bytes(file).decode("utf-8", "replace").splitlines()
-    except OSError as error:
-        raise NoSuchSensor(f"no disks in {file}: {error.strerror}") from None
-    found = {}
-    for line in lines:
+    Of one device or, without a name, of all disks: no partitions, no loops.
+    """
+    requests: Dict[str, Tuple[int, int]] = {}
+    for line in read_bytes(f"{paths.proc}/diskstats").decode("utf-8", "replace").splitlines():
         columns = line.split(None, 11)
-        try:
-            found[columns[2]] = int(columns[3]) + int(columns[7]), int(columns[6]) + int(columns[10])
-        except (IndexError, ValueError):
-            continue
-    return found
+        with contextlib.suppress(IndexError, ValueError):
+            requests[columns[2]] = int(columns[3]) + int(columns[7]), int(columns[6]) + int(columns[10])
+    return chosen(requests, "disk", device, [name for name in requests if not _NO_DISK.match(name)])
 
 
-_PARTITION = re.compile(r"(?:[hsv]d[a-z]+\d+|xvd[a-z]+\d+|(?:nvme\d+n\d+|mmcblk\d+)(?:p|boot|rpmb)\d*)\Z")
-
-
-def whole_disks(found: Dict[str, Tuple[int, int]]) -> List[str]:
-    """Returns the names of those devices that are disks: no partitions, no loops."""
-    return [name for name in found if not _NO_DISK.match(name) and not _PARTITION.match(name)]
-
-
-def devices(paths: HostPaths) -> List[str]:
-    """Returns the names of the disks."""
-    return whole_disks(read_requests(paths))
+def latency_ms(grown: List[List[float]], elapsed_s: float) -> float:
+    """Returns the mean time that the slowest disk took for each request, in ms, 0 without a request."""
+    return max(ms / requests if requests else 0.0 for requests, ms in grown)

@@ -6,7 +6,7 @@ NVIDIA's library waits for its driver, so `read_gpu` is called with `Computer.as
 from __future__ import annotations
 
 import os
-from typing import Any, NamedTuple, Optional
+from typing import List, NamedTuple, Optional
 
 from .computer import HostPaths, read_float, read_text, sorted_paths
 from .source import NoSuchSensor, SensorError
@@ -25,13 +25,25 @@ class Gpu(NamedTuple):
     celsius: Optional[float]
 
 
-def read_gpu(paths: HostPaths, device: int) -> Gpu:
+def read_gpu(paths: HostPaths, device: int = 0) -> Gpu:
     """Returns what a graphics processor does, by its number; raises SensorError. May hang."""
-    loads = [load for pattern in _LOADS for load in sorted_paths(os.path.join(paths.sys, pattern))]
-    load = read_float(loads[0]) if loads and device == 0 else None
-    if load is not None:
-        return Gpu(load / 10.0, None, _jetson_celsius(paths))
-    return _read_nvidia(paths, device)
+    loads = [read_float(load) for pattern in _LOADS for load in sorted_paths(os.path.join(paths.sys, pattern))]
+    if device == 0 and loads and loads[0] is not None:
+        return Gpu(loads[0] / 10.0, None, _jetson_celsius(paths))
+    if not os.path.exists(os.path.join(paths.proc, "driver", "nvidia")):
+        raise NoSuchSensor("no graphics processor of NVIDIA: its driver is not loaded")
+    try:
+        import pynvml as nvml
+    except ImportError:
+        raise SensorError("nvidia-ml-py is not installed: install it with pip") from None
+    nvml.nvmlInit()
+    try:
+        handle = nvml.nvmlDeviceGetHandleByIndex(device)
+        memory = nvml.nvmlDeviceGetMemoryInfo(handle)
+        percent = nvml.nvmlDeviceGetUtilizationRates(handle).gpu
+        return Gpu(float(percent), 100.0 * memory.used / memory.total, float(nvml.nvmlDeviceGetTemperature(handle, 0)))
+    finally:
+        nvml.nvmlShutdown()
 
 
 def _jetson_celsius(paths: HostPaths) -> Optional[float]:
@@ -42,57 +54,21 @@ def _jetson_celsius(paths: HostPaths) -> Optional[float]:
     return None
 
 
-def _read_nvidia(paths: HostPaths, device: int) -> Gpu:
-    if not os.path.exists(os.path.join(paths.proc, "driver", "nvidia")):
-        raise NoSuchSensor("no graphics processor of NVIDIA: its driver is not loaded")
-    nvml = _nvml()
-    try:
-        nvml.nvmlInit()
-        try:
-            handle = nvml.nvmlDeviceGetHandleByIndex(device)
-            memory = nvml.nvmlDeviceGetMemoryInfo(handle)
-            return Gpu(
-                float(nvml.nvmlDeviceGetUtilizationRates(handle).gpu),
-                100.0 * memory.used / memory.total,
-                float(nvml.nvmlDeviceGetTemperature(handle, 0)),
-            )
-        finally:
-            nvml.nvmlShutdown()
-    except nvml.NVMLError as error:
-        raise SensorError(f"graphics processor {device} cannot be read: {error}") from None
-
-
-def _nvml() -> Any:
-    try:
-        import pynvml
-    except ImportError:
-        raise SensorError("nvidia-ml-py is not installed: install it with pip") from None
-    return pynvml
-
-
 def gpu_value(gpu: Gpu, name: str) -> float:
     """Returns one figure of a graphics processor by its name; raises NoSuchSensor if it does not have it."""
-    value = getattr(gpu, name)
+    value: Optional[float] = getattr(gpu, name)
     if value is None:
-        lacks = {"memory_percent": "shares the memory of the computer: see memory_percent"}
-        raise NoSuchSensor(f"this graphics processor {lacks.get(name, 'does not have this figure')}")
-    return float(value)
+        raise NoSuchSensor(f"this graphics processor has no {name}; a Jetson shares the memory of the computer")
+    return value
 
 
-def gpus(paths: HostPaths) -> range:
-    """Returns the numbers of the graphics processors."""
+def gpus(paths: HostPaths) -> List[int]:
+    """Returns the numbers of the graphics processors that can be read."""
+    numbers: List[int] = []
     try:
-        read_gpu(paths, 0)
-    except NoSuchSensor:
-        return range(0)
-    except SensorError:
-        return range(1)
-    number = 1
-    try:
-        nvml = _nvml()
-        nvml.nvmlInit()
-        number = nvml.nvmlDeviceGetCount()
-        nvml.nvmlShutdown()
-    except Exception:  # a Jetson has no such library: it has one
+        while len(numbers) < 16:
+            read_gpu(paths, len(numbers))
+            numbers.append(len(numbers))
+    except Exception:  # there is no further one; or why the first cannot be read is shown when it is
         pass
-    return range(min(number, 16))
+    return numbers

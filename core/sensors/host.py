@@ -9,77 +9,42 @@ online instead of naming them.
 
 from __future__ import annotations
 
-import math
 import os
-from typing import Dict, List, NamedTuple, Optional, Tuple
+from typing import Dict, Iterable, List, NamedTuple, Optional, Tuple
 
 from ..values.formatting import list_text, printable
-from .computer import Computer, HostPaths, read_bytes, read_float, read_text, sorted_paths
-from .source import NoSuchSensor, NotMeasuredYet, SensorError
+from .computer import HostPaths, chosen, read_bytes, read_float, read_text, sorted_paths
+from .source import NoSuchSensor, SensorError
 
 _CPU_CHIPS = ("coretemp", "k10temp", "zenpower", "cpu", "soc_thermal", "soc-thermal", "x86_pkg_temp", "via_cputemp")
 """Prefixes of the names of CPU temperature chips: Intel, AMD, ARM boards, thermal zones, VIA."""
 
-CpuTicks = Tuple[int, ...]
-"""Time in user, nice, system, idle, iowait, irq, softirq and steal, in ticks; old kernels end earlier."""
-
-_LEAST_COLUMNS = 5
-
-
-class HostCpuUsage:
-    """CPU load of this machine since the previous read, in %."""
-
-    def __init__(self, computer: Computer, core: Optional[int] = None) -> None:
-        """Measures one core, counted from 0, or all of them together."""
-        self._computer = computer
-        self._core = core
-        self._last: Optional[CpuTicks] = None
-        self._percent: Optional[float] = None
-        try:
-            self._last = self._ticks(-math.inf)  # so that the first read can compare
-        except SensorError:
-            pass  # the first read reports it
-
-    def read(self, now_s: float) -> float:
-        """Returns the load in %; the previous one if no time has passed since. Raises SensorError."""
-        ticks = self._ticks(now_s)
-        last, self._last = self._last, ticks
-        if last is not None:
-            # A counter may step back: iowait does, and so do those of a core that goes offline.
-            user, nice, system, idle, iowait, *others = [max(0, new - old) for new, old in zip(ticks, last)]
-            busy = user + nice + system + sum(others)
-            if busy + idle + iowait:
-                self._percent = 100.0 * busy / (busy + idle + iowait)
-        if self._percent is None:
-            raise NotMeasuredYet("CPU load is not measured yet: it takes two reads")
-        return self._percent
-
-    def _ticks(self, now_s: float) -> CpuTicks:
-        found = self._computer.ask(now_s, 0.0, "the CPU", read_cpu_ticks)
-        if self._core not in found:
-            online = list_text([str(core) for core in found if core is not None], most=12)
-            raise SensorError(f"core {self._core} is not online; online: {online}")
-        return found[self._core]
+CpuTicks = Tuple[int, int, int]
+"""Ticks that were busy, idle, and waiting for a disk, which may step back."""
 
 
 def read_cpu_ticks(paths: HostPaths) -> Dict[Optional[int], CpuTicks]:
     """Returns the ticks of each core that is online, and of all together (None), as proc_stat(5) has them."""
-    file = os.path.join(paths.proc, "stat")
-    found: Dict[Optional[int], CpuTicks] = {}
-    try:
-        for line in read_bytes(file).splitlines():
-            if not line.startswith(b"cpu"):
-                break  # the lines of the cores come first
-            name, *columns = line.split()
-            # The time of guests, in the columns behind these, is part of user and nice.
-            found[int(name[3:]) if name[3:] else None] = tuple(map(int, columns[:8]))
-    except OSError as error:
-        raise SensorError(f"the CPU load cannot be read: {error}") from None
-    except ValueError:
-        found = {}
-    if any(len(ticks) < _LEAST_COLUMNS for ticks in found.values()) or None not in found:
-        raise SensorError(f"{file}: expected the ticks of each core")
-    return found
+    ticks: Dict[Optional[int], CpuTicks] = {}
+    for line in read_bytes(f"{paths.proc}/stat").splitlines():
+        if not line.startswith(b"cpu"):
+            break  # the lines of the cores come first
+        name, *columns = line.split()
+        # Irq, softirq and steal follow. The time of guests, in the columns behind these, is part of user and nice.
+        user, nice, system, idle, iowait, *others = map(int, columns[:8])
+        ticks[int(name[3:]) if name[3:] else None] = (user + nice + system + sum(others), idle, iowait)
+    return ticks
+
+
+def core_ticks(paths: HostPaths, core: Optional[int] = None) -> Dict[Optional[int], CpuTicks]:
+    """Returns the ticks of a core that is online, without a number those of all together."""
+    return chosen(read_cpu_ticks(paths), "core", core, [None])
+
+
+def busy_percent(grown: List[List[float]], elapsed_s: float) -> Optional[float]:
+    """Returns the load in % of the growth of ticks; None if there is no tick."""
+    ((busy, idle, iowait),) = grown
+    return 100.0 * busy / (busy + idle + iowait) if busy + idle + iowait else None
 
 
 class ChipSensor(NamedTuple):
@@ -114,24 +79,37 @@ def find_sensors(paths: HostPaths, kind: str) -> List[ChipSensor]:
     return found
 
 
+def _by_name(sensors: Iterable[ChipSensor]) -> Dict[str, ChipSensor]:
+    """Returns sensors by all of their names; of two with the same name, the one for which it is the better name."""
+    named: Dict[str, ChipSensor] = {}
+    for rank in range(3):
+        for each in sensors:
+            for name in each.names[rank : rank + 1]:
+                named.setdefault(name, each)
+    return named
+
+
 def sensor_names(paths: HostPaths, kind: str) -> List[str]:
-    """Returns the best name of each sensor of a kind that is not also the name of another one."""
-    sensors = find_sensors(paths, kind)
-    names = [name for each in sensors for name in each.names]
-    return [next((name for name in each.names if names.count(name) == 1), each.names[-1]) for each in sensors]
+    """Returns the best name of each sensor of a kind that selects it."""
+    best: Dict[ChipSensor, str] = {}
+    for name, each in _by_name(find_sensors(paths, kind)).items():
+        best.setdefault(each, name)
+    return list(best.values())
 
 
-def _read_one(paths: HostPaths, kind: str, noun: str, sensor: str) -> float:
-    """Returns the reading of the sensor with a name, and reads no other."""
+def _select(paths: HostPaths, kind: str, noun: str, sensor: str) -> List[ChipSensor]:
+    """Returns the sensors of a kind; only the one with a name, if it is given, so that no other is read."""
     sensors = find_sensors(paths, kind)
-    paths_found = [each.path for rank in range(3) for each in sensors if sensor in each.names[rank : rank + 1]]
-    if not paths_found:
-        available = ", ".join(sensor_names(paths, kind)) or "none"
-        raise SensorError(f"this machine has no {noun} {sensor}; available: {available}")
-    number = read_float(paths_found[0])
-    if number is None:
-        raise SensorError(f"{sensor} cannot be read: {paths_found[0]} has no number")
-    return number
+    return list(chosen(_by_name(sensors), noun, sensor, ()).values()) if sensor and sensors else sensors
+
+
+def _read(sensors: Iterable[ChipSensor], sensor: str) -> List[Tuple[str, float]]:
+    """Returns name and number of the sensors that have a number; the one with a name must have one."""
+    numbers = [(each.names[0], read_float(each.path)) for each in sensors]
+    found = [(name, number) for name, number in numbers if number is not None]
+    if sensor and numbers and not found:
+        raise SensorError(f"{sensor} cannot be read: it has no number")
+    return found
 
 
 def temperature(paths: HostPaths, sensor: str = "") -> float:
@@ -139,23 +117,17 @@ def temperature(paths: HostPaths, sensor: str = "") -> float:
 
     Raises SensorError if there is no such sensor, or if its reading is implausible.
     """
-    if sensor:
-        celsius = _read_one(paths, "temp", "temperature sensor", sensor) / 1000.0
-        if not _is_plausible(celsius):
-            raise SensorError(f"no plausible temperature: {sensor} reads {celsius}")
-        return celsius
-    readings: List[Tuple[str, float]] = []
+    sensors = _select(paths, "temp", "temperature sensor", sensor)
     # A chip that is none of the CPU is not even read if one of the CPU answers.
-    for of_cpu in (True, False):
-        for each in find_sensors(paths, "temp"):
-            number = read_float(each.path) if each.chip.lower().startswith(_CPU_CHIPS) is of_cpu else None
-            if number is not None:
-                readings.append((each.chip, number / 1000.0))
+    of_cpu = [each for each in sensors if each.chip.lower().startswith(_CPU_CHIPS)]
+    readings: List[Tuple[str, float]] = []
+    for group in (of_cpu, [each for each in sensors if each not in of_cpu]):
+        readings += [(name, number / 1000.0) for name, number in _read(group, sensor)]
         plausible = [celsius for _, celsius in readings if _is_plausible(celsius)]
         if plausible:
             return max(plausible)
     if readings:
-        listed = list_text([f"{chip} reads {celsius}" for chip, celsius in readings], most=3)
+        listed = list_text([f"{name} reads {celsius}" for name, celsius in readings], most=3)
         raise SensorError(f"no plausible temperature: {listed}; set the source to simulated or none")
     raise NoSuchSensor(
         f"no temperature sensor in {paths.sys}/class/hwmon or {paths.sys}/class/thermal (virtual machines and "
@@ -163,26 +135,22 @@ def temperature(paths: HostPaths, sensor: str = "") -> float:
     )
 
 
-def fan_rpm(paths: HostPaths, sensor: str) -> float:
+def fan_rpm(paths: HostPaths, sensor: str = "") -> float:
     """Returns the speed of a fan, without a name that of the fastest: a connector without a fan reads 0."""
     return max(_read_all(paths, "fan", "fan", sensor))
 
 
-def rail_volts(paths: HostPaths, sensor: str) -> float:
+def rail_volts(paths: HostPaths, sensor: str = "") -> float:
     """Returns a voltage, without a name the first, in V."""
     return _read_all(paths, "in", "voltage sensor", sensor)[0] / 1000.0
 
 
 def _read_all(paths: HostPaths, kind: str, noun: str, sensor: str) -> List[float]:
     """Returns the readings of all sensors of a kind, of at least one; only that of `sensor` if there is a name."""
-    sensors = find_sensors(paths, kind)
-    if sensor and sensors:
-        return [_read_one(paths, kind, noun, sensor)]
-    numbers = [read_float(each.path) for each in sensors]
-    found = [number for number in numbers if number is not None]
+    found = _read(_select(paths, kind, noun, sensor), sensor)
     if not found:
         raise NoSuchSensor(f"this machine has no {noun}, or no driver for it")
-    return found
+    return [number for _, number in found]
 
 
 def _is_plausible(celsius: float) -> bool:
@@ -244,19 +212,16 @@ class Battery:
     def amperes(self) -> float:
         """Returns the current in A, negative when discharging as in sensor_msgs/BatteryState."""
         current = read_float(self._folder, "current_now")
-        if current is not None:
-            amperes = abs(current) / 1e6
-        else:
+        if current is None:
             volts = self.volts()
             if not volts:
                 raise SensorError("the battery of this machine has no current_now, and its voltage is 0")
-            amperes = abs(self._number("power_now")) / 1e6 / volts
-        return -amperes if read_text(self._folder, "status") == "Discharging" else amperes
+            current = self._number("power_now") / volts
+        sign = -1e-6 if read_text(self._folder, "status") == "Discharging" else 1e-6
+        return sign * abs(current)
 
     def _number(self, file: str) -> float:
-        text = read_text(self._folder, file)
-        try:
-            return float(int(text or ""))
-        except ValueError:
-            expected = "" if text is None else f": expected a number, got {text!r}"
-            raise SensorError(f"the battery of this machine has no {file}{expected}") from None
+        number = read_float(self._folder, file)
+        if number is None:
+            raise SensorError(f"the battery of this machine has no {file}")
+        return number

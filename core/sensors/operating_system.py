@@ -6,10 +6,11 @@ Formats: the kernel's Documentation/accounting/psi.rst, proc(5), and the firmwar
 from __future__ import annotations
 
 import os
+import re
 from typing import Any
 
 from .computer import HostPaths, read_bytes, read_text
-from .source import NoSuchSensor, SensorError
+from .source import NoSuchSensor
 
 
 def memory_percent(memory: Any) -> float:
@@ -26,31 +27,13 @@ def swap_percent(swap: Any) -> float:
 
 def pressure_percent(paths: HostPaths, resource: str) -> float:
     """Returns the share of the last 10 s in which some process waited for a resource: cpu, memory or io."""
-    file = os.path.join(paths.proc, "pressure", resource)
-    text = read_text(file)
-    if text is None:  # there is a file, but it cannot be read, where the kernel was started with psi=0
-        raise NoSuchSensor(f"this kernel does not measure pressure: {file} cannot be read")
-    for line in text.splitlines():
-        words = line.split()
-        if words[:1] == ["some"]:
-            for word in words[1:]:
-                name, _, value = word.partition("=")
-                if name == "avg10":
-                    return _number(value, file)
-    raise SensorError(f"{file} has no avg10")
+    # There is a file, but it cannot be read, where the kernel was started with psi=0.
+    return _number(f"{paths.proc}/pressure/{resource}", "some avg10=", "this kernel does not measure pressure")
 
 
 def oom_kills(paths: HostPaths) -> float:
     """Returns how many processes the kernel has killed since it started because memory was used up."""
-    file = os.path.join(paths.proc, "vmstat")
-    try:
-        content = read_bytes(file)
-    except OSError:
-        content = b""
-    _, found, rest = content.partition(b"\noom_kill ")  # since Linux 4.13
-    if not found:
-        raise NoSuchSensor(f"this kernel does not count processes that it kills: {file} has no oom_kill")
-    return _number(rest.split(b"\n", 1)[0].decode("ascii", "replace"), file)
+    return _number(f"{paths.proc}/vmstat", "oom_kill ", "this kernel does not count processes that it kills")
 
 
 def throttled(paths: HostPaths) -> float:
@@ -59,16 +42,17 @@ def throttled(paths: HostPaths) -> float:
     text = read_text(file)
     if text is None:
         raise NoSuchSensor(f"no Raspberry Pi: there is no {file}")
-    try:
-        bits = int(text, 16)
-    except ValueError:
-        raise SensorError(f"{file}: expected a hexadecimal number, got {text[:40]!r}") from None
     # Bits 0 to 3: under-voltage, frequency capped, throttled, soft temperature limit, now; 16 to 19: since the start.
-    return float(bits & 0xF != 0)
+    return float(int(text, 16) & 0xF != 0)
 
 
-def _number(text: str, file: str) -> float:
+def _number(file: str, name: str, missing: str) -> float:
+    """Returns the number behind a name at the begin of a line; raises NoSuchSensor if there is no such line."""
     try:
-        return float(text)
-    except ValueError:
-        raise SensorError(f"{file}: expected a number, got {text[:40]!r}") from None
+        text = read_bytes(file).decode("ascii", "replace")
+    except OSError:
+        raise NoSuchSensor(f"{missing}: {file} cannot be read") from None
+    line = re.search(f"^{name}(.*)", text, re.MULTILINE)
+    if line is None:
+        raise NoSuchSensor(f"{missing}: {file} has no {name.rstrip(' =')}")
+    return float(line[1].split(" ")[0])

@@ -14,7 +14,7 @@ from fuzz.targets import Target, check_text, size_of
 from fuzz.work import Work
 from harness.recorded import ROS2, Recorded, definition, values, write_bag, write_folder, write_mcap
 
-from robot_health_monitor.core.proposal.candidates import Topic, list_candidates
+from robot_health_monitor.core.proposal.candidates import Candidates, Topic
 from robot_health_monitor.core.values.errors import ConfigError
 from robot_health_monitor.recordings.decoding import type_of
 from robot_health_monitor.recordings.middleware import Player
@@ -63,8 +63,9 @@ class Definitions(Target):
     def use(self, data: Tuple[str, str, str, bytes]) -> None:
         form, encoding, text, message = data
         types = type_of(Channel("/x", "a/T", encoding, text, form))
-        offered = list_candidates([Topic("/x", "a/T", types.definitions)]).candidates
-        for field in ["", *(each.settings["field"] for each in offered[:20])]:
+        candidates = Candidates()
+        candidates.add([Topic("/x", "a/T", types.definitions)])
+        for field in ["", *(each.given["field"] for each in list(candidates.signals.values())[:20])]:
             with contextlib.suppress(ValueError):
                 types.field_getter(field)(message)
 

@@ -88,14 +88,11 @@ def test_a_robot_behind_rosbridge_gets_a_file_that_check_accepts(
 
 
 @pytest.mark.newest_python
-def test_what_was_heard_for_too_short_a_time_is_said_with_what_to_do(
-    robot_health: Start, start_robot: Callable[[float], str]
-) -> None:
+def test_what_was_heard_for_too_short_a_time_is_said(robot_health: Start, start_robot: Callable[[float], str]) -> None:
     process = robot_health("init", start_robot(2.0), "--seconds", "3")
     assert process.wait() == 3, process.text
     (line,) = err(process)
-    reason = r"\(/charge: only \d messages in [\d.]+ s: a rate needs 20\)"
-    assert re.search(rf"{reason}; --seconds (60|120) listens longer$", line)
+    assert re.search(r"/charge: only \d messages in [\d.]+ s: a rate needs 20", line)
 
 
 @pytest.mark.newest_python
@@ -105,7 +102,7 @@ def test_beside_nothing_but_the_monitor_itself_there_is_nothing_to_watch(robot_h
     process = robot_health("init", f"127.0.0.1:{port}", "--seconds", "3")
     assert process.wait() == 3, process.text
     (line,) = err(process)
-    assert line.endswith(" in 3 s: only this monitor publishes there; start the robot's drivers")
+    assert " in 3 s (/_simulated_sensors: published by this monitor" in line
 
 
 def test_progress_is_shown_on_a_terminal_and_an_interrupt_ends_the_listening(

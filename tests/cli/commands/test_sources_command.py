@@ -13,7 +13,8 @@ from typing import Any, Dict, List
 import pytest
 from harness.machine import Machine
 
-from robot_health_monitor.cli.commands.sources_command import SourceReading, show_sources
+from robot_health_monitor.cli.commands.sources_command import show_sources
+from robot_health_monitor.core.proposal.thresholds_file import yaml_text
 from robot_health_monitor.core.sensors import configuration as sensing
 from robot_health_monitor.core.sensors.catalogue import HOST_SOURCES
 
@@ -99,8 +100,8 @@ def test_processes_are_listed_by_the_nodes_that_run(machine: Machine) -> None:
     machine({"/proc/uptime": "100.0 1.0"})
     machine.runs(70, "/x/amcl __name:=localization")
     lines = lines_of(io.StringIO(), machine)
-    assert '{source: process_running, node: "localization"}: 1' in lines
-    assert '{source: process_threads, node: "localization"}: 1' in lines
+    assert "{source: process_running, node: localization}: 1" in lines
+    assert "{source: process_threads, node: localization}: 1" in lines
 
 
 def test_what_is_missing_is_said_with_the_reason(machine: Machine) -> None:
@@ -111,7 +112,7 @@ def test_what_is_missing_is_said_with_the_reason(machine: Machine) -> None:
     for kind, reason in (
         ("throttled", "no Raspberry Pi: there is no "),
         ("can_errors", "no CAN interface in "),
-        ("gpu_percent, device: 0", "no graphics processor of NVIDIA: its driver is not loaded"),
+        ("gpu_percent", "no graphics processor of NVIDIA: its driver is not loaded"),
         ("clock_offset_ms", "no time daemon: "),
         ("fan_rpm", "this machine has no fan"),
         ("pressure_io", "this kernel does not measure pressure: "),
@@ -133,9 +134,9 @@ def test_what_is_missing_is_said_with_the_reason(machine: Machine) -> None:
     ],
 )
 def test_what_is_shown_can_be_copied_into_the_configuration(options: Dict[str, Any]) -> None:
-    reading = SourceReading("disk_percent", options, 1.0, "")
-    assert reading.configuration.isprintable()
-    assert yaml.safe_load(reading.configuration) == {"source": "disk_percent", **options}
+    text = yaml_text({"source": "disk_percent", **options})
+    assert text.isprintable()
+    assert yaml.safe_load(text) == {"source": "disk_percent", **options}
 
 
 def test_this_machine_is_listed_within_the_command_line_and_every_line_is_a_configuration() -> None:

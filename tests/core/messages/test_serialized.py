@@ -13,7 +13,7 @@ import pytest
 
 from robot_health_monitor.core.messages.definitions import SEQUENCE, Definition, Field
 from robot_health_monitor.core.messages.serialized import Deserializer, SerializedType, json_getter
-from robot_health_monitor.core.proposal.candidates import Topic, list_candidates
+from robot_health_monitor.core.proposal.candidates import Candidates, Topic
 from robot_health_monitor.core.values.errors import ConfigError
 from robot_health_monitor.core.values.field_path import ABSENT, mapping_getter
 
@@ -171,7 +171,9 @@ def test_the_numbers_of_a_nested_definition_are_limited(ends_at: int) -> None:
     first, *others = (f"{text}\n" for text in parts)
     text = first + "".join(f"{'=' * 80}\nMSG: L{level}\n{part}" for level, part in enumerate(others, 1))
     types = SerializedType("/x", "odd/L0", "cdr", text.replace("L", "odd/L"), "msg")
-    assert len(list_candidates([Topic("/x", "odd/L0", types.definitions)]).candidates) <= 102
+    candidates = Candidates()
+    candidates.add([Topic("/x", "odd/L0", types.definitions)])
+    assert len(candidates.signals) <= 102
     with pytest.raises(ConfigError, match="contains itself, or more than 32 levels of types"):
         types.field_getter("data")
 

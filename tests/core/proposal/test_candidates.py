@@ -2,28 +2,39 @@
 
 from __future__ import annotations
 
-from typing import Dict, List, Optional
+from typing import Any, Dict, Iterable, List, Optional
 
 import pytest
 
 from robot_health_monitor.core.messages.definitions import parse_definition
 from robot_health_monitor.core.messages.standard_messages import definition
-from robot_health_monitor.core.proposal.candidates import MOST_FIELDS, MOST_SIGNALS, Topic, list_candidates
+from robot_health_monitor.core.proposal.candidates import MOST_FIELDS, MOST_SIGNALS, Candidates, Topic
+from robot_health_monitor.core.proposal.suggestion import Signal
 
 
 def topic(name: str, type_name: str, text: Optional[str] = None) -> Topic:
     return Topic(name, type_name, parse_definition(type_name, definition(type_name) if text is None else text, "msg"))
 
 
+def listed(topics: Iterable[Topic], **options: Any) -> Candidates:
+    candidates = Candidates(**options)
+    candidates.add(topics)
+    return candidates
+
+
+def signals(candidates: Candidates) -> List[Signal]:
+    return list(candidates.signals.values())
+
+
 def reasons(type_name: str, text: Optional[str] = None) -> Dict[str, List[str]]:
-    found = list_candidates([topic("/a", type_name, text)]).fields
+    found = listed([topic("/a", type_name, text)]).fields
     return {reason: list(fields) for reason, fields in found.get("/a", {}).items()}
 
 
 def fields(type_name: str, text: Optional[str] = None) -> List[str]:
-    listing = list_candidates([topic("/a", type_name, text)])
+    listing = listed([topic("/a", type_name, text)])
     assert listing.problems == []
-    return [each.settings["field"] for each in listing.candidates]
+    return [each.settings["field"] for each in signals(listing)]
 
 
 def test_numbers_of_the_standard_messages_without_headers_codes_and_arrays() -> None:
@@ -41,7 +52,7 @@ def test_numbers_of_the_standard_messages_without_headers_codes_and_arrays() -> 
 
 
 def test_an_array_of_numbers_is_watched_by_its_smallest_and_its_largest_one() -> None:
-    found = list_candidates([topic("/a", "std_msgs/Float32MultiArray")]).candidates
+    found = signals(listed([topic("/a", "std_msgs/Float32MultiArray")]))
     lines = [
         (each.name, each.settings["field"], each.settings.get("reduce")) for each in found if each.kind == "number"
     ]
@@ -65,7 +76,7 @@ def test_whatever_is_no_number_is_left_out_with_its_reason() -> None:
     assert reasons("sensor_msgs/Image")["a block of bytes, or beside one: not read"] == [
         "height", "width", "is_bigendian", "step", "data",
     ]  # fmt: skip
-    assert list_candidates([Topic("/a", "own_msgs/Secret", None)]).fields == {
+    assert listed([Topic("/a", "own_msgs/Secret", None)]).fields == {
         "/a": {"the definition of its type is not known": ["its fields"]}
     }
 
@@ -78,29 +89,29 @@ def test_of_messages_without_numbers_the_arrival_counts(type_name: str) -> None:
 def test_numbers_of_any_type_whose_definition_is_there() -> None:
     text = "Header header\nuint8 CODE=1\nint32 state\nfloat64[36] covariance\nMotor left\n" + "=" * 80
     text += "\nMSG: own_msgs/Motor\nfloat32 amps\nstring label\nbool on\nduration since\n"
-    assert fields("own_msgs/Drive", text) == ["", "header.stamp", "state", "left.amps", *["covariance[*]"] * 2]
+    assert fields("own_msgs/Drive", text) == ["", "header.stamp", "state", *["covariance[*]"] * 2, "left.amps"]
 
 
 def test_a_topic_whose_type_is_unknown_is_watched_by_its_arrivals() -> None:
-    listing = list_candidates([Topic("/a", "own_msgs/Secret", None)])
-    assert [each.settings["field"] for each in listing.candidates] == [""]
+    listing = listed([Topic("/a", "own_msgs/Secret", None)])
+    assert [each.settings["field"] for each in signals(listing)] == [""]
 
 
 @pytest.mark.parametrize("type_name", ["sensor_msgs/Image", "sensor_msgs/PointCloud2", "sensor_msgs/CompressedImage"])
 def test_of_images_and_clouds_only_arrivals_and_stamps_count(type_name: str) -> None:
     assert fields(type_name) == ["", "header.stamp"]
-    listing = list_candidates([topic("/a", type_name)], ages_of_bulk=False)
-    assert [each.settings["field"] for each in listing.candidates] == [""]
+    listing = listed([topic("/a", type_name)], ages_of_bulk=False)
+    assert [each.settings["field"] for each in signals(listing)] == [""]
 
 
 def test_elements_with_names_are_measured_one_by_one() -> None:
-    listing = list_candidates([topic("/joints", "sensor_msgs/JointState")])
-    elements = [each.settings["field"] for each in listing.candidates if each.kind == "elements"]
+    listing = listed([topic("/joints", "sensor_msgs/JointState")])
+    elements = [each.settings["field"] for each in signals(listing) if each.kind == "elements"]
     assert elements == ['position["*"]', 'velocity["*"]', 'effort["*"]']
 
 
 def test_all_statuses_are_one_signal() -> None:
-    (found,) = list_candidates([topic("/diagnostics", "diagnostic_msgs/DiagnosticArray")], "r1").candidates
+    (found,) = signals(listed([topic("/diagnostics", "diagnostic_msgs/DiagnosticArray")], namespace="r1"))
     assert found.settings == {
         "topic": "/diagnostics",
         "type": "diagnostic_msgs/DiagnosticArray",
@@ -112,8 +123,8 @@ def test_units_are_those_of_the_definitions() -> None:
     twist = "Twist twist\n" + "=" * 80 + "\nMSG: geometry_msgs/Twist\nVector3 linear\n" + "=" * 80
     twist += "\nMSG: geometry_msgs/Vector3\nfloat64 x\n"
     topics = [topic("/imu", "sensor_msgs/Imu"), topic("/t", "sensor_msgs/Temperature")]
-    found = list_candidates([*topics, topic("/v", "own_msgs/Speed", twist.replace("Twist t", "geometry_msgs/Twist t"))])
-    units = {each.name: each.settings.get("unit") for each in found.candidates}
+    found = listed([*topics, topic("/v", "own_msgs/Speed", twist.replace("Twist t", "geometry_msgs/Twist t"))])
+    units = {each.name: each.settings.get("unit") for each in signals(found)}
     assert units["imu_linear_acceleration_z"] == "m/s^2"
     assert units["imu_angular_velocity_x"] == "rad/s"
     assert units["imu_orientation_w"] is None
@@ -122,41 +133,41 @@ def test_units_are_those_of_the_definitions() -> None:
 
 
 def test_topics_of_the_middleware_are_left_out() -> None:
-    found = list_candidates([topic("/clock", "std_msgs/Float32"), topic("/rosout_agg", "std_msgs/Float32")])
-    assert (list(found.candidates), set(found.left_out)) == ([], {"/clock", "/rosout_agg"})
+    found = listed([topic("/clock", "std_msgs/Float32"), topic("/rosout_agg", "std_msgs/Float32")])
+    assert (signals(found), set(found.left_out)) == ([], {"/clock", "/rosout_agg"})
 
 
 def test_names_are_valid_and_unique() -> None:
     topics = ["/a/b", "/a_b", "/link", "/a_b_2", f"/{'q' * 5000}"]
-    found = list_candidates([topic(each, "std_msgs/Float32") for each in topics]).candidates
+    found = signals(listed([topic(each, "std_msgs/Float32") for each in topics]))
     names = [each.name for each in found if each.kind == "number"]
     assert names == ["a_b", "a_b_2", "a_b_2_2", "_link", "q" * 200]
     assert len({each.name for each in found}) == len(found)
 
 
 def test_a_topic_with_two_types_is_a_problem() -> None:
-    found = list_candidates([topic("/a", "std_msgs/Float32"), topic("/a", "std_msgs/Float64")])
-    assert {each.settings["type"] for each in found.candidates} == {"std_msgs/Float32"}
+    found = listed([topic("/a", "std_msgs/Float32"), topic("/a", "std_msgs/Float64")])
+    assert {each.settings["type"] for each in signals(found)} == {"std_msgs/Float32"}
     assert found.problems == ["/a: std_msgs/Float64 left out, it also has std_msgs/Float32"]
 
 
 @pytest.mark.parametrize("name", ["/", "/2d", "//a", "/a//b", "/a b", "/ä", "/\x1b[31m", "/a\n", "/<b>"])
 def test_a_topic_with_a_name_that_ros_does_not_allow_is_left_out(name: str) -> None:
-    found = list_candidates([topic(name, "std_msgs/Float32")])
-    assert found == ([], {name: "its name is not valid in ROS"}, {}, [])
+    found = listed([topic(name, "std_msgs/Float32")])
+    assert (found.signals, found.left_out) == ({}, {name: "its name is not valid in ROS"})
 
 
 def test_numbers_of_a_topic_are_limited() -> None:
     text = "\n".join(f"float32 x{number}" for number in range(MOST_FIELDS + 1))
-    found = list_candidates([topic("/a", "own_msgs/Wide", text)])
-    assert [each.settings["field"] for each in found.candidates][-1] == "x99"
+    found = listed([topic("/a", "own_msgs/Wide", text)])
+    assert [each.settings["field"] for each in signals(found)][-1] == "x99"
     assert found.problems == ["/a: expected at most 100 numbers, got more: the rest is left out"]
 
 
 def test_a_robot_with_2000_topics_is_watched_by_the_arrivals_of_the_first_ones() -> None:
-    found = list_candidates([topic(f"/t{number:04}", "std_msgs/Float32") for number in range(2000)])
-    assert len(found.candidates) == MOST_SIGNALS
-    assert {each.kind for each in found.candidates} == {"rate"}
+    found = listed([topic(f"/t{number:04}", "std_msgs/Float32") for number in range(2000)])
+    assert len(signals(found)) == MOST_SIGNALS
+    assert {each.kind for each in signals(found)} == {"rate"}
     assert len(found.left_out) == 1700
     assert found.left_out["/t1999"] == "more than 300 signals"
 
@@ -164,10 +175,10 @@ def test_a_robot_with_2000_topics_is_watched_by_the_arrivals_of_the_first_ones()
 def test_topics_that_appear_later_count_and_their_arrivals_come_before_numbers_of_earlier_ones() -> None:
     text = "\n".join(f"float64 x{number}" for number in range(6))
     wide = [topic(f"/a{number:03}", "own_msgs/Wide", text) for number in range(100)]
-    first = list_candidates(wide).candidates
-    assert len(first) == 300  # 100 arrivals, 200 of 600 numbers
-    later = [topic(f"/b{number:03}", "own_msgs/Wide", text) for number in range(250)]
-    second = list_candidates(later, before=first).candidates
-    assert [each.kind for each in second] == ["rate"] * 200
-    third = list_candidates([topic("/c", "std_msgs/Float32")], before=[*first, *second])
-    assert third == ([], {"/c": "more than 300 signals"}, {}, [])
+    candidates = listed(wide)
+    assert len(candidates.signals) == 300  # 100 arrivals, 200 of 600 numbers
+    candidates.add(topic(f"/b{number:03}", "own_msgs/Wide", text) for number in range(250))
+    assert [each.kind for each in signals(candidates)[300:]] == ["rate"] * 200
+    candidates.add([topic("/c", "std_msgs/Float32")])
+    assert len(candidates.signals) == 500
+    assert candidates.left_out["/c"] == "more than 300 signals"

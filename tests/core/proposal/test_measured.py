@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 import random
-from typing import Iterable
+from typing import Any, Dict, Iterable
 
 import pytest
 
 from robot_health_monitor.core.config.signal_config import read_signal
-from robot_health_monitor.core.proposal.measured import Measured
+from robot_health_monitor.core.port.local import LocalBus
+from robot_health_monitor.core.proposal.measured import MOST_ELEMENTS, Measured
 from robot_health_monitor.core.proposal.suggestion import MOST_IRREGULAR
 
 
@@ -69,3 +70,67 @@ def test_a_month_of_messages_is_counted_in_bounded_memory() -> None:
     measured = arrivals(number * 260.0 for number in range(10_000))
     assert measured.irregularity < 0.05
     assert len(measured._bins) == 128
+
+
+# Listening on a middleware, here the in-process one.
+
+
+def heard(config: Dict[str, Any], type_name: str, *messages: Any) -> Measured:
+    bus = LocalBus(start_s=100.0, wall_time_s=lambda: 1.7e9)
+    robot = bus.node("robot")
+    measured = Measured(read_signal("x", {"topic": "topic", "type": type_name, **config}))
+    robot.advertise("topic", type_name)
+    measured.listen(bus.node("survey"))
+    for number, message in enumerate(messages):
+        bus.run_until(100.0 + number)
+        robot.publish("topic", message)
+    return measured
+
+
+def test_values_are_in_the_unit_of_the_signal_and_invalid_ones_are_counted() -> None:
+    messages = [{"data": value} for value in (0.25, 7.0, 0.75)]
+    measured = heard({"scale": 100.0, "valid_max": 100.0}, "std_msgs/Float32", *messages)
+    assert (measured.values.count, measured.values.min, measured.values.max) == (2, 25.0, 75.0)
+    assert measured.bad_samples == 1
+
+
+def test_rates_are_those_that_the_monitor_would_judge() -> None:
+    config = {"field": "", "statistic": "frequency_hz", "window_s": 10.0}
+    measured = heard(config, "std_msgs/Float32", *({"data": 0.0} for _ in range(20)))
+    # Defined after window_min_s, 5 s.
+    assert (measured.values.count, measured.values.min, measured.values.max) == (15, 1.0, 1.0)
+
+
+def test_stamps_are_measured_as_ages() -> None:
+    stamps = [{"header": {"stamp": {"secs": 1_699_999_999, "nsecs": each}}} for each in (500_000_000, 750_000_000)]
+    measured = heard({"field": "header.stamp"}, "sensor_msgs/Temperature", *stamps)
+    assert (measured.values.min, measured.values.max) == (0.25, 0.5)
+
+
+def test_elements_are_measured_one_by_one() -> None:
+    message = {"name": ["left", "right"], "effort": [1.0, 3.0]}
+    measured = heard({"field": 'effort["*"]'}, "sensor_msgs/JointState", message, {**message, "effort": [2.0, 3.0]})
+    assert {name: each.values.max for name, each in measured.elements.items()} == {"left": 2.0, "right": 3.0}
+    assert measured.samples == 2
+
+
+def test_the_number_of_elements_is_bounded() -> None:
+    names = [f"j{number}" for number in range(1000)]
+    measured = heard({"field": 'effort["*"]'}, "sensor_msgs/JointState", {"name": names, "effort": [1.0] * 1000})
+    assert list(measured.elements) == names[:MOST_ELEMENTS]
+    assert measured.is_cut
+
+
+def test_the_time_between_two_recordings_is_no_gap() -> None:
+    measured = Measured(read_signal("x", {"topic": "topic", "type": "std_msgs/Float32"}))
+    for start_s in (0.0, 1000.0):
+        measured.begin_recording()
+        bus = LocalBus(start_s=start_s)
+        robot = bus.node("robot")
+        robot.advertise("topic", "std_msgs/Float32")
+        measured.listen(bus.node("survey"))
+        for number in range(3):
+            bus.run_until(start_s + number)
+            robot.publish("topic", {"data": 1.0})
+    assert measured.duration_s == 4.0
+    assert measured.gaps.max == 1.0

@@ -13,7 +13,7 @@ from robot_health_monitor.core.messages.standard_messages import definition
 from robot_health_monitor.core.nodes import AlertSystem, BatterySensor
 from robot_health_monitor.core.port.local import LocalBus, LocalMiddleware
 from robot_health_monitor.core.port.middleware import NodeInfo
-from robot_health_monitor.core.proposal.candidates import Topic
+from robot_health_monitor.core.proposal.candidates import Candidates, Topic
 from robot_health_monitor.core.proposal.nodes import Nodes
 from robot_health_monitor.core.proposal.proposal import Proposal, Proposed
 from robot_health_monitor.core.proposal.thresholds_file import thresholds_text
@@ -42,13 +42,15 @@ def driver(bus: LocalBus, name: str, *topics: str, statuses: Sequence[str] = ())
 
 def listened(bus: LocalBus, namespace: str = "", lasts_s: float = 60.0) -> Proposed:
     """Returns what is proposed after listening."""
-    proposal, nodes, listener = Proposal(namespace), Nodes(), bus.node("listener")
+    proposal, nodes, listener = Proposal(Candidates(namespace)), Nodes(), bus.node("listener")
     nodes.begin(listener)
     end_s = bus.now_s + lasts_s
     while bus.now_s < end_s:
         graph = bus.graph()
-        new = {topic: kind for topic, kind in graph.topics.items() if topic not in proposal.topics}
-        proposal.take(Topic(name, kind, parse_definition(kind, definition(kind), "msg")) for name, kind in new.items())
+        new = {topic: kind for topic, kind in graph.topics.items() if topic not in proposal.candidates.topics}
+        proposal.candidates.add(
+            Topic(name, kind, parse_definition(kind, definition(kind), "msg")) for name, kind in new.items()
+        )
         proposal.listen(listener, new)
         nodes.take({name: info for name, info in graph.nodes.items() if name != "/listener"})
         bus.run_until(bus.now_s + 2.0)
@@ -220,7 +222,7 @@ def test_where_the_graph_is_not_known_the_file_says_so(bus: LocalBus) -> None:
     driver(bus, "laser", "scan")
     proposed = listened(bus)
     proposed.signals = [each for each in proposed.signals if "node" not in each.given]
-    nodes.add_to(proposed, Proposal())
+    nodes.add_to(proposed, Proposal(Candidates()))
     assert proposed.not_watched["nodes"] == "the robot's graph is not known here"
 
 

@@ -9,8 +9,9 @@ from robot_health_monitor.core.messages.definitions import parse_definition
 from robot_health_monitor.core.messages.standard_messages import definition
 from robot_health_monitor.core.nodes import AlertSystem
 from robot_health_monitor.core.port.local import LocalBus
-from robot_health_monitor.core.proposal.candidates import Topic
-from robot_health_monitor.core.proposal.proposal import Proposal, Proposed, Signal
+from robot_health_monitor.core.proposal.candidates import Candidates, Topic
+from robot_health_monitor.core.proposal.proposal import Proposal, Proposed
+from robot_health_monitor.core.proposal.suggestion import Signal
 from robot_health_monitor.core.proposal.thresholds_file import thresholds_text
 
 Publisher = Tuple[str, str, float, Callable[[float], Any]]
@@ -23,7 +24,7 @@ def propose(publishers: List[Publisher], lasts_s: float = 60.0) -> Proposed:
 
 def proposal_of(publishers: List[Publisher], lasts_s: float) -> Proposal:
     bus = LocalBus(wall_time_s=lambda: 1.7e9 + bus.now_s)
-    robot, proposal = bus.node("robot"), Proposal()
+    robot, proposal = bus.node("robot"), Proposal(Candidates())
     for topic, type_name, rate_hz, message in publishers:
         robot.advertise(topic, type_name)
 
@@ -31,7 +32,7 @@ def proposal_of(publishers: List[Publisher], lasts_s: float) -> Proposal:
             robot.publish(topic, message(now_s))
 
         robot.create_timer(1.0 / rate_hz, publish)
-        proposal.take([Topic(topic, type_name, parse_definition(type_name, definition(type_name), "msg"))])
+        proposal.candidates.add([Topic(topic, type_name, parse_definition(type_name, definition(type_name), "msg"))])
     proposal.listen(bus.node("survey"), [topic for topic, *_ in publishers])
     bus.run_until(lasts_s)
     return proposal
@@ -89,7 +90,7 @@ def test_a_bound_that_the_robot_is_beyond_is_only_shown() -> None:
     charge = found["b_percentage"]
     assert (charge.settings["scale"], charge.settings["error_below"]) == (1.0, 10.0)
     assert "warn_below" not in charge.settings
-    assert charge.suggestion.seen["warn_below"].value == 20.0
+    assert charge.seen["warn_below"].value == 20.0
 
 
 def test_efforts_are_shown_by_joint_and_watched_after_10_minutes() -> None:
@@ -100,7 +101,7 @@ def test_efforts_are_shown_by_joint_and_watched_after_10_minutes() -> None:
     short, long = by_name(propose([joints])), by_name(propose([joints], 620.0))
     assert short["joints_effort_left"].is_shown_only
     assert long["joints_effort_left"].settings["field"] == 'effort["left"]'
-    assert long["joints_effort_left"].suggestion.has_bounds
+    assert long["joints_effort_left"].has_bounds
 
 
 def test_all_statuses_are_watched_by_one_signal() -> None:
@@ -108,7 +109,7 @@ def test_all_statuses_are_watched_by_one_signal() -> None:
     found = propose([("/diagnostics", "diagnostic_msgs/DiagnosticArray", 1.0, lambda now_s: message)])
     (signal,) = found.signals
     assert signal.settings["field"] == 'status["*"]'
-    assert signal.suggestion.settings["stale_after_s"].evidence.startswith("2 statuses seen")
+    assert signal.proposed["stale_after_s"].evidence.startswith("2 statuses seen")
     assert signal.note == ""
     empty = propose([("/diagnostics", "diagnostic_msgs/DiagnosticArray", 1.0, lambda now_s: {})])
     assert (empty.signals, empty.not_watched) == ([], {"/diagnostics": "no status"})
@@ -131,23 +132,18 @@ def test_a_forecast_of_charge_is_shown_and_watched_where_it_was_replayed() -> No
     battery: Publisher = ("/b", "sensor_msgs/BatteryState", 0.5, lambda now_s: {"percentage": 0.9 - now_s * 1e-5})
     proposal = proposal_of([battery], 1300.0)
     assert by_name(proposal.result())["b_percentage_soon"].is_shown_only
-    first = by_name(proposal.result({}, {}))["b_percentage_soon"].settings
-    assert (first["window_s"], first["forecast_s"], first["for_s"], first["warn_below"]) == (600.0, 1800.0, 300.0, 20.0)
-    second = by_name(proposal.result({}, {"b_percentage_soon": 1}))["b_percentage_soon"]
-    assert (second.settings["window_s"], second.settings["forecast_s"]) == (600.0, 600.0)
-    assert by_name(proposal.result({}, {"b_percentage_soon": 3}))["b_percentage_soon"].is_shown_only
+    watched = by_name(proposal.result(alerting=()))["b_percentage_soon"].settings
+    assert (watched["window_s"], watched["forecast_s"], watched["for_s"]) == (600.0, 1800.0, 300.0)
+    assert watched["warn_below"] == 20.0
+    assert by_name(proposal.result(alerting=["b_percentage_soon"]))["b_percentage_soon"].is_shown_only
 
 
-def test_how_long_to_listen_is_known_of_what_came_too_rarely() -> None:
-    """59 samples of 1 Hz in 58 s: 100 take 100 s, and two minutes are enough."""
-    rare: Publisher = ("/a", "std_msgs/Float32", 1.0, lambda now_s: {"data": now_s})
-    often: Publisher = ("/b", "std_msgs/Float32", 5.0, lambda now_s: {"data": now_s})
-    proposal = proposal_of([rare, often], 60.0)
-    assert proposal.needed_s() == 120.0
-    ((reason, fields),) = proposal.result().fields["/a"].items()
+def test_what_came_too_rarely_is_listed() -> None:
+    """60 samples of 1 Hz."""
+    proposed = propose([("/a", "std_msgs/Float32", 1.0, lambda now_s: {"data": now_s})])
+    ((reason, fields),) = proposed.fields["/a"].items()
     assert fields == ["data"]
-    assert reason == "no bounds: only 60 valid samples in 59 s; a range needs 100, which takes about 120 s"
-    assert proposal_of([often], 60.0).needed_s() == proposal_of([rare], 120.0).needed_s() == 0.0
+    assert reason == "no bounds: only 60 valid samples in 59 s; a range needs 100"
 
 
 def test_an_array_of_numbers_gets_lines_like_a_number() -> None:
@@ -158,7 +154,7 @@ def test_an_array_of_numbers_gets_lines_like_a_number() -> None:
     found = by_name(propose([array]))
     assert found["a_max"].is_shown_only
     assert found["a_max"].given["field"] == "data[*]"
-    assert found["a_max"].suggestion.seen["warn_above"].value == 6.2  # 6, and 10 % of 4 to 6
+    assert found["a_max"].seen["warn_above"].value == 6.2  # 6, and 10 % of 4 to 6
     found = by_name(propose([array], 610.0))
     assert found["a_min"].settings["warn_below"] < -1.0 < 1.0 < found["a_min"].settings["warn_above"]
 
@@ -170,8 +166,8 @@ def test_elements_beyond_the_limit_are_listed() -> None:
 
 
 def test_actions_are_shown_and_their_bound_is_a_comment() -> None:
-    proposal = Proposal("robot1")
-    proposal.take(
+    proposal = Proposal(Candidates("robot1"))
+    proposal.candidates.add(
         [
             Topic("/robot1/navigate/_action/status", "action_msgs/GoalStatusArray", None),
             Topic("/robot1/navigate/_action/feedback", "example/Feedback", None),
@@ -203,15 +199,15 @@ def test_actions_are_shown_and_their_bound_is_a_comment() -> None:
 
 
 def test_states_of_goals_on_a_topic_that_is_no_actions_are_a_topic_like_others() -> None:
-    proposal = Proposal()
-    proposal.take([Topic("/goals", "actionlib_msgs/GoalStatusArray", None)])
+    proposal = Proposal(Candidates())
+    proposal.candidates.add([Topic("/goals", "actionlib_msgs/GoalStatusArray", None)])
     assert proposal.result().not_watched == {"/goals": "no message"}
 
 
 def test_a_proposed_action_raises_no_alert_in_the_ten_minutes_after() -> None:
     """Not even if its first goals are aborted: the bound is a comment."""
-    proposal = Proposal()
-    proposal.take([Topic("/dock/status", "actionlib_msgs/GoalStatusArray", None)])
+    proposal = Proposal(Candidates())
+    proposal.candidates.add([Topic("/dock/status", "actionlib_msgs/GoalStatusArray", None)])
     (signal,) = proposal.result().signals
     bus, alerts = LocalBus(), []
     server = bus.node("server")

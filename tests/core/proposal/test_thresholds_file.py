@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, List
+from typing import Any, Dict, List
 
 import pytest
 import yaml
@@ -10,20 +10,20 @@ import yaml
 from robot_health_monitor.core.config.monitor_config import load_config
 from robot_health_monitor.core.config.signal_config import read_signal
 from robot_health_monitor.core.proposal.measured import Measured
-from robot_health_monitor.core.proposal.proposal import Proposed, Signal
-from robot_health_monitor.core.proposal.suggestion import Setting, Suggestion
+from robot_health_monitor.core.proposal.proposal import Proposed
+from robot_health_monitor.core.proposal.suggestion import Setting, Signal
 from robot_health_monitor.core.proposal.thresholds_file import thresholds_text, yaml_text
 
 
-def signal(name: str, topic: str, suggestion: Suggestion) -> Signal:
+def signal(name: str, topic: str, **proposed: Any) -> Signal:
     measured = Measured(read_signal(name, {}))
     for number in range(3):
         measured.add(float(number), 1.0 + number)
-    return Signal(name, topic, {"topic": topic, "unit": "V"}, suggestion, measured)
+    return Signal(name, topic, "number", {"topic": topic, "unit": "V"}, measured=measured, **proposed)
 
 
-WATCHED = Suggestion({"warn_above": Setting(5.0, "why")}, {}, [])
-SHOWN = Suggestion({}, {"warn_above": Setting(5.0, "why")}, ["too short"])
+WATCHED: Dict[str, Any] = {"proposed": {"warn_above": Setting(5.0, "why")}}
+SHOWN: Dict[str, Any] = {"seen": {"warn_above": Setting(5.0, "why")}, "left_out": ["too short"]}
 
 
 def text(*signals: Signal, **more: Any) -> List[str]:
@@ -31,7 +31,7 @@ def text(*signals: Signal, **more: Any) -> List[str]:
 
 
 def test_settings_have_their_evidence() -> None:
-    assert text(signal("a", "/a", WATCHED), not_watched={"/b": "no message"}) == [
+    assert text(signal("a", "/a", **WATCHED), not_watched={"/b": "no message"}) == [
         "# Made by hand.",
         "alert_system:",
         "  ros__parameters:",
@@ -47,7 +47,7 @@ def test_settings_have_their_evidence() -> None:
 
 
 def test_a_range_that_was_not_seen_for_long_is_a_comment_that_can_become_a_line(tmp_path: Any) -> None:
-    lines = text(signal("a", "/a", WATCHED), signal("b", "/a", SHOWN))
+    lines = text(signal("a", "/a", **WATCHED), signal("b", "/a", **SHOWN))
     assert lines[-1] == "      # b: {topic: /a, unit: V, warn_above: 5.0}  # seen 1 to 3 V in 2 s"
     file = tmp_path / "thresholds.yaml"
     file.write_text("\n".join(lines).replace("# b:", "b:"))
@@ -56,7 +56,7 @@ def test_a_range_that_was_not_seen_for_long_is_a_comment_that_can_become_a_line(
 
 def test_numbers_without_bounds_for_the_same_reason_are_one_line() -> None:
     fields = {"/a": {"constant": ["x", "y"], "a counter": ["n"], "a code": [f"c{number}" for number in range(20)]}}
-    assert text(signal("a", "/a", WATCHED), fields=fields)[-3:] == [
+    assert text(signal("a", "/a", **WATCHED), fields=fields)[-3:] == [
         "      # /a, x, y: constant",
         "      # /a, n: a counter",
         "      # /a, c0, c1, c2, c3, c4, c5, c6, c7, c8, c9, c10, c11 and 8 more: a code",
@@ -65,8 +65,8 @@ def test_numbers_without_bounds_for_the_same_reason_are_one_line() -> None:
 
 def test_lists_are_bounded() -> None:
     lines = text(
-        signal("a", "/a", WATCHED),
-        *(signal(f"b{number}", "/a", SHOWN) for number in range(50)),
+        signal("a", "/a", **WATCHED),
+        *(signal(f"b{number}", "/a", **SHOWN) for number in range(50)),
         fields={"/a": {f"always {number}": ["x"] for number in range(50)}},
         not_watched={f"/t{number:04}": "no message" for number in range(2000)},
     )
@@ -77,7 +77,7 @@ def test_lists_are_bounded() -> None:
 
 
 def test_names_from_a_robot_cannot_break_out_of_a_comment() -> None:
-    lines = text(signal("a", "/a", WATCHED), fields={"/a": {"constant": ['effort["x\n  evil: 1"]']}})
+    lines = text(signal("a", "/a", **WATCHED), fields={"/a": {"constant": ['effort["x\n  evil: 1"]']}})
     assert not any(line.strip().startswith("evil") for line in lines)
 
 
@@ -90,7 +90,7 @@ HOSTILE_TOPICS = [
 
 @pytest.mark.parametrize("topic", HOSTILE_TOPICS)
 def test_a_topic_of_any_name_stays_what_it_is_and_where_it_is(topic: str) -> None:
-    lines = text(signal("a", topic, WATCHED), signal("b", topic, SHOWN), not_watched={topic: "no message"})
+    lines = text(signal("a", topic, **WATCHED), signal("b", topic, **SHOWN), not_watched={topic: "no message"})
     tree = yaml.safe_load("\n".join(lines))
     signals = tree["alert_system"]["ros__parameters"]["signals"]
     assert list(tree) == ["alert_system"] and list(signals) == ["a"]

@@ -10,8 +10,8 @@ from harness.parameters import set_parameter
 from robot_health_monitor.core.nodes import BatterySensor
 from robot_health_monitor.core.port.local import LocalBus
 from robot_health_monitor.core.sensors import configuration as sensing
-from robot_health_monitor.core.sensors.catalogue import HOST_SOURCES, HostReading
-from robot_health_monitor.core.sensors.host import HostCpuUsage
+from robot_health_monitor.core.sensors.catalogue import HOST_SOURCES
+from robot_health_monitor.core.sensors.computer import Growth, HostReading
 from robot_health_monitor.core.sensors.simulated import SimulatedBattery, SimulatedCpuUsage, SimulatedTemperature
 from robot_health_monitor.core.values.errors import ConfigError
 
@@ -28,7 +28,7 @@ def test_everything_is_simulated_by_default() -> None:
 def test_each_metric_can_come_from_this_machine() -> None:
     tree = {metric: {"source": "host"} for metric in sensing.METRICS}
     kinds = {metric: type(source) for metric, source in sensing.read_sources(tree).items()}
-    assert kinds == {"battery_level": HostReading, "temperature": HostReading, "cpu_usage": HostCpuUsage}
+    assert kinds == {"battery_level": HostReading, "temperature": HostReading, "cpu_usage": Growth}
 
 
 @pytest.mark.parametrize("nowhere", ["none", False])  # YAML reads `off` as false
@@ -130,7 +130,7 @@ def test_further_metrics_of_this_machine_come_after_the_three() -> None:
 def test_every_source_of_the_host_can_be_had_with_its_option_left_out() -> None:
     tree = {
         "host": {
-            f"metric_{kind}": {"source": kind, **({"node": "amcl"} if made.required else {})}
+            f"metric_{kind}": {"source": kind, **({"node": "amcl"} if made.example else {})}
             for kind, made in HOST_SOURCES.items()
         }
     }
@@ -221,7 +221,7 @@ def test_metrics_of_the_host_come_and_go_while_the_node_runs() -> None:
 
 @pytest.mark.parametrize(
     ("sensors", "kinds"),
-    [("", ["SimulatedBattery", "HostCpuUsage"]), ("host", ["HostReading", "HostCpuUsage"]), ("none", ["HostCpuUsage"])],
+    [("", ["SimulatedBattery", "Growth"]), ("host", ["HostReading", "Growth"]), ("none", ["Growth"])],
 )
 def test_sensors_is_the_source_of_metrics_that_name_none(sensors: str, kinds: list) -> None:
     tree = {"sensors": sensors, "temperature": {"source": "none"}, "cpu_usage": {"source": "host"}}
@@ -231,7 +231,7 @@ def test_sensors_is_the_source_of_metrics_that_name_none(sensors: str, kinds: li
 def test_the_parameter_sensors_is_the_source_of_metrics_without_one() -> None:
     tree = {"sensors": "host", "battery_level": {"source": "simulated"}}
     kinds = {metric: type(source) for metric, source in sensing.read_sources(tree).items()}
-    assert kinds == {"battery_level": SimulatedBattery, "temperature": HostReading, "cpu_usage": HostCpuUsage}
+    assert kinds == {"battery_level": SimulatedBattery, "temperature": HostReading, "cpu_usage": Growth}
     assert [sensing.settings_of(tree, metric)["source"] for metric in sensing.METRICS] == [
         "simulated",
         "host",

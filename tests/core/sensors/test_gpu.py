@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 from harness.machine import Machine
 
+from robot_health_monitor.core.sensors.catalogue import HOST_SOURCES
 from robot_health_monitor.core.sensors.gpu import Gpu, gpu_value, gpus, read_gpu
 from robot_health_monitor.core.sensors.source import NoSuchSensor, SensorError
 
@@ -32,7 +33,7 @@ def nvml(monkeypatch: pytest.MonkeyPatch) -> Any:
         nvmlInit=lambda: None,
         nvmlShutdown=lambda: None,
         nvmlDeviceGetCount=lambda: 2,
-        nvmlDeviceGetHandleByIndex=lambda index: index,
+        nvmlDeviceGetHandleByIndex=lambda index: range(2)[index],
         nvmlDeviceGetMemoryInfo=lambda handle: types.SimpleNamespace(total=8 << 30, free=6 << 30, used=2 << 30),
         nvmlDeviceGetUtilizationRates=lambda handle: types.SimpleNamespace(gpu=37 + handle, memory=12),
         nvmlDeviceGetTemperature=lambda handle, sensor: 61,
@@ -54,10 +55,10 @@ def test_a_driver_that_fails_is_named(machine: Machine, nvml: Any) -> None:
         raise NVMLError("GPU is lost")
 
     nvml.nvmlDeviceGetHandleByIndex = fail
-    with pytest.raises(SensorError, match=r"^graphics processor 0 cannot be read: GPU is lost$") as caught:
-        read_gpu(machine.paths, 0)
+    with pytest.raises(SensorError, match=r"^graphics processor 0 cannot be read: NVMLError: GPU is lost$") as caught:
+        HOST_SOURCES["gpu_percent"].make(machine.computer, device=0).read(0.0)
     assert not isinstance(caught.value, NoSuchSensor)
-    assert list(gpus(machine.paths)) == [0]
+    assert gpus(machine.paths) == []
 
 
 def test_without_the_library_it_is_said_what_to_install(machine: Machine, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -88,5 +89,5 @@ def test_a_jetson_has_load_and_temperature_and_shares_its_memory(machine: Machin
     assert gpu_value(found, "percent") == 43.7
     with pytest.raises(NoSuchSensor, match=r"shares the memory of the computer"):
         gpu_value(found, "memory_percent")
-    with pytest.raises(NoSuchSensor, match=r"does not have this figure"):
+    with pytest.raises(NoSuchSensor, match=r"has no celsius"):
         gpu_value(found._replace(celsius=None), "celsius")

@@ -14,10 +14,11 @@ from typing import Any, List
 import pytest
 from harness.machine import Machine
 
+from robot_health_monitor.core.sensors.catalogue import HOST_SOURCES
 from robot_health_monitor.core.sensors.computer import Computer
 from robot_health_monitor.core.sensors.disks import mount_points
-from robot_health_monitor.core.sensors.host import Battery, HostCpuUsage, temperature
-from robot_health_monitor.core.sensors.source import SensorError
+from robot_health_monitor.core.sensors.host import Battery, temperature
+from robot_health_monitor.core.sensors.source import NotMeasuredYet, SensorError, Source
 
 psutil = pytest.importorskip("psutil")
 
@@ -115,6 +116,14 @@ def stat(user: int, idle: int, iowait: int = 0, guest: int = 0) -> Any:
     return {"/proc/stat": f"cpu  {ticks}\ncpu0 {ticks}\nbtime 1700000000"}
 
 
+def cpu(computer: Computer) -> Source:
+    """Returns the source of the CPU load after its first read."""
+    source = HOST_SOURCES["cpu_percent"].make(computer)
+    with pytest.raises(NotMeasuredYet):
+        source.read(0.0)
+    return source
+
+
 def percent(number: int) -> Any:
     """Returns what compares equal to a percentage of counters that are floats."""
     return pytest.approx(number, abs=1e-9)
@@ -148,7 +157,7 @@ def test_placeholders_are_not_taken_for_temperatures(machine: Machine) -> None:
         temperature(machine.paths)
     line = str(caught.value)
     assert line.startswith("no plausible temperature: ")
-    assert "acpitz reads 0.0" in line
+    assert "acpitz/0 reads 0.0" in line
     assert "\n" not in line
 
 
@@ -197,7 +206,7 @@ def test_the_gamepad_does_not_hide_the_battery_of_the_machine(machine: Machine) 
 
 def test_cpu_usage_is_what_was_busy_since_the_read_before(machine: Machine) -> None:
     machine(stat(user=1000, idle=9000))
-    source = HostCpuUsage(machine.computer)
+    source = cpu(machine.computer)
     machine(stat(user=1030, idle=9070))
     assert source.read(1.0) == percent(30)
     machine(stat(user=1130, idle=9070))
@@ -206,44 +215,47 @@ def test_cpu_usage_is_what_was_busy_since_the_read_before(machine: Machine) -> N
 
 def test_waiting_for_the_disk_is_not_being_busy(machine: Machine) -> None:
     machine(stat(user=0, idle=0))
-    source = HostCpuUsage(machine.computer)
+    source = cpu(machine.computer)
     machine(stat(user=25, idle=50, iowait=25))
     assert source.read(1.0) == percent(25)
 
 
 def test_the_time_of_guests_is_not_counted_twice(machine: Machine) -> None:
     machine(stat(user=0, idle=0))
-    source = HostCpuUsage(machine.computer)
+    source = cpu(machine.computer)
     machine(stat(user=50, idle=50, guest=50))  # proc(5): guest time is part of user time
     assert source.read(1.0) == percent(50)
 
 
 def test_before_anything_was_measured_there_is_no_cpu_usage_instead_of_a_zero(machine: Machine) -> None:
     machine(stat(user=1000, idle=9000))
-    source = HostCpuUsage(machine.computer)
-    with pytest.raises(SensorError, match=r"^CPU load is not measured yet"):
+    source = HOST_SOURCES["cpu_percent"].make(machine.computer)
+    with pytest.raises(NotMeasuredYet, match=r"^not measured yet"):
         source.read(0.0)
+    with pytest.raises(NotMeasuredYet):
+        source.read(1.0)  # no tick of the kernel has passed
     machine(stat(user=1050, idle=9050))
-    assert source.read(1.0) == percent(50)
+    assert source.read(2.0) == percent(50)
+    assert source.read(3.0) == percent(50)  # nor here
 
 
 def test_a_read_without_time_in_between_repeats_the_last_cpu_usage(machine: Machine) -> None:
     machine(stat(user=0, idle=0))
-    source = HostCpuUsage(machine.computer)
+    source = cpu(machine.computer)
     machine(stat(user=40, idle=60))
     assert [source.read(1.0), source.read(1.0)] == [percent(40), percent(40)]
 
 
 def test_a_counter_that_steps_back_gives_no_impossible_cpu_usage(machine: Machine) -> None:
     machine(stat(user=0, idle=0, iowait=50))
-    source = HostCpuUsage(machine.computer)
+    source = cpu(machine.computer)
     machine(stat(user=20, idle=80, iowait=49))
     assert source.read(1.0) == percent(20)
 
 
 def test_cpu_usage_may_be_read_in_another_thread_than_the_one_that_made_it(machine: Machine) -> None:
     machine(stat(user=0, idle=0))
-    source = HostCpuUsage(machine.computer)
+    source = cpu(machine.computer)
     machine(stat(user=70, idle=30))
     seen: List[float] = []
     thread = threading.Thread(target=lambda: seen.append(source.read(1.0)))
@@ -259,20 +271,20 @@ def test_without_psutil_the_disks_cannot_be_listed_and_the_others_are_read(
     monkeypatch.setitem(sys.modules, "psutil", None)
     with pytest.raises(SensorError, match=r"^psutil is not installed.*python3-psutil"):
         mount_points(machine.paths)
-    cpu = HostCpuUsage(machine.computer)
+    load = cpu(machine.computer)
     machine(stat(user=10, idle=90))
-    assert cpu.read(1.0) == percent(10)
+    assert load.read(1.0) == percent(10)
     assert temperature(machine.paths) == 53.0
     assert Battery(machine.paths).percent() == pytest.approx(62.5, abs=0.05)
 
 
 def test_a_proc_that_cannot_be_read_costs_the_reading_and_is_named(machine: Machine) -> None:
     machine()
-    source = HostCpuUsage(machine.computer)
-    with pytest.raises(SensorError, match=r"^the CPU load cannot be read: .*/proc/stat"):
+    source = HOST_SOURCES["cpu_percent"].make(machine.computer)
+    with pytest.raises(SensorError, match=r"^the CPU cannot be read: FileNotFoundError: .*/proc/stat"):
         source.read(0.0)
     machine(stat(user=0, idle=0))
-    with pytest.raises(SensorError, match=r"^CPU load is not measured yet"):
+    with pytest.raises(NotMeasuredYet):
         source.read(1.0)
     machine(stat(user=10, idle=90))
     assert source.read(2.0) == percent(10)
@@ -283,13 +295,14 @@ def test_a_proc_that_cannot_be_read_costs_the_reading_and_is_named(machine: Mach
 )
 def test_counters_of_another_form_are_an_error(machine: Machine, content: str) -> None:
     machine({"/proc/stat": content})
-    with pytest.raises(SensorError, match=r"/proc/stat: expected the ticks of each core$"):
-        HostCpuUsage(machine.computer).read(0.0)
+    source = HOST_SOURCES["cpu_percent"].make(machine.computer)
+    with pytest.raises(SensorError, match=r"^the CPU cannot be read: "):
+        source.read(0.0)
 
 
 def test_the_load_of_this_machine_is_a_percentage() -> None:
-    source = HostCpuUsage(Computer())
+    source = cpu(Computer())
     busy_until_s = sum(psutil.cpu_times()) + 0.1
     while sum(psutil.cpu_times()) < busy_until_s:
         pass
-    assert 0.0 <= source.read(0.0) <= 100.0
+    assert 0.0 <= source.read(1.0) <= 100.0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import builtins
+import gc
 import os
 import shutil
 import signal
@@ -18,7 +19,7 @@ from harness.machine import Machine
 from robot_health_monitor.core.sensors import configuration, processes
 from robot_health_monitor.core.sensors.catalogue import HOST_SOURCES
 from robot_health_monitor.core.sensors.computer import Computer
-from robot_health_monitor.core.sensors.processes import Processes, Selection, node_names
+from robot_health_monitor.core.sensors.processes import OLD_SCANS, Processes, node_names
 from robot_health_monitor.core.sensors.source import NotMeasuredYet, SensorError
 from robot_health_monitor.core.values.errors import ConfigError
 
@@ -115,8 +116,8 @@ def test_neither_command_nor_node_is_a_configuration_error() -> None:
 
 
 def test_without_a_process_only_whether_it_runs_is_published(robot: Robot) -> None:
-    for metric in processes.METRICS:
-        read = robot.source(metric, node="amcl")
+    sources = {metric: robot.source(metric, node="amcl") for metric in processes.METRICS}
+    for metric, read in sources.items():
         if metric == "process_running":
             assert read() == 0.0
         else:
@@ -178,7 +179,7 @@ def test_an_old_process_that_is_replaced_by_exec_is_found_in_its_turn(robot: Rob
     assert running() == 0.0
     robot.runs(150, AMCL)
     found = []
-    for second in range(22):
+    for second in range(OLD_SCANS):
         robot.at(1001.0 + second)
         found.append(running())
     assert found[-1] == 1.0
@@ -291,11 +292,11 @@ def test_a_source_that_is_made_within_a_period_waits_for_the_next(robot: Robot) 
     assert late() == 1.0
 
 
-def test_selections_of_a_configuration_that_was_replaced_are_dropped(robot: Robot) -> None:
-    found = Processes(robot.machine.paths)
+def test_sources_of_a_configuration_that_was_replaced_are_dropped(robot: Robot) -> None:
     for number in range(100):
-        found.select(Selection(node=f"node_{number}"))
-    assert len(found._selected) == 0
+        robot.source("process_running", node=f"node_{number}")
+    gc.collect()
+    assert len(robot.machine.computer.shared[Processes]._sources) == 0
 
 
 def test_nodes_are_listed_by_their_names() -> None:
