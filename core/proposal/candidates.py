@@ -12,7 +12,7 @@ from ..messages.definitions import NUMBERS, SEQUENCE, TEXTS, Definitions, Field
 from ..values.elements import NAME_ARRAYS, TIME_TYPES
 from ..values.formatting import list_text
 from ..values.goals import STATUS_TOPICS, STATUS_TYPES
-from .suggestion import Rules, Signal
+from .suggestion import NO_RULES, Rules, Signal
 
 OF_MIDDLEWARE = "a topic of the middleware"
 """Why topics that every robot has are not watched."""
@@ -221,7 +221,7 @@ class Candidates:
     def _numbers(self, topic: Topic, path: str, field: Field, unit: str) -> Iterator[Signal]:
         """Yields the signals of a number or of an array of numbers."""
         words = () if path == "data" else (path,)
-        rules = _RULES.get((topic.type_name, path), {})
+        rules = _RULES.get((topic.type_name, path), NO_RULES)
         if field.size is None:
             yield self._signal(topic, "number", path, *words, rules=rules, unit=unit)
         elif rules is _SPREAD_RULES:
@@ -231,7 +231,7 @@ class Candidates:
                 yield self._signal(topic, "number", f"{path}[*]", *words, reduce, reduce=reduce, unit=unit)
 
     def _signal(
-        self, topic: Topic, kind: str, field: str, *words: str, rules: Rules = {}, **settings: str
+        self, topic: Topic, kind: str, field: str, *words: str, rules: Rules = NO_RULES, **settings: str
     ) -> Signal:
         short = relative(topic.topic, self.namespace)
         short = topic.topic if short[0].isdigit() else short  # `2d` is no name

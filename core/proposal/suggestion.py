@@ -42,6 +42,9 @@ Rules = Mapping[str, Tuple[float, str]]
 """Keys of a signal whose values do not depend on what was seen: value, and the rule that it comes from."""
 
 
+NO_RULES: Rules = {}
+
+
 class Setting(NamedTuple):
     """One proposed key of a signal."""
 

@@ -20,6 +20,7 @@ from .processes import ProcessSource
 from .source import Source
 
 Options = Mapping[str, Any]
+_NONE: Options = {}
 
 
 class HostSource(NamedTuple):
@@ -33,7 +34,7 @@ class HostSource(NamedTuple):
     """Select one where a machine may have several."""
     available: Callable[[HostPaths], Iterable[Options]] = lambda paths: ()
     """Returns the options of each that this machine has; raises SensorError if they cannot be read."""
-    example: Options = {}
+    example: Options = _NONE
     """Keys of which at least one must be given, with what is shown where `available` lists none."""
 
 
