@@ -33,7 +33,8 @@ def test_an_example_is_a_configuration(example: Dict[str, Any]) -> None:
 @pytest.mark.parametrize("kind", HOST_SOURCES)
 def test_the_table_lists_every_source_of_the_host(kind: str) -> None:
     source = HOST_SOURCES[kind]
-    cells = (f"`{kind}`", source.options_text, source.unit, source.description)
+    options = "; ".join(f"`{option.name}`: {option.description}" for option in source.options)
+    cells = (f"`{kind}`", options, source.unit, source.description)
     assert f"| {' | '.join(cells)} |\n" in PAGE.replace(r"\*", "*")
 
 

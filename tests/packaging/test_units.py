@@ -33,11 +33,16 @@ MOUNTS: Mapping[str, str] = {
 """What systemd mounts for a line of a unit (systemd.exec(5))."""
 
 READ = """
-import json, sys
-from robot_health_monitor.cli.commands.sources_command import read_sources
+import io, json
+from robot_health_monitor.cli.commands.sources_command import show_sources
 from robot_health_monitor.core.sensors.catalogue import HOST_SOURCES
 from robot_health_monitor.core.sensors.computer import Computer
-found = {each.configuration: each.value for each in read_sources(Computer()) if "process" not in each.kind}
+stream, found = io.StringIO(), {}
+show_sources(True, stream, Computer())
+for each in map(json.loads, stream.getvalue().splitlines()):
+    value, _ = each.pop("value"), each.pop("problem")
+    if "process" not in each["source"]:
+        found[str(each)] = value
 def uptime():
     return open("/proc/uptime").read().split()[0]
 for kind in ("process_running", "process_memory", "process_cpu_percent", "process_threads"):
