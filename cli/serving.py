@@ -103,9 +103,9 @@ def _make_server(
 
     web = WebInterface(
         robots,
+        operations.history,
+        operations.silences,
         threads=threads,
-        history=operations.history,
-        silences=operations.silences,
         black_boxes=None if operations.black_box is None else operations.black_box.settings.folder,
         notifications_waiting=lambda: operations.notifier.waiting,
         process_faults=process_faults,

@@ -210,6 +210,8 @@ def _integer(kind: str, found: Any) -> int:
 
 
 def _float(found: Any) -> float:
+    if found is None:
+        return math.nan  # as in rosbridge's form
     if isinstance(found, (bool, str)) or not hasattr(found, "__float__"):
         raise MessageError(f"expected a number, got {describe(found)}")
     try:

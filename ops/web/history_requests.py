@@ -6,13 +6,14 @@ import math
 from dataclasses import dataclass
 from itertools import islice
 from sqlite3 import Connection
-from typing import Any, Callable, Dict, List, NamedTuple, Optional, Tuple, TypeVar, Union
+from typing import Any, Callable, Dict, List, Optional, TypeVar, Union
 
 from ...core.config.kept_settings import read_kept, settings_of
 from ...core.config.schema import REQUIRED, Time, declared
 from ...core.config.signal_config import template_name
 from ...core.values.errors import ConfigError, ServiceError
 from ...core.values.model import Level
+from ...runtime.http_answers import ApiError, json_bytes
 from ...runtime.times import iso_time
 from ..store import queries, samples
 from ..store.active_silences import Silences
@@ -21,8 +22,7 @@ from ..store.matchers import Matcher
 from ..store.notes import MOST_TEXT, Note, add_note, notes_of
 from ..store.rows import StoredTransition
 from ..store.samples import StoredSamples, samples_fields
-from ..store.silences import LONGEST_S, Silence, read_silences, silence_json
-from .requests import ApiError, json_bytes
+from ..store.silences import LONGEST_S, read_silences, silence_json
 
 LARGEST_ID = 2**63 - 1
 _MOST = 1000
@@ -33,22 +33,6 @@ _CELLS = 96
 
 Result = TypeVar("Result")
 Json = Dict[str, Any]
-
-
-class PastAlert(NamedTuple):
-    """One alert, and what else was known at that moment."""
-
-    alert: Json
-    samples: List[Tuple[float, Optional[float]]]
-    """Of its window: time in s since 1970 and value, None if that is not finite."""
-    trend_per_min: Optional[float]
-    """That of its forecast."""
-    others: List[Json]
-    """The alerts of the robot's other signals that were open."""
-    silences: List[Json]
-    """Silences of the alert that were in force."""
-    thresholds: Json
-    """The settings of its signal that differed from the defaults."""
 
 
 @dataclass(frozen=True)
@@ -144,27 +128,30 @@ def past_alerts(history: History, query: Query) -> Json:
     return _read(history, read)
 
 
-def past_alert(history: History, number: int) -> Optional[PastAlert]:
-    """Returns an alert by its id, None if there is none; raises ServiceError as `past_alerts`."""
+def past_alert(history: History, number: int) -> Json:
+    """Returns the answer of `/api/history/ID`, but for what its signal's configuration has; raises as `past_alerts`."""
 
-    def read(connection: Connection) -> Optional[PastAlert]:
-        transition = queries.transition(connection, number)
-        if transition is None:
-            return None
+    def read(connection: Connection) -> Json:
+        transition = _transition(connection, number)
         samples = queries.evidence(connection, number)
-        shown = [(round(t, 3), value if value - value == 0.0 else None) for t, value in samples]
-        others = queries.not_ok_at(connection, transition, _MOST_OTHERS)
         begun = queries.transition(connection, transition.alert_id) or transition
-        return PastAlert(
-            {**_alert(connection, transition), "effects": begun.effects},
-            shown,
-            transition.statistics.get("trend_per_min"),
-            [_alert(connection, other) for other in others],
-            _silences_at(connection, transition, history.wall_s()),
-            _thresholds_at(connection, transition),
-        )
+        return {
+            "alert": {**_alert(connection, transition), "effects": begun.effects},
+            "samples": [(round(t, 3), value if value - value == 0.0 else None) for t, value in samples],
+            "trend_per_min": transition.statistics.get("trend_per_min"),
+            "others": [_alert(connection, each) for each in queries.not_ok_at(connection, transition, _MOST_OTHERS)],
+            "silences": _silences_at(connection, transition, history.wall_s()),
+            "thresholds": _thresholds_at(connection, transition),
+        }
 
     return _read(history, read)
+
+
+def _transition(connection: Connection, number: int) -> StoredTransition:
+    transition = queries.transition(connection, number)
+    if transition is None:
+        raise ApiError(404, f"there is no alert {number}; the history deletes old ones")
+    return transition
 
 
 def _silences_at(connection: Connection, alert: StoredTransition, now_s: float) -> List[Json]:
@@ -274,25 +261,26 @@ def new_note(history: History, new: NewNote) -> Json:
     number, wall_s = _id(new.id, "an alert"), history.wall_s()
 
     def add(connection: Connection) -> Note:
-        if queries.transition(connection, number) is None:
-            raise ApiError(404, f"there is no alert {number}")
+        _transition(connection, number)
         return add_note(connection, number, new.text, new.author, wall_s)
 
-    return _note_json(history.run(add))
+    return {"note": _note_json(history.run(add))}
 
 
-def new_silence(silences: Silences, new: NewSilence) -> Silence:
-    """Adds the silence that a request asks for, as `Silences.add`; raises MessageError if a value is invalid."""
+def new_silence(history: History, silences: Silences, new: NewSilence) -> Json:
+    """Adds the silence that a request asks for, and returns it; raises MessageError if a value is invalid."""
     matchers = [Matcher("robot", True, new.robot)] + ([Matcher("signal", True, new.signal)] if new.signal else [])
-    return silences.add(
+    silence = silences.add(
         matchers, for_s=new.for_s, until_resolved=new.until_resolved, reason=new.reason, author=new.author
     )
+    return {"silence": silence_json(silence, history.wall_s())}
 
 
-def expire_silence(silences: Silences, end: EndOfSilence) -> Silence:
+def expire_silence(silences: Silences, end: EndOfSilence) -> Json:
     """Ends the silence that a request names; raises MessageError if it names none, or one that has ended."""
     number = _id(end.id, "a silence")
     try:
-        return silences.expire(number, reason=end.reason, author=end.author)
+        silences.expire(number, reason=end.reason, author=end.author)
     except ConfigError as error:
         raise ApiError(404, error.problem) from None
+    return {"ok": True}

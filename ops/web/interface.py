@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import time
 from functools import partial
 from typing import (
     Any,
@@ -27,11 +26,11 @@ from aiohttp import web
 from ...core.config.schema import read_record, read_texts
 from ...core.nodes import AlertSystem
 from ...core.nodes.outlets import Event
-from ...core.values.errors import ConfigError, MessageError, ServiceError
 from ...core.values.faults import Fault
 from ...core.values.model import Level, Transition
 from ...core.values.version import package_version
 from ...runtime.event_loops import ThreadPool
+from ...runtime.http_answers import API_HEADERS, ApiError, json_response
 from ...runtime.times import iso_time
 from ..black_box.folder import find_file
 from ..store.active_silences import Silences
@@ -53,18 +52,8 @@ from .history_requests import (  # fmt: skip
     past_samples,
 )
 from .metrics import CONTENT_TYPE, PROFILES, Metrics
-from .requests import (
-    API_HEADERS,
-    WITH_TOKEN,
-    WITHOUT_TOKEN,
-    ApiError,
-    Client,
-    check_same_origin,
-    json_response,
-    read_object,
-    serve_page_file,
-)
-from .state import OwnState, RobotReader, Samples
+from .requests import WITH_TOKEN, WITHOUT_TOKEN, Client, check_same_origin, read_object, serve_page_file
+from .state import NO_PLOT, OwnState, RobotReader, Samples, plot_of
 from .updates import RobotState, State, Updates
 
 LATEST_TICK_S = 6.0  # largest age of the tick of a healthy monitor: 5 s late
@@ -78,15 +67,13 @@ _LEVELS_KEPT_S = 5.0  # likewise of `/api/history/levels`: each is read from man
 _PAST_AT_ONCE = 1  # requests that read the history: each contends with the monitor for the interpreter
 _MOST_PAST_PENDING = 50
 
-_NO_HISTORY = "there is no history; ops.yaml configures one"
-_NO_BLACK_BOX = "nothing is recorded; ops.yaml configures a black box"
 _MOST_SHOWN = 200
-_NO_SILENCES = "there are no silences; ops.yaml configures a history for them"
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 Asked = TypeVar("Asked")
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
+Run = Callable[[Callable[[Any], object], object], Awaitable[object]]
 Json = Dict[str, Any]
 
 
@@ -96,32 +83,29 @@ class WebInterface:
     def __init__(
         self,
         robots: Callable[[], Sequence[AlertSystem]],
+        history: History,
+        silences: Silences,
         *,
         threads: bool = False,
-        history: Optional[History] = None,
-        silences: Optional[Silences] = None,
         black_boxes: Optional[str] = None,
         notifications_waiting: Callable[[], int] = int,
         process_faults: Callable[[], Mapping[str, Fault]] = dict,
-        wall_time_s: Callable[[], float] = time.time,
     ) -> None:
         """Prepares the routes.
 
         Args:
             robots: returns the alert_systems of the robots that are watched now.
+            history: has the past alerts, and the wall clock.
+            silences: those of the history.
             threads: whether robots are judged in other threads than the server's loop (ROS).
-            history: None: there are no past alerts.
-            silences: None: none can be added.
             black_boxes: folder with the recordings of alerts; None: nothing is recorded.
             notifications_waiting: returns how many are not delivered yet.
             process_faults: returns the faults of the monitor that belong to no robot, by part.
-            wall_time_s: seconds since 1970.
         """
         self._robots = robots
         self._history = history
         self._silences = silences
         self._black_boxes = black_boxes
-        self._wall_time_s = wall_time_s
         # Reading a robot waits for its callbacks, and a history for a disk.
         self._reading = ThreadPool("web", 4, _MOST_PENDING, _READ_TIMEOUT_S) if threads else None
         self._worker = ThreadPool("web", 8, _MOST_PENDING, _READ_TIMEOUT_S)
@@ -131,7 +115,7 @@ class WebInterface:
         self._announced: Set[AlertSystem] = set()
         self._next_read = 0
         self._own_state = OwnState(robots, process_faults)
-        self._metrics = Metrics(notifications_waiting, wall_time_s, lambda: len(self._own_state.texts()))
+        self._metrics = Metrics(notifications_waiting, history.wall_s, lambda: len(self._own_state.texts()))
         self.updates = Updates(self._read_update, self._read_samples)
         """The open pages."""
 
@@ -147,9 +131,12 @@ class WebInterface:
         alert_system.outlets.add("web", note)
 
     def routes(self, client_of: Callable[[web.Request], Client]) -> List[web.RouteDef]:
-        """Returns the routes; `client_of` returns who sends a request."""
+        """Returns the routes; `client_of` returns who sends a request.
+
+        What a handler raises is answered by the server: ConfigError, MessageError and ServiceError.
+        """
         self._client_of = client_of
-        get, post = web.get, web.post
+        get, post, history = web.get, web.post, self._history
         return [
             get("/api/state", self._reading_route(self._get_state)),
             get("/api/events", self._reading_route(self.updates.serve), allow_head=False),
@@ -158,14 +145,14 @@ class WebInterface:
             get("/api/history/levels", self._reading_route(self._get_past_levels)),
             get("/api/history/{id}", self._reading_route(self._get_past_alert)),
             get("/api/black_box/{name}", self._reading_route(self._get_black_box)),
-            post("/api/login", self._route(self._login)),
-            post("/api/logout", self._route(self._logout)),
-            post("/api/silence", self._changing_route(NewSilence, self._add_silence)),
-            post("/api/silence/expire", self._changing_route(EndOfSilence, self._expire_silence)),
-            post("/api/note", self._changing_route(NewNote, self._add_note)),
-            post("/api/reset", self._changing_route(Reset, self._reset)),
+            post("/api/login", self._login),
+            post("/api/logout", self._logout),
+            post("/api/silence", self._changing_route(NewSilence, partial(new_silence, history, self._silences))),
+            post("/api/silence/expire", self._changing_route(EndOfSilence, partial(expire_silence, self._silences))),
+            post("/api/note", self._changing_route(NewNote, partial(new_note, history))),
+            post("/api/reset", self._changing_route(Reset, self._reset, self._read)),
             get("/metrics", self._reading_route(self._get_metrics)),
-            get("/healthz", self._route(self._get_health)),
+            get("/healthz", self._get_health),
             get("/", serve_page_file),
             get(r"/{name:[\w-]+\.\w+}", serve_page_file),
         ]
@@ -179,43 +166,30 @@ class WebInterface:
 
     # Checks
 
-    def _route(self, handler: Handler) -> Handler:
-        """Answers errors as docs/reference/api.md says."""
-
-        async def handle(request: web.Request) -> web.StreamResponse:
-            try:
-                return await handler(request)
-            except ApiError as error:
-                return error.response()
-            except ConfigError as error:
-                return ApiError(400, error.problem).response()
-            except MessageError as error:
-                return ApiError(400, str(error)).response()
-            except ServiceError as error:
-                return ApiError(503, str(error)).response()
-
-        return handle
-
     def _reading_route(self, handler: Handler) -> Handler:
         async def handle(request: web.Request) -> web.StreamResponse:
             client = self._client_of(request)
             return await handler(request) if client.admitted else client.refusal()
 
-        return self._route(handle)
+        return handle
 
     def _past_route(self, schema: Type[Asked], read: Callable[[History, Asked], object]) -> Handler:
         """Answers a request with what a function reads from the history."""
 
         async def handle(request: web.Request) -> web.StreamResponse:
-            history, query = _required(self._history, _NO_HISTORY), read_texts(schema, request.query)
-            return json_response(await self._past.run(read, history, query))
+            query = read_texts(schema, request.query)
+            return json_response(await self._past.run(read, self._history, query))
 
         return self._reading_route(handle)
 
-    def _changing_route(self, schema: Type[Asked], change: Callable[[Asked], Awaitable[object]]) -> Handler:
+    def _changing_route(
+        self, schema: Type[Asked], change: Callable[[Asked], object], run: Optional[Run] = None
+    ) -> Handler:
+        """Answers a request with what a function returns that changes something, in a worker thread or by `run`."""
+
         async def handle(request: web.Request) -> web.StreamResponse:
             check_same_origin(request)
-            answer = await change(read_record(schema, await read_object(request)))
+            answer = await (run or self._worker.run)(change, read_record(schema, await read_object(request)))
             self._answers.clear()
             self._announced.update(self._robots())
             self.updates.note_change()
@@ -240,7 +214,7 @@ class WebInterface:
     async def _get_state(self, request: web.Request) -> web.StreamResponse:
         robot, window = request.query.get("robot", ""), request.query.get("window", "1") != "0"
         if robot:
-            self._require_reader(robot)
+            self._robot(robot)
         state = await self._shared_answer(("state", robot, window), partial(self._read_state, robot, window), _KEPT_S)
         return await _streamed(request, state.parts(), "application/json; charset=utf-8")
 
@@ -287,87 +261,80 @@ class WebInterface:
         states = await self._read_each(unknown, lambda reader: RobotState.of(reader.state(window=window)))
         read = {**known, **{reader.robot: state for reader, state in zip(unknown, states)}}
         robots = {reader.robot: read[reader.robot] for reader in readers}
-        active = [] if self._silences is None else self._silences.active()
+        now_s = self._history.wall_s()
         common = {
             "version": package_version(),
-            "now": iso_time(self._wall_time_s()),
+            "now": iso_time(now_s),
             "monitor": self._own_state.as_json(),
             "worst": Level.worst(Level[each.level] for each in robots.values()).name,
-            "history": self._history is not None,
-            "silencing": self._silences is not None,
+            "history": True,
+            "silencing": True,
             "can_change": True,  # every client that may read
-            "silences": [silence_json(silence, self._wall_time_s()) for silence in active],
+            "silences": [silence_json(silence, now_s) for silence in self._silences.active()],
         }
         return State(common, robots)
 
     async def _read_samples(self, robot: str, before: Optional[Samples]) -> Optional[Samples]:
-        reader = self._reader(robot)
-        return None if reader is None else await self._read(partial(reader.samples, before))
+        for reader in self._current_readers():
+            if reader.robot == robot:
+                return await self._read(reader.samples, before)
+        return None
 
     def _current_readers(self) -> List[RobotReader]:
         """Returns the readers of the robots that are watched now."""
-        robots = self._robots()
         known = self._readers
         self._readers = {
-            robot: known.get(robot) or RobotReader(robot, self._own_state, self._wall_time_s) for robot in robots
+            robot: known.get(robot) or RobotReader(robot, self._own_state, self._history.wall_s)
+            for robot in self._robots()
         }
         return list(self._readers.values())
 
-    def _reader(self, robot: str) -> Optional[RobotReader]:
-        return next((reader for reader in self._current_readers() if reader.robot == robot), None)
+    def _robot(self, name: str) -> AlertSystem:
+        """Returns the robot of this name; raises ApiError if there is none."""
+        for robot in self._robots():
+            if robot.robot == name:
+                return robot
+        raise ApiError(404, f"there is no robot {name}")
 
-    def _require_reader(self, robot: str) -> RobotReader:
-        return _required(self._reader(robot), f"there is no robot {robot}")
-
-    async def _read(self, function: Callable[[], Result]) -> Result:
+    async def _read(self, function: Callable[..., Result], *arguments: Any) -> Result:
         """Reads robots: in a thread if that may wait."""
-        return function() if self._reading is None else await self._reading.run(function)
+        return function(*arguments) if self._reading is None else await self._reading.run(function, *arguments)
 
     async def _read_each(self, items: Iterable[Item], function: Callable[[Item], Result]) -> List[Result]:
         results = []
         for number, item in enumerate(items, 1):
-            results.append(await self._read(partial(function, item)))
+            results.append(await self._read(function, item))
             if number % _ROBOTS_AT_ONCE == 0:
                 await asyncio.sleep(0)
         return results
 
+    def _reset(self, wanted: Reset) -> Json:
+        return {"message": self._robot(wanted.robot).reset()}
+
     # History
 
     async def _get_past_levels(self, request: web.Request) -> web.StreamResponse:
-        encode = partial(self._past.run, past_levels, _required(self._history, _NO_HISTORY))
+        encode = partial(self._past.run, past_levels, self._history)
         return json_response(await self._shared_answer(("levels",), encode, _LEVELS_KEPT_S))
 
     async def _get_past_alert(self, request: web.Request) -> web.StreamResponse:
-        history, text = _required(self._history, _NO_HISTORY), request.match_info["id"]
-        number = int(text) if text.isascii() and text.isdigit() and len(text) < 19 else -1
-        found = await self._past.run(past_alert, history, number)
-        past = _required(found, f"there is no alert {text[:_MOST_SHOWN]}; the history deletes old ones")
-        reader = self._reader(past.alert["robot"])
-        unit, bounds, forecast_s = ("", [], None) if reader is None else reader.plot_of(past.alert["signal"])
-        return json_response({"unit": unit, "bounds": bounds, "forecast_s": forecast_s, **past._asdict()})
+        text = request.match_info["id"]
+        number = int(text) if text.isdecimal() and len(text) < 19 else 0  # no alert has this id
+        past = await self._past.run(past_alert, self._history, number)
+        alert = past["alert"]
+        plots = [plot_of(each, alert["signal"]) for each in self._robots() if each.robot == alert["robot"]]
+        return json_response({**(plots or [NO_PLOT])[0], **past})
 
     async def _get_black_box(self, request: web.Request) -> web.StreamResponse:
-        folder, name = _required(self._black_boxes, _NO_BLACK_BOX), request.match_info["name"]
-        problem = f"there is no {name[:_MOST_SHOWN]!r}: it is being written, was deleted, or could not be written"
-        path = _required(await self._worker.run(find_file, folder, name), problem)
+        if self._black_boxes is None:
+            raise ApiError(404, "nothing is recorded; ops.yaml configures a black box")
+        name = request.match_info["name"]
+        path = await self._worker.run(find_file, self._black_boxes, name)
+        if path is None:
+            problem = "it is being written, was deleted, or could not be written"
+            raise ApiError(404, f"there is no {name[:_MOST_SHOWN]!r}: {problem}")
         headers = {"Content-Type": "application/octet-stream", "Content-Disposition": f'attachment; filename="{name}"'}
         return web.FileResponse(path, headers={**API_HEADERS, **headers})
-
-    # Changes
-
-    async def _add_silence(self, new: NewSilence) -> object:
-        added = await self._worker.run(new_silence, _required(self._silences, _NO_SILENCES), new)
-        return {"silence": silence_json(added, self._wall_time_s())}
-
-    async def _expire_silence(self, end: EndOfSilence) -> object:
-        await self._worker.run(expire_silence, _required(self._silences, _NO_SILENCES), end)
-        return {"ok": True}
-
-    async def _add_note(self, new: NewNote) -> object:
-        return {"note": await self._worker.run(new_note, _required(self._history, _NO_HISTORY), new)}
-
-    async def _reset(self, wanted: Reset) -> object:
-        return {"message": await self._read(self._require_reader(wanted.robot).alert_system.reset)}
 
     # Metrics and health
 
@@ -384,7 +351,7 @@ class WebInterface:
             admitted = self._client_of(request).admitted
             return json_response({"ok": True, "faults": self._own_state.texts()} if admitted else {"ok": True})
         oldest_s = max(robot.tick_age_s for robot in late)
-        return json_response({"ok": False, "error": f"no tick for {oldest_s:.0f} s"}, status=503)
+        return json_response({"ok": False, "error": f"no tick for {oldest_s:.0f} s"}, 503)
 
 
 async def _streamed(request: web.Request, parts: Iterable[bytes], content_type: str) -> web.StreamResponse:
@@ -396,10 +363,3 @@ async def _streamed(request: web.Request, parts: Iterable[bytes], content_type: 
             await response.write(part)
             await asyncio.sleep(0)
     return response
-
-
-def _required(found: Optional[Result], problem: str) -> Result:
-    """Returns what was found; raises ApiError (404) if that is None."""
-    if found is None:
-        raise ApiError(404, problem)
-    return found

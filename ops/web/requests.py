@@ -1,4 +1,4 @@
-"""Checks and reads requests, and writes answers, as docs/reference/api.md describes them; serves the page's files."""
+"""Checks and reads requests, as docs/reference/api.md describes them; serves the page's files."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ import functools
 import hashlib
 import json
 from pathlib import Path
-from typing import Any, Dict, Mapping, NamedTuple, Optional, Protocol, Tuple
+from typing import Any, Dict, Mapping, NamedTuple, Protocol, Tuple
 
 from aiohttp import web
 
-from ...core.values.errors import MessageError
+from ...runtime.http_answers import SECURITY_HEADERS, ApiError
 from ...runtime.origins import is_own_origin
 from ..plot import plot_script, plot_style
 
@@ -26,10 +26,8 @@ class BodyLimit(NamedTuple):
 WITH_TOKEN = BodyLimit(16_384, 10.0)
 WITHOUT_TOKEN = BodyLimit(4096, 5.0)  # of a client that has not presented the token yet
 
-_SECURITY_HEADERS = {"X-Content-Type-Options": "nosniff", "Referrer-Policy": "no-referrer"}
-API_HEADERS = {**_SECURITY_HEADERS, "Cache-Control": "no-store"}
 _PAGE_HEADERS = {
-    **_SECURITY_HEADERS,
+    **SECURITY_HEADERS,
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; "
     "img-src 'self' data:; manifest-src 'self'; frame-ancestors 'none'; base-uri 'none'; form-action 'self'",
     "Cache-Control": "no-cache",  # may be stored, but asks each time whether it has changed
@@ -61,32 +59,6 @@ class Client(Protocol):
 
     def logout(self) -> web.Response:
         """Returns the answer that ends a login."""
-
-
-class ApiError(MessageError):
-    """A request that is refused or failed."""
-
-    def __init__(self, status: int, text: str, headers: Optional[Mapping[str, str]] = None) -> None:
-        """Takes the HTTP status, one line for the client, and further headers of the answer."""
-        super().__init__(text)
-        self.status = status
-        self.headers = headers or {}
-
-    def response(self) -> web.Response:
-        """Returns the answer."""
-        return json_response({"error": str(self)}, status=self.status, headers=self.headers)
-
-
-def json_bytes(value: object) -> bytes:
-    """Returns JSON in ASCII; raises ValueError if a number is not finite."""
-    return json.dumps(value, separators=(",", ":"), allow_nan=False).encode("ascii")
-
-
-def json_response(value: object, *, status: int = 200, headers: Optional[Mapping[str, str]] = None) -> web.Response:
-    """Returns an answer with a JSON value, or with one that was encoded before, which must not be cached."""
-    body = value if isinstance(value, bytes) else json_bytes(value)
-    all_headers = {**API_HEADERS, **(headers or {})}
-    return web.Response(status=status, body=body, content_type="application/json", headers=all_headers)
 
 
 def check_same_origin(request: web.Request) -> None:
@@ -139,7 +111,7 @@ async def serve_page_file(request: web.Request) -> web.Response:
     name = request.match_info.get("name", "index.html")
     file = _page_files().get(name)
     if file is None:
-        return ApiError(404, f"there is no path {request.path}").response()
+        raise web.HTTPNotFound
     content, etag = file
     headers = {**_PAGE_HEADERS, "ETag": etag, "Vary": "Accept-Encoding"}
     if name == "index.html":

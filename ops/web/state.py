@@ -7,7 +7,7 @@ import threading
 import time
 from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
-from ...core.config.signal_config import OF_ARRIVALS, SignalConfig
+from ...core.config.signal_config import OF_ARRIVALS
 from ...core.judge import wording
 from ...core.judge.element_signals import config_of
 from ...core.judge.monitor import Monitor
@@ -86,13 +86,17 @@ class Samples(NamedTuple):
     offset_s: float  # wall time minus the monitor's clock
 
 
-class _Known(NamedTuple):
-    """What is kept of a signal so that it need not be made again."""
+NO_PLOT: Json = {"unit": "", "bounds": [], "forecast_s": None}
+"""Of a signal that is not watched."""
 
-    config: SignalConfig
-    bounds: List[Json]
-    since_s: float
-    since: Optional[str]
+
+def plot_of(alert_system: AlertSystem, signal: str) -> Json:
+    """Returns the unit of a signal's samples, its bounds and its `forecast_s`."""
+    config = config_of(signal, alert_system.monitor.config.signals)  # also of an element that has ended
+    if config is None:
+        return NO_PLOT
+    unit = wording.judged_unit(config) if config.statistic in OF_ARRIVALS else config.unit
+    return {"unit": unit, "bounds": plot_bounds(config), "forecast_s": config.forecast_s}
 
 
 class RobotReader:
@@ -112,7 +116,8 @@ class RobotReader:
         self._wall_time_s = wall_time_s
         self._steady_s = steady_s
         self._lock = threading.Lock()
-        self._known: Dict[str, _Known] = {}
+        self._since: Dict[str, Tuple[float, Optional[str]]] = {}
+        """By signal, since when it has its level: on the monitor's clock, and as it was shown first."""
         self._offset_s = math.nan
         self._started_s = math.nan  # wall time at 0 of the steady clock
 
@@ -145,14 +150,6 @@ class RobotReader:
         with self._lock:
             return self.alert_system.read(read)
 
-    def plot_of(self, signal: str) -> Tuple[str, List[Json], Optional[float]]:
-        """Returns the unit of a signal's samples, its bounds and its `forecast_s`; empty if it is not watched."""
-        config = config_of(signal, self.alert_system.monitor.config.signals)  # also of an element that has ended
-        if config is None:
-            return "", [], None
-        unit = wording.judged_unit(config) if config.statistic in OF_ARRIVALS else config.unit
-        return unit, plot_bounds(config), config.forecast_s
-
     def _follow_clock(self, now_s: float) -> None:
         wall_s = self._wall_time_s()
         offset_s, started_s = wall_s - now_s, wall_s - self._steady_s()
@@ -160,12 +157,11 @@ class RobotReader:
             self._offset_s = offset_s
         if not abs(started_s - self._started_s) <= _CLOCK_SET_S:
             self._started_s = started_s
-            self._known.clear()
+            self._since.clear()
 
     def _robot(self, monitor: Monitor, judgements: Mapping[str, Judgement], *, window: bool) -> Json:
         signals = {}
-        if len(self._known) > len(judgements):  # elements are no longer watched
-            self._known = {name: known for name, known in self._known.items() if name in judgements}
+        self._since = {name: self._since_of(name, judgement.since_s) for name, judgement in judgements.items()}
         for name, judgement in judgements.items():
             samples = monitor.shown_samples(name, MOST_SAMPLES) if window else ()
             signals[name] = self._signal(name, judgement, samples)
@@ -185,14 +181,12 @@ class RobotReader:
             "signals": signals,
         }
 
+    def _since_of(self, name: str, since_s: float) -> Tuple[float, Optional[str]]:
+        known = self._since.get(name)
+        return known if known and known[0] == since_s else (since_s, iso_time(since_s + self._offset_s))
+
     def _signal(self, name: str, judgement: Judgement, samples: Sequence[Tuple[float, float]]) -> Json:
-        known = self._known.get(name)
-        if known is None or known.since_s != judgement.since_s or known.config is not judgement.config:
-            config, since_s = judgement.config, judgement.since_s
-            known = _Known(config, plot_bounds(config), since_s, iso_time(since_s + self._offset_s))
-            self._known[name] = known
-        config = known.config
-        forecast = judgement.forecast
+        config, forecast = judgement.config, judgement.forecast
         number = converted(config, as_float(judgement.latest)) if judgement.seen else math.nan
         return {
             "level": judgement.level.name,
@@ -201,9 +195,9 @@ class RobotReader:
             "unit": config.unit,
             "message": wording.reason(judgement),
             "hint": wording.hint(judgement),
-            "since": known.since,
+            "since": self._since[name][1],
             "silenced": self.alert_system.silence_of(name),
-            "bounds": known.bounds,
+            "bounds": plot_bounds(config),
             "window": [[round(t + self._offset_s, 3), value] for t, value in samples],
             "text": wording.shown_text(judgement),
             "outlook": wording.outlook(judgement),

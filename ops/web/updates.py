@@ -12,7 +12,7 @@ from typing import Any, Awaitable, Callable, Collection, Dict, Iterator, Mapping
 from aiohttp import web
 
 from ...core.values.errors import ServiceError
-from .requests import API_HEADERS, ApiError, json_bytes
+from ...runtime.http_answers import API_HEADERS, ApiError, json_bytes
 from .state import Samples
 
 MOST_PAGES = 200

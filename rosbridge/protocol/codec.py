@@ -9,14 +9,13 @@ what is left of the message.
 from __future__ import annotations
 
 import base64
-import contextlib
 import functools
 import json
 import math
 import re
 import struct
 import zlib
-from typing import Any, Callable, Dict, Iterator, List, Mapping, Optional, Tuple, Union
+from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple, Union
 
 from ...core.values.errors import MessageError
 from ...runtime.libraries import missing_text
@@ -262,38 +261,26 @@ class _CborDecoder:
 
 HEAD_BYTES = 2_048
 """How much of a message `topic_of_message` looks at."""
-_JSON_MEMBER = re.compile(r'[\s,]*"(\w{1,32})"\s*:\s*("(?:[^"\\\x00-\x1f]|\\.)*")')
+_JSON_HEAD = re.compile(r'\s*\{\s*"op"\s*:\s*"publish"\s*,\s*"topic"\s*:\s*("(?:[^"\\\x00-\x1f]|\\.)*")')
 
 
 def topic_of_message(data: Wire) -> Optional[str]:
-    """Finds the topic of a large message without decoding the message, which need not be valid.
+    """Returns the topic of a large message without decoding the message, which need not be valid.
 
-    Only the members before `msg` are looked at, and at most `HEAD_BYTES`: servers write `op` and `topic` first. None:
-    this is not a `publish` operation, or its topic comes later.
+    Only `HEAD_BYTES` are looked at: servers write `op` and `topic` first. Returns None for another operation, or if the
+    topic comes later.
     """
     head = data[:HEAD_BYTES]
-    members = dict(_members_of_json(head) if isinstance(head, str) else _members_of_cbor(head))
-    return members.get("topic") if members.get("op") == "publish" else None
-
-
-def _members_of_json(text: str) -> Iterator[Tuple[str, str]]:
-    member = re.match(r"\s*\{", text)
-    with contextlib.suppress(ValueError):  # an escape that JSON does not have
-        while member:
-            member = _JSON_MEMBER.match(text, member.end())
-            if member:
-                yield member[1], json.loads(member[2])
-
-
-def _members_of_cbor(data: bytes) -> Iterator[Tuple[str, str]]:
-    decoder = _CborDecoder(data, DEFAULT_LIMITS)
-    with contextlib.suppress(ProtocolError):  # a value that is not a text, or the end of the head
-        if data.startswith(b"\xbf"):  # a map of indefinite length
-            decoder.position = 1
-        elif decoder.head()[0] != _MAP:
-            return
-        while True:
-            yield decoder.key(), decoder.key()
+    try:
+        if isinstance(head, str):
+            found = _JSON_HEAD.match(head)
+            return json.loads(found[1]) if found else None  # type: ignore[no-any-return]
+        decoder = _CborDecoder(head, DEFAULT_LIMITS)
+        decoder.argument(_MAP)
+        *start, topic = [decoder.key() for _ in range(4)]
+    except ValueError:  # an escape that JSON does not have; in CBOR, something else than a text, or the end of the head
+        return None
+    return topic if start == ["op", "publish", "topic"] else None
 
 
 def serialized_publication(data: bytes) -> Optional[Tuple[str, bytes]]:

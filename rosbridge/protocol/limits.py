@@ -11,7 +11,7 @@ Id = Union[str, int, None]
 
 
 class Limits(NamedTuple):
-    """Limits for one connection. Everything that a peer can make grow is bounded here, and refused, never shortened."""
+    """Limits for one connection, and of a server. What a peer makes grow is bounded, and refused, never shortened."""
 
     message_bytes: int = 1_000_000
     """Size of a received message, before and after its fragments are joined."""
@@ -39,6 +39,18 @@ class Limits(NamedTuple):
     """Estimated size of the messages of a topic that wait to be encoded, per encoding."""
     sent_bytes: int = 16_000_000
     """Estimated size of a message to be sent; larger ones are dropped."""
+    waiting_bytes: int = 16_000_000
+    """Estimated size of the messages of ROS that wait for the server's event loop."""
+    clients: int = 500
+    """Most open connections of a server."""
+    heartbeat_s: float = 10.0
+    """Period of pings in s; a client that does not answer within half of it is disconnected."""
+    auth_timeout_s: float = 10.0
+    """Time for a new connection to send a request and the token, in s."""
+    call_timeout_s: float = 10.0
+    """Longest service call, in s."""
+    slow_client_timeout_s: float = 10.0
+    """A client whose messages have been waiting for this long is disconnected, in s."""
 
 
 DEFAULT_LIMITS = Limits()

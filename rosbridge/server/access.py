@@ -18,15 +18,15 @@ import secrets
 import time
 from collections import deque
 from dataclasses import dataclass, field
-from typing import Callable, Deque, Dict, NamedTuple, Optional, Sequence, Tuple
+from typing import Callable, Deque, Dict, NamedTuple, Sequence, Tuple
 from urllib.parse import urlsplit
 
 from aiohttp import web
 
+from ...runtime.http_answers import json_error, json_response
 from ...runtime.origins import is_own_origin
 from ..protocol.limits import shown
 from ..protocol.operations import Auth
-from .connections import json_error
 
 _LOCAL_PAGES = ("http://localhost", "http://127.0.0.1", "http://[::1]")
 """Origins of the web pages of this machine, on any port."""
@@ -77,6 +77,9 @@ class Access:
         return f"{parts.scheme}://{name}" in origins
 
 
+READ_ONLY = Access()
+
+
 def matches(name: str, patterns: Sequence[str]) -> bool:
     """Returns whether the name of a topic or service matches one of the patterns."""
     return any(fnmatch.fnmatchcase(name, pattern) for pattern in patterns)
@@ -91,23 +94,16 @@ def is_loopback(host: str) -> bool:
         return False
 
 
-def check_request(request: web.Request, access: Access, *, check_host: bool) -> Optional[Tuple[str, str]]:
-    """Checks the host and the origin of a request, whatever it asks for.
+def refusal_of(request: web.Request, access: Access, *, check_host: bool) -> str:
+    """Returns why a request is refused by its host or its origin, whatever it asks for; empty if it may be served.
 
-    Returns None if it may be served, else the reason for the client and a line for the log. With `check_host`, `Host`
-    must be a loopback name. Otherwise a web page could reach a server on loopback through a name that resolves to
-    127.0.0.1 (DNS rebinding).
+    With `check_host`, `Host` must be a loopback name. Otherwise a web page could reach a server on loopback through a
+    name that resolves to 127.0.0.1 (DNS rebinding).
     """
     host, origin = request.headers.get("Host", ""), request.headers.get("Origin", "")
     if check_host and not is_loopback(host):
-        reason = "without a token, only loopback names are served"
-        return (reason, f"refused a request for host {shown(host)}: {reason}")
-    if not access.origin_allowed(origin, host):
-        return (
-            "pages of this origin may not connect",
-            f"refused a web page of {shown(origin, 100)}: origin not allowed",
-        )
-    return None
+        return f"without a token, only loopback names are served, not {shown(host)}"
+    return "" if access.origin_allowed(origin, host) else f"pages of {shown(origin, 100)} may not connect"
 
 
 class Credentials(enum.Enum):
@@ -244,7 +240,7 @@ class Client(NamedTuple):
         return response
 
     def _answer(self, cookie: str, max_age_s: int) -> web.Response:
-        response = web.json_response({"ok": True}, headers={"Cache-Control": "no-store"})
+        response = json_response({"ok": True})
         if self.check.required:
             secure = "; Secure" if self.request.secure else ""
             attributes = f"Path=/; Max-Age={max_age_s}; HttpOnly; SameSite=Strict{secure}"

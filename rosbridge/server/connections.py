@@ -1,8 +1,8 @@
 """The open connections: a limited number, TLS, a limit for incomplete requests, errors as JSON, and their log lines.
 
-If the limit is reached, a new connection replaces the oldest one that has presented least: first connections that have
-not presented the token (or, where none is required, no complete request), whatever they have begun; then those that
-wait for the next request; then WebSockets that have sent no operation. The first two are also closed after a timeout.
+If the limit is reached, a new connection replaces the one that has waited for the longest time: for the token (or,
+where none is required, for a complete request), whatever it has begun, or for its next request. Those that wait are
+also closed after a timeout. WebSockets with the token, and requests with it that are being answered, are never closed.
 
 asyncio's own TLS servers do not show a connection before its handshake is complete; here TLS is started on a connection
 that is already counted, so that it can be replaced by others.
@@ -11,13 +11,12 @@ that is already counted, so that it can be replaced by others.
 from __future__ import annotations
 
 import asyncio
-import enum
 import json
 import logging
 import resource
 import ssl
 import time
-from typing import Callable, Dict, List, Mapping, Optional, Tuple
+from typing import Callable, Dict, List, Optional
 
 from aiohttp import web
 from aiohttp.http import HttpProcessingError
@@ -25,6 +24,7 @@ from aiohttp.http_exceptions import LineTooLong
 
 from ...core.port.log_limit import LogLimit
 from ...core.values.formatting import printable
+from ...runtime.http_answers import json_error
 
 MOST_REQUEST_BYTES = 131_072
 """Size of a request, or of its head if its body is read later, and of a first message with the token."""
@@ -33,74 +33,55 @@ _LONGEST_LOG_LINE = 500
 CallLater = Callable[[float, Callable[[], None]], asyncio.TimerHandle]
 
 
-class Stage(enum.IntEnum):
-    """What a connection has presented. Lower ones are closed first."""
-
-    OPENED = 0
-    """Nothing yet, or not the token: in the TLS handshake, within a request, or served without a token. Closed after
-    the timeout."""
-    KNOWN = 1
-    """It has presented the token, and waits for its next request. Closed after the timeout."""
-    ACCEPTED = 2
-    """It may send operations, but has sent none."""
-    ACTIVE = 3
-    """It is in use. Never closed for others."""
-
-
 class Connections:
-    """The open connections, in each stage the oldest first."""
+    """The open connections. Those that wait have presented nothing yet, or wait for the next request."""
 
     def __init__(self, limit: int, timeout_s: float, call_later: CallLater, on_full: Callable[[], None]) -> None:
         """Starts without connections.
 
-        Those in the stages OPENED and KNOWN are closed after `timeout_s`. `on_full` is called when the limit is
-        reached, once until the number falls below nine tenths of it. `call_later` is that of the loop.
+        Those that wait are closed after `timeout_s`. `on_full` is called when the limit is reached, once until the
+        number falls below nine tenths of it. `call_later` is that of the loop.
         """
         self._limit = limit
         self._timeout_s = timeout_s
         self._call_later = call_later
         self._on_full = on_full
         self._full = False
-        self._stages: Dict[HttpConnection, Tuple[Stage, Optional[asyncio.TimerHandle]]] = {}
-        """Stage and timeout of each, in the order in which they entered their stage."""
+        self._timeouts: Dict[HttpConnection, Optional[asyncio.TimerHandle]] = {}
+        """What closes each; None for those in use. Those that have been waiting for the longest time come first."""
 
     def __len__(self) -> int:
-        return len(self._stages)
+        return len(self._timeouts)
 
     def add(self, connection: HttpConnection) -> bool:
-        """Adds a connection, in stage OPENED; returns False if there is no room for it."""
-        if len(self._stages) < 0.9 * self._limit:
+        """Adds a connection that waits; returns False if there is no room for it."""
+        if len(self) < 0.9 * self._limit:
             self._full = False
-        if len(self._stages) >= self._limit:
+        if len(self) >= self._limit:
             if not self._full:
                 self._full = True
                 self._on_full()
-            oldest = min(self._stages, key=lambda one: self._stages[one][0])  # the first of those with the lowest stage
-            if self._stages[oldest][0] is Stage.ACTIVE:
+            oldest = next((one for one in self._timeouts if self.waits(one)), None)
+            if oldest is None:
                 return False
             self.abort(oldest)
-        self._enter(connection, Stage.OPENED)
+        self._timeouts[connection] = self._timeout(connection)
         return True
 
-    def set_stage(self, connection: HttpConnection, stage: Stage) -> None:
-        """Changes the stage of a connection; its timeout begins anew, also in the same stage."""
-        before, timeout = self._stages.get(connection, (None, None))
-        if before is None:
+    def set_in_use(self, connection: HttpConnection, in_use: bool) -> None:
+        """Notes whether a connection is in use or waits: its timeout then begins anew."""
+        if connection not in self._timeouts:
             return
+        timeout = self._timeouts[connection]
         if timeout is not None:
             timeout.cancel()
-        if before is not stage:
-            del self._stages[connection]  # in the same stage it keeps its place
-        self._enter(connection, stage)
+        else:
+            del self._timeouts[connection]  # one that has waited before keeps its place
+        self._timeouts[connection] = None if in_use else self._timeout(connection)
 
-    def _enter(self, connection: HttpConnection, stage: Stage) -> None:
-        waits = stage <= Stage.KNOWN
-        timeout = self._call_later(self._timeout_s, lambda: self.abort(connection)) if waits else None
-        self._stages[connection] = stage, timeout
-
-    def timeout(self, connection: HttpConnection) -> Optional[asyncio.TimerHandle]:
-        """Returns what closes a connection in stage OPENED or KNOWN; None in any other stage."""
-        return self._stages.get(connection, (None, None))[1]
+    def waits(self, connection: HttpConnection) -> bool:
+        """Returns whether a connection is open and not in use."""
+        return self._timeouts.get(connection) is not None
 
     def abort(self, connection: HttpConnection) -> None:
         """Closes a connection at once."""
@@ -109,14 +90,17 @@ class Connections:
 
     def abort_all(self) -> None:
         """Closes every connection at once."""
-        for connection in tuple(self._stages):
+        for connection in tuple(self._timeouts):
             self.abort(connection)
 
     def remove(self, connection: HttpConnection) -> None:
         """Removes a connection that is closed."""
-        _, timeout = self._stages.pop(connection, (None, None))
+        timeout = self._timeouts.pop(connection, None)
         if timeout is not None:
             timeout.cancel()
+
+    def _timeout(self, connection: HttpConnection) -> asyncio.TimerHandle:
+        return self._call_later(self._timeout_s, lambda: self.abort(connection))
 
 
 def connection_limit(requested: int) -> int:
@@ -146,11 +130,15 @@ class HttpConnection(web.RequestHandler):
         self._tcp: Optional[asyncio.Transport] = None
         self._early: Optional[List[bytes]] = []
         """What came before aiohttp knew of the connection; None: it does."""
-        self._counted: Optional[asyncio.TimerHandle] = None
-        """The timeout during which data is counted."""
         self._received = 0
+        """Bytes since it began to wait."""
         self.on_resume: Callable[[], None] = lambda: None
         """Called when a client that has read too slowly reads again."""
+
+    def set_in_use(self, in_use: bool) -> None:
+        """Notes that it is in use, or that it waits for a request or the token."""
+        self._received = 0
+        self._connections.set_in_use(self, in_use)
 
     def resume_writing(self) -> None:
         """The buffer of the transport has emptied."""
@@ -208,10 +196,7 @@ class HttpConnection(web.RequestHandler):
         if self._early is not None:
             self._early.append(data)
             return
-        timeout = self._connections.timeout(self)
-        if timeout is not None:
-            if timeout is not self._counted:
-                self._counted, self._received = timeout, 0
+        if self._connections.waits(self):
             self._received += len(data)
             if self._received > MOST_REQUEST_BYTES:
                 text = f"request is larger than {MOST_REQUEST_BYTES} bytes"
@@ -235,11 +220,6 @@ class HttpConnection(web.RequestHandler):
         response = json_error(status, "address or header too long" if isinstance(exc, LineTooLong) else text)
         response.force_close()
         return response
-
-
-def json_error(status: int, text: str, headers: Optional[Mapping[str, str]] = None) -> web.Response:
-    """Returns a refusal as docs/reference/api.md describes it: HTTP status, reason, further headers."""
-    return web.json_response({"error": text}, status=status, headers={"Cache-Control": "no-store", **(headers or {})})
 
 
 def _plain_error(status: int, phrase: str, text: str) -> bytes:

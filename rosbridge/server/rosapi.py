@@ -7,14 +7,16 @@ Each call reads the graph once.
 from __future__ import annotations
 
 import json
+import time
 from typing import Any, Callable, Dict, List, Mapping, Sequence, Tuple
 
 from ...core.config.parameters import flatten
 from ...core.messages.definitions import Definitions, Field
-from ...core.port.middleware import Graph, NodeInfo
+from ...core.port.middleware import NodeInfo
 from ...core.values.errors import ServiceError
 from ...core.values.names import canonical_type
 from ..protocol.definitions import parse, service_definition
+from .served_node import ServedNode
 
 PREFIX = "/rosapi/"
 _EXAMPLES = {"string": "", "bool": "False", "float32": "0.0", "float64": "0.0"}
@@ -24,104 +26,85 @@ _OLD_NAMES = {"default_value": "default"}
 Values = Mapping[str, Any]
 
 
-class Rosapi:
-    """The services under `/rosapi/`."""
+def _topics_and_raw_types(node: ServedNode) -> Values:
+    topics = node.graph().topics
+    texts = {type_name: node.definition(type_name) for type_name in set(topics.values())}
+    return {**_topics(topics), "typedefs_full_text": [texts[one] for one in topics.values()]}
 
-    def __init__(
-        self,
-        graph: Callable[[], Graph],
-        definition: Callable[[str], str],
-        parameters: Callable[[], Mapping[str, Values]],
-        time_s: Callable[[], float],
-    ) -> None:
-        """Stores functions that return the graph, definitions, parameters and the time in s.
 
-        A definition contains those of the types in it, and is empty if unknown. Parameters are nested, per node.
-        """
-        self.graph = graph
-        self.definition = definition
-        self._parameters = parameters
-        self._time_s = time_s
-        self.services: Mapping[str, str] = {
-            PREFIX + name: f"rosapi/{name.title().replace('_', '')}" for name in _SERVICES
-        }
-        """Type per service."""
+def _topics(topics: Mapping[str, str]) -> Values:
+    return {"topics": list(topics), "types": list(topics.values())}
 
-    def answer(self, service: str, args: object) -> Values:
-        """Returns the response of a service to the fields of a request, by name or in order. May block.
 
-        Raises ServiceError if the service does not exist, or the graph cannot be read.
-        """
-        if service not in self.services:
-            raise ServiceError(f"no service {service}")
-        names, function = _SERVICES[service[len(PREFIX) :]]
-        return function(self, *_texts(args, names))
+def _nodes_with(node: ServedNode, kind: str, name: str) -> List[str]:
+    """Returns the nodes of which `kind`, a field of NodeInfo, contains a topic or service."""
+    return [each for each, info in node.graph().nodes.items() if name in getattr(info, kind)]
 
-    def nodes_with(self, kind: str, name: str) -> List[str]:
-        """Returns the nodes of which `kind`, a field of NodeInfo, contains a topic or service."""
-        return [node for node, info in self.graph().nodes.items() if name in getattr(info, kind)]
 
-    def _topics(self) -> Dict[str, List[str]]:
-        topics = self.graph().topics
-        return {"topics": list(topics), "types": list(topics.values())}
+def _node_details(node: ServedNode, name: str) -> Values:
+    info = node.graph().nodes.get(name, NodeInfo((), (), ()))
+    return {"subscribing": list(info.subscribes), "publishing": list(info.publishes), "services": list(info.services)}
 
-    def _topics_and_raw_types(self) -> Values:
-        values = self._topics()
-        texts = {type_name: self.definition(type_name) for type_name in set(values["types"])}
-        return {**values, "typedefs_full_text": [texts[one] for one in values["types"]]}
 
-    def _node_details(self, name: str) -> Values:
-        node = self.graph().nodes.get(name, NodeInfo((), (), ()))
-        return {
-            "subscribing": list(node.subscribes),
-            "publishing": list(node.publishes),
-            "services": list(node.services),
-        }
+def _get_time(node: ServedNode) -> Values:
+    seconds, nanoseconds = divmod(time.time_ns(), 1_000_000_000)
+    return {"time": {"secs": seconds, "nsecs": nanoseconds, "sec": seconds, "nanosec": nanoseconds}}
 
-    def _get_time(self) -> Values:
-        seconds, rest = divmod(self._time_s(), 1.0)
-        whole, nanoseconds = int(seconds), int(rest * 1e9)
-        return {"time": {"secs": whole, "nsecs": nanoseconds, "sec": whole, "nanosec": nanoseconds}}
 
-    def _get_param(self, name: str, default: str) -> Values:
-        values = self.values()
-        return {"value": json.dumps(values[name]) if name in values else default or '""'}
+def _parameters(node: ServedNode) -> Dict[str, Any]:
+    """Returns the parameters that clients may read, by node and name."""
+    return {
+        f"{owner}:{name}": value
+        for owner, tree in node.parameters().items()
+        for name, value in flatten(tree)
+        if not name.endswith("token")
+    }
 
-    def values(self) -> Dict[str, Any]:
-        """Returns the parameters that clients may read, by node and name."""
-        return {
-            f"{node}:{name}": value
-            for node, tree in self._parameters().items()
-            for name, value in flatten(tree)
-            if not name.endswith("token")
-        }
+
+def _get_param(node: ServedNode, name: str, default: str) -> Values:
+    values = _parameters(node)
+    return {"value": json.dumps(values[name]) if name in values else default or '""'}
 
 
 _SERVICES: Mapping[str, Tuple[Sequence[str], Callable[..., Values]]] = {
-    "topics": ((), Rosapi._topics),
-    "topics_for_type": (("type",), lambda api, kind: {"topics": _having(api.graph().topics, kind)}),
-    "topic_type": (("topic",), lambda api, topic: {"type": api.graph().topics.get(topic, "")}),
-    "topics_and_raw_types": ((), Rosapi._topics_and_raw_types),
-    "services": ((), lambda api: {"services": list(api.graph().services)}),
-    "service_type": (("service",), lambda api, service: {"type": api.graph().services.get(service, "")}),
-    "services_for_type": (("type",), lambda api, kind: {"services": _having(api.graph().services, kind)}),
-    "service_node": (("service",), lambda api, name: {"node": "".join(api.nodes_with("services", name)[:1])}),
-    "service_providers": (("service",), lambda api, name: {"providers": api.nodes_with("services", name)}),
-    "service_host": (("service",), lambda api, name: {"host": "localhost" if name in api.graph().services else ""}),
-    "nodes": ((), lambda api: {"nodes": list(api.graph().nodes)}),
-    "node_details": (("node",), Rosapi._node_details),
-    "publishers": (("topic",), lambda api, topic: {"publishers": api.nodes_with("publishes", topic)}),
-    "subscribers": (("topic",), lambda api, topic: {"subscribers": api.nodes_with("subscribes", topic)}),
-    "action_servers": ((), lambda api: {"action_servers": []}),
-    "message_details": (("type",), lambda api, name: _typedefs(parse(name, api.definition(name)))),
-    "service_request_details": (("type",), lambda api, name: _typedefs(service_definition(name, False))),
-    "service_response_details": (("type",), lambda api, name: _typedefs(service_definition(name, True))),
-    "get_time": ((), Rosapi._get_time),
-    "get_param_names": ((), lambda api: {"names": list(api.values())}),
-    "get_param": (("name", "default_value"), Rosapi._get_param),
-    "has_param": (("name",), lambda api, name: {"exists": name in api.values()}),
+    "topics": ((), lambda node: _topics(node.graph().topics)),
+    "topics_for_type": (("type",), lambda node, kind: {"topics": _having(node.graph().topics, kind)}),
+    "topic_type": (("topic",), lambda node, topic: {"type": node.graph().topics.get(topic, "")}),
+    "topics_and_raw_types": ((), _topics_and_raw_types),
+    "services": ((), lambda node: {"services": list(node.graph().services)}),
+    "service_type": (("service",), lambda node, service: {"type": node.graph().services.get(service, "")}),
+    "services_for_type": (("type",), lambda node, kind: {"services": _having(node.graph().services, kind)}),
+    "service_node": (("service",), lambda node, name: {"node": "".join(_nodes_with(node, "services", name)[:1])}),
+    "service_providers": (("service",), lambda node, name: {"providers": _nodes_with(node, "services", name)}),
+    "service_host": (("service",), lambda node, name: {"host": "localhost" if name in node.graph().services else ""}),
+    "nodes": ((), lambda node: {"nodes": list(node.graph().nodes)}),
+    "node_details": (("node",), _node_details),
+    "publishers": (("topic",), lambda node, topic: {"publishers": _nodes_with(node, "publishes", topic)}),
+    "subscribers": (("topic",), lambda node, topic: {"subscribers": _nodes_with(node, "subscribes", topic)}),
+    "action_servers": ((), lambda node: {"action_servers": []}),
+    "message_details": (("type",), lambda node, name: _typedefs(parse(name, node.definition(name)))),
+    "service_request_details": (("type",), lambda node, name: _typedefs(service_definition(name, False))),
+    "service_response_details": (("type",), lambda node, name: _typedefs(service_definition(name, True))),
+    "get_time": ((), _get_time),
+    "get_param_names": ((), lambda node: {"names": list(_parameters(node))}),
+    "get_param": (("name", "default_value"), _get_param),
+    "has_param": (("name",), lambda node, name: {"exists": name in _parameters(node)}),
 }
 """The fields of each service's request, all of them strings, and its function."""
+
+SERVICES: Mapping[str, str] = {PREFIX + name: f"rosapi/{name.title().replace('_', '')}" for name in _SERVICES}
+"""Type per service."""
+
+
+def answer(node: ServedNode, service: str, args: object) -> Values:
+    """Returns the response of a service to the fields of a request, by name or in order. May block.
+
+    Raises ServiceError if the service does not exist, or the graph cannot be read.
+    """
+    if service not in SERVICES:
+        raise ServiceError(f"no service {service}")
+    names, function = _SERVICES[service[len(PREFIX) :]]
+    return function(node, *_texts(args, names))
 
 
 def _texts(args: object, names: Sequence[str]) -> List[str]:

@@ -10,8 +10,9 @@ from __future__ import annotations
 import asyncio
 import struct
 import time
-from typing import Any, Callable, Dict, Mapping, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, NamedTuple, Optional, Sequence, Tuple, Union
 
+from ...core.messages.dialect import Message
 from ...core.values.errors import MessageError, ServiceError
 from ...runtime.bounded_queue import BoundedQueue
 from ...runtime.event_loops import ThreadPool
@@ -71,21 +72,14 @@ class Encoding(NamedTuple):
 class EncodedMessage:
     """A message, and the frames that were made of it."""
 
-    def __init__(
-        self,
-        topic: str,
-        message: Optional[Mapping[str, Any]],
-        data: Optional[bytes] = None,
-        serialize: Optional[Serializer] = None,
-    ) -> None:
-        """`message` is None if only its raw bytes, `data`, are known; `serialize` makes them, or is None."""
-        self.size = estimated_bytes(data if message is None else message)
+    def __init__(self, topic: str, content: Union[Message, bytes], serialize: Optional[Serializer] = None) -> None:
+        """Takes a message or only its raw bytes; `serialize` makes raw bytes of a message, unless it is None."""
+        self.size = estimated_bytes(content)
         """Estimated memory in bytes."""
         self.is_large = self.size > LARGE_BYTES
         """Whether encoding takes so long that a thread should do it."""
         self._topic = topic
-        self._message = message
-        self._data = data
+        self._content = content
         self._serialize = serialize
         self._frames: Dict[Encoding, bytes] = {}
 
@@ -94,7 +88,7 @@ class EncodedMessage:
         frames = self._frames.get(encoding)
         if frames is None:
             encode = encode_large_json if self.is_large else encode_json
-            message: Any = self._message
+            message: Any = self._content
             if encoding.compression == "cbor-raw":
                 seconds, nanoseconds = divmod(time.time_ns(), 1_000_000_000)
                 message = {"secs": seconds, "nsecs": nanoseconds, "bytes": self._raw()}
@@ -103,15 +97,15 @@ class EncodedMessage:
         return frames
 
     def _raw(self) -> bytes:
-        if self._message is None:
-            return self._data or b""
+        if isinstance(self._content, bytes):
+            return self._content
         if self._serialize is None:
             raise MessageError("cannot be sent as cbor-raw: the definition of its type is not known")
-        return self._serialize(self._message)
+        return self._serialize(self._content)
 
 
 class EncodingQueue:
-    """The messages of one topic that wait for one encoding in a thread, bounded in bytes. The newest win."""
+    """The messages of one topic in one encoding: large ones wait for a thread, bounded in bytes. The newest win."""
 
     def __init__(
         self,
@@ -124,7 +118,7 @@ class EncodingQueue:
         """Starts empty.
 
         `send` is called in the loop with the frames of a message and its receivers, `on_failure` with the reason if it
-        cannot be encoded. `bound_bytes`: estimated size of those that wait; one larger message may wait alone.
+        cannot be encoded. `bound_bytes` bounds the estimated size of those that wait; one larger may wait alone.
         """
         self._encoding = encoding
         self._pool = pool
@@ -142,7 +136,13 @@ class EncodingQueue:
         return self._waiting.dropped
 
     def put(self, message: EncodedMessage, receivers: Receivers) -> None:
-        """Has a message encoded and sent; drops the oldest waiting ones if there are too many."""
+        """Sends a small message at once, has others encoded; drops the oldest that wait if there are too many."""
+        if not self.busy and not message.is_large:
+            try:
+                self._send(message.frames(self._encoding), receivers)
+            except MessageError as error:
+                self._on_failure(str(error))
+            return
         self._waiting.put((message, receivers), message.size)
         if not self.busy:
             self.busy = True

@@ -10,7 +10,7 @@ from __future__ import annotations
 import asyncio
 import threading
 import time
-from typing import Any, Callable, Mapping, Tuple, TypeVar
+from typing import Any, Callable, Dict, Mapping, Optional, Tuple, TypeVar
 
 from ...core.messages.standard_messages import definition
 from ...core.port.middleware import Graph, NodeInfo, ServedMiddleware
@@ -18,6 +18,8 @@ from ...core.values.errors import ConfigError, ServiceError
 from ...core.values.names import resolve_name
 from ...runtime.bounded_queue import BoundedQueue
 from ...runtime.event_loops import ThreadPool
+from ..protocol import DEFAULT_LIMITS, Limits
+from .access import READ_ONLY, Access
 from .sending import estimated_bytes
 
 T = TypeVar("T")
@@ -39,24 +41,33 @@ class ServedNode:
     def __init__(
         self,
         middleware: ServedMiddleware,
-        added_services: Callable[[], Mapping[str, str]],
         *,
         threads: bool,
-        queue_bytes: int = 16_000_000,
+        access: Access = READ_ONLY,
+        limits: Limits = DEFAULT_LIMITS,
+        parameters: Optional[Callable[[], Mapping[str, Mapping[str, Any]]]] = None,
+        log: Callable[[str], None] = lambda text: None,
     ) -> None:
-        """Prepares the access to a node; `threads`: it calls back from its own threads.
+        """Prepares the access to a node; the arguments are those of `Server`.
 
-        `added_services` returns the type per service that the server adds. If the estimated size of the messages that
-        wait for the loop exceeds `queue_bytes`, the oldest are dropped.
+        `log` writes one line about a message that cannot be sent. If the estimated size of the messages that wait for
+        the loop exceeds `limits.waiting_bytes`, the oldest are dropped.
         """
         self.middleware = middleware
         self.threads = threads
-        self._added_services = added_services
+        self.access = access
+        self.limits = limits
+        self.parameters = parameters or (lambda: {middleware.name: middleware.given_parameters()})
+        self.log = log
+        self.added_services: Dict[str, str] = {}
+        """Type of each service that the server adds."""
+        self.codec = ThreadPool("rosbridge-codec", 2, 2_000)
+        """Encodes and decodes large messages."""
         self._workers = ThreadPool("rosbridge", _THREADS, _MOST_PENDING)
         # Separate: services that do not respond must not block subscriptions.
         self._callers = ThreadPool("rosbridge-call", _MOST_CALLS, _MOST_CALLS)
         self._lock = threading.Lock()
-        self._messages: BoundedQueue[Tuple[Callable[[Any], None], Any]] = BoundedQueue(queue_bytes)
+        self._messages: BoundedQueue[Tuple[Callable[[Any], None], Any]] = BoundedQueue(limits.waiting_bytes)
         self._waking = False
 
     @property
@@ -107,8 +118,8 @@ class ServedNode:
 
     def close(self) -> None:
         """Starts nothing new; functions that are running end by themselves."""
-        self._workers.close()
-        self._callers.close()
+        for pool in (self.codec, self._workers, self._callers):
+            pool.close()
 
     def resolve(self, name: str) -> str:
         """Returns the absolute name of a topic or service; roslibjs sends relative ones."""
@@ -117,7 +128,7 @@ class ServedNode:
     def graph(self) -> Graph:
         """Returns the graph that clients see. May block; raises ServiceError if the name server does not respond."""
         graph = self.middleware.graph()
-        topics, nodes, added = dict(graph.topics), dict(graph.nodes), self._added_services()
+        topics, nodes, added = dict(graph.topics), dict(graph.nodes), dict(self.added_services)
         own = nodes.get(self.middleware.name, NodeInfo((), (), ()))
         publishes = list(own.publishes)
         if not self.threads:

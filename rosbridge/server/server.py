@@ -15,24 +15,21 @@ import asyncio
 import concurrent.futures
 import logging
 import ssl
-import time
 from typing import Any, Awaitable, Callable, Dict, Mapping, Optional, Sequence, Set
 
 from aiohttp import WSCloseCode, WSMsgType, web
 
 from ...core.port.local import LogLine
 from ...core.port.middleware import ServedMiddleware, Severity
-from ...core.values.errors import ConfigError
-from ...runtime.event_loops import LoopThread, ThreadPool
+from ...core.values.errors import ConfigError, MessageError, ServiceError
+from ...runtime.event_loops import LoopThread
+from ...runtime.http_answers import json_error
 from ...runtime.sockets import FloodError, Incoming, limit_reads
 from ..protocol import CBOR_SUBPROTOCOL, DEFAULT_LIMITS, SUBPROTOCOLS, Limits
-from .access import Access, Client, Credentials, TokenCheck, check_request, is_loopback
-from .connections import ClientLog, Connections, HttpConnection, Stage, connection_limit, json_error
-from .rosapi import Rosapi
+from .access import READ_ONLY, Access, Client, Credentials, TokenCheck, is_loopback, refusal_of
+from .connections import ClientLog, Connections, HttpConnection, connection_limit
 from .served_node import ServedNode
-from .services import Services
 from .session import AuthenticationError, ServerParts, Session
-from .topics import Publications, Topics
 
 _UNAUTHENTICATED_BYTES = 65_536
 """Largest message of a client that authenticates with the operation `auth`."""
@@ -56,11 +53,6 @@ class Server:
         access: Optional[Access] = None,
         limits: Limits = DEFAULT_LIMITS,
         threads: bool = True,
-        heartbeat_s: float = 10.0,
-        call_timeout_s: float = 10.0,
-        auth_timeout_s: float = 10.0,
-        slow_client_timeout_s: float = 10.0,
-        max_clients: int = 500,
         ssl_context: Optional[ssl.SSLContext] = None,
         parameters: Optional[Callable[[], Mapping[str, Mapping[str, Any]]]] = None,
         routes: Callable[[Callable[[web.Request], Client]], Sequence[web.RouteDef]] = lambda client_of: (),
@@ -73,13 +65,8 @@ class Server:
             host: address to listen on. All except loopback require a token or client certificates.
             port: 0 picks a free one.
             access: what clients may do; they may only read if it is None.
-            limits: limits for one client.
+            limits: limits for one client and for all of them.
             threads: whether the middleware calls back from its own threads (ROS); False: it runs in the server's loop.
-            heartbeat_s: period of pings in s; a client that does not answer within half of it is disconnected.
-            call_timeout_s: longest service call, in s.
-            auth_timeout_s: time for a new connection to send a request and the token, in s.
-            slow_client_timeout_s: a client whose messages have been waiting for this long is disconnected, in s.
-            max_clients: most open connections.
             ssl_context: serve TLS (`wss://`) with it.
             parameters: returns the parameters that clients may read, per node; None for those of `middleware`.
             routes: returns further HTTP routes. Host, origin and a wrong token are checked here; a handler that needs
@@ -90,52 +77,42 @@ class Server:
             ConfigError: `host` is reachable from other machines, but neither a token nor client certificates are
                 required.
         """
-        self.access = access or Access()
+        self.access = access or READ_ONLY
         self.port = port
         """The port; after `start` the real one."""
         self._has_certificates = ssl_context is not None and ssl_context.verify_mode == ssl.CERT_REQUIRED
         self._host = host
         self._require_protection(self.access.token)
         self._tokens = TokenCheck(self.access.token)
-        self._heartbeat_s = heartbeat_s
-        self._auth_timeout_s = auth_timeout_s
-        self._max_clients = connection_limit(max_clients)
+        self._limits = limits
         self._ssl_context = ssl_context
         self._routes = routes
         self._on_close = on_close
         # Several nodes of one ROS 1 process share its log.
         prefix = "rosbridge: " if threads else ""
         self._client_log = ClientLog(lambda text: middleware.log(Severity.WARN, f"{prefix}{text}"))
+        self.log = self._client_log.write
+        """Writes a WARN line, unless clients have caused too many in this minute. Called in the loop's thread."""
         self._sessions: Set[Session] = set()
         self._sockets: Set[web.WebSocketResponse] = set()
         self._dropped = 0
         self._runner: Optional[web.AppRunner] = None
-        node = ServedNode(middleware, self._added_services, threads=threads)
-        own_parameters = parameters or (lambda: {middleware.name: middleware.given_parameters()})
-        self._rosapi = Rosapi(node.graph, node.definition, own_parameters, time.time)
-        self.services = Services(node, self._rosapi, self.access, call_timeout_s)
-        """The services as clients see them."""
-        codec = ThreadPool("rosbridge-codec", 2, 2_000)
-        self._parts = ServerParts(
-            self.access,
-            limits,
-            node,
-            Topics(node, codec, limits, self.log),
-            Publications(node, self.access),
-            self.services,
-            slow_client_timeout_s,
-            codec,
-            self.log,
+        self._node = ServedNode(
+            middleware, threads=threads, access=self.access, limits=limits, parameters=parameters, log=self.log
         )
 
     async def start(self) -> None:
         """Opens the port; raises OSError if it is in use, or the address is not one of this machine."""
         loop = asyncio.get_event_loop()
-        timeout_s = self._auth_timeout_s + 1.0  # later than `_authenticate`, which sends the client the reason
-        full = f"connection limit reached; closing the oldest idle ones (limit {self._max_clients})"
-        self._connections = Connections(self._max_clients, timeout_s, loop.call_later, lambda: self.log(full))
+        self._parts = ServerParts(self._node)
+        self.services = self._parts.services
+        """The services as clients see them."""
+        most = connection_limit(self._limits.clients)
+        timeout_s = self._limits.auth_timeout_s + 1.0  # later than `_authenticate`, which sends the client the reason
+        full = f"connection limit reached; closing the oldest idle ones (limit {most})"
+        self._connections = Connections(most, timeout_s, loop.call_later, lambda: self.log(full))
         application = web.Application(middlewares=[self._check])
-        application.add_routes([*self._routes(self._tokens.client), web.get("/", _explain)])
+        application.add_routes(self._routes(self._tokens.client))
         runner = web.AppRunner(application, handle_signals=False)
         await runner.setup()
         try:
@@ -170,8 +147,7 @@ class Server:
         await asyncio.wait({asyncio.ensure_future(runner.cleanup())}, timeout=_CLOSE_S)
         self._connections.abort_all()
         await asyncio.sleep(0)  # aborted connections are closed in the next turn of the loop
-        self._parts.node.close()
-        self._parts.codec.close()
+        self._node.close()
 
     @property
     def clients(self) -> int:
@@ -188,18 +164,10 @@ class Server:
         """Publishes a log line on `/rosout`, for a middleware without this topic. Called in the loop's thread."""
         self._parts.topics.publish_log(line)
 
-    def log(self, text: str) -> None:
-        """Writes a WARN line, unless clients have caused too many in this minute. Called in the loop's thread."""
-        self._client_log.write(text)
-
-    def _added_services(self) -> Mapping[str, str]:
-        return {**self._rosapi.services, **self.services.types}
-
     def _accept(self, runner: web.AppRunner) -> asyncio.Protocol:
         assert runner.server is not None
-        return HttpConnection(
-            runner.server, self._connections, self._client_log, self._ssl_context, self._auth_timeout_s
-        )
+        timeout_s = self._limits.auth_timeout_s
+        return HttpConnection(runner.server, self._connections, self._client_log, self._ssl_context, timeout_s)
 
     def _require_protection(self, token: str) -> None:
         if not is_loopback(self._host) and not token and not self._has_certificates:
@@ -213,37 +181,32 @@ class Server:
     ) -> web.StreamResponse:
         """Serves a request, unless its host, origin or token is wrong."""
         check_host = not self._tokens.required and not self._has_certificates
-        refusal = check_request(request, self.access, check_host=check_host)
-        if refusal is not None:
-            text, line = refusal
-            self.log(line)
-            return json_error(403, text)
+        refusal = refusal_of(request, self.access, check_host=check_host)
+        if refusal:
+            self.log(f"refused a client at {request.remote}: {refusal}")
+            return json_error(403, refusal)
         client = self._tokens.client(request)
         if client.token is Credentials.WRONG:
             self.log(f"refused a client at {request.remote}: wrong token")
             return client.refusal()
         if request.method == "GET" and web.WebSocketResponse().can_prepare(request):
             return await self._serve(request, client)
-        self._set_stage(request, Stage.ACTIVE if client.admitted else Stage.OPENED)
+        _connection(request).set_in_use(client.admitted)
         try:
             return await handler(request)
-        except web.HTTPException as error:
+        except (web.HTTPException, ConfigError, MessageError, ServiceError) as error:
             return _refuse(request, error)
         finally:
-            self._set_stage(request, Stage.KNOWN if client.admitted else Stage.OPENED)
-
-    def _set_stage(self, request: web.Request, stage: Stage) -> None:
-        assert isinstance(request.protocol, HttpConnection)
-        self._connections.set_stage(request.protocol, stage)
+            _connection(request).set_in_use(False)
 
     async def _serve(self, request: web.Request, client: Client) -> web.StreamResponse:
         """Serves one WebSocket until it is closed. The cookie does not count: pages of other origins may connect."""
         authenticated = client.token is Credentials.VALID
         socket = web.WebSocketResponse(
             timeout=_CLOSE_S,
-            heartbeat=self._heartbeat_s,
+            heartbeat=self._limits.heartbeat_s,
             autoping=False,
-            max_msg_size=self._parts.limits.message_bytes if authenticated else _UNAUTHENTICATED_BYTES,
+            max_msg_size=self._limits.message_bytes if authenticated else _UNAUTHENTICATED_BYTES,
             compress=False,
             protocols=SUBPROTOCOLS,
         )
@@ -253,17 +216,15 @@ class Server:
             return socket
         limit_reads(transport)
         session = Session(self._parts, transport, cbor=socket.ws_protocol == CBOR_SUBPROTOCOL)
-        assert isinstance(request.protocol, HttpConnection)
-        request.protocol.on_resume = session.resume
+        connection = _connection(request)
+        connection.on_resume = session.resume
         incoming = Incoming(socket)
         self._sockets.add(socket)
         try:
             if authenticated or await self._authenticate(request, socket, incoming, session):
-                self._set_stage(request, Stage.ACCEPTED)
+                connection.set_in_use(True)
                 self._sessions.add(session)
                 message = await incoming.next()
-                if message.type in _MESSAGES:
-                    self._set_stage(request, Stage.ACTIVE)
                 while message.type in _MESSAGES:
                     await session.receive(message.data)
                     message = await incoming.next()
@@ -280,9 +241,9 @@ class Server:
         self, request: web.Request, socket: web.WebSocketResponse, incoming: Incoming, session: Session
     ) -> bool:
         """Waits for the operation `auth`; closes the connection if it does not come or does not prove the token."""
-        self._set_stage(request, Stage.OPENED)
+        _connection(request).set_in_use(False)
         try:
-            message = await incoming.next(self._auth_timeout_s)
+            message = await incoming.next(self._limits.auth_timeout_s)
             if message.type not in _MESSAGES:
                 return False
             if not self._tokens.is_proof(session.read_auth(message.data)):
@@ -332,16 +293,18 @@ class ServerThread:
         self.server.log(f"{context.get('message', 'unexpected error')}{cause}")
 
 
-async def _explain(request: web.Request) -> web.Response:
-    return json_error(426, "this is a rosbridge server: connect with a WebSocket", {"Upgrade": "websocket"})
+def _connection(request: web.Request) -> HttpConnection:
+    assert isinstance(request.protocol, HttpConnection)
+    return request.protocol
 
 
-def _refuse(request: web.Request, error: web.HTTPException) -> web.Response:
-    """Answers a request for which there is no route."""
+def _refuse(request: web.Request, error: Exception) -> web.Response:
+    """Answers a request for which there is no route, or whose handler failed."""
     if isinstance(error, web.HTTPMethodNotAllowed):
         allowed = sorted(error.allowed_methods)
         text = f"expected the method {' or '.join(method for method in allowed if method != 'HEAD')}"
         return json_error(405, text, {"Allow": ",".join(allowed)})
     if isinstance(error, web.HTTPNotFound):
         return json_error(404, f"there is no path {request.path}")
-    return json_error(error.status, error.reason)
+    status = 503 if isinstance(error, ServiceError) else getattr(error, "status", 400)
+    return json_error(status, error.problem if isinstance(error, ConfigError) else str(error))

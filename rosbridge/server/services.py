@@ -10,8 +10,8 @@ from ..calls import PendingCalls
 from ..protocol import Operation
 from ..protocol.definitions import service_definition
 from ..protocol.operations import Arguments, ServiceResponse
-from .access import Access, matches
-from .rosapi import PREFIX, Rosapi
+from . import rosapi
+from .access import matches
 from .served_node import ServedNode
 
 
@@ -25,47 +25,45 @@ class Provider(Protocol):
 class Services:
     """The services that clients may call: rosapi, those of other clients, and those of the middleware."""
 
-    def __init__(self, node: ServedNode, rosapi: Rosapi, access: Access, timeout_s: float) -> None:
-        """Stores the providers; `timeout_s` is the longest wait for a response."""
-        self.types: Dict[str, str] = {}
-        """Type per service that a client provides."""
+    def __init__(self, node: ServedNode) -> None:
+        """Adds those of rosapi to a node."""
         self._providers: Dict[str, Provider] = {}
         self._pending = PendingCalls()
-        self._access = access
         self._node = node
-        self._rosapi = rosapi
-        self._timeout_s = timeout_s
+        node.added_services.update(rosapi.SERVICES)
 
     async def call(self, service: str, arguments: Arguments, timeout_s: Optional[float]) -> Any:
         """Returns the response to a client's call, within `timeout_s` or, if None, the server's time.
 
-        `/service#id` is accepted too, an older way to send an id. `arguments` are by name or in order. ServiceError: it
-        does not exist, may not be called, failed or did not respond in time; MessageError: it does not match its type.
+        `/service#id` is accepted too, an older way to send an id. `arguments` are by name or in order. Raises
+        ServiceError if the service does not exist, may not be called, failed or did not respond in time, MessageError
+        if the arguments do not match its type.
         """
-        timeout_s = min(timeout_s or self._timeout_s, self._timeout_s)
+        longest_s = self._node.limits.call_timeout_s
+        timeout_s = min(timeout_s or longest_s, longest_s)
         service = self._node.resolve(service.partition("#")[0])
-        if service.startswith(PREFIX):
+        if service.startswith(rosapi.PREFIX):
             try:
-                return await asyncio.wait_for(self._node.call(self._rosapi.answer, service, arguments), timeout_s)
+                return await asyncio.wait_for(self._node.call(rosapi.answer, self._node, service, arguments), timeout_s)
             except asyncio.TimeoutError:
                 raise ServiceError(f"{service} did not respond within {timeout_s:g} s") from None
-        if not matches(service, self._access.services):
+        if not matches(service, self._node.access.services):
             raise ServiceError(f"clients may not call {service}")
         provider = self._providers.get(service)
-        request = _by_name(service, self.types.get(service, ""), arguments)
+        request = _by_name(service, self._node.added_services.get(service, ""), arguments)
         if provider is None:
             return await self._node.call_service(service, request, timeout_s)
         return await self._pending.call(provider.send, provider, service, request, timeout_s)
 
     def add(self, service: str, type_name: str, provider: Provider) -> None:
         """Routes calls of a service to a client, in place of an earlier provider."""
-        self.types[service] = type_name
+        self._node.added_services[service] = type_name
         self._providers[service] = provider
 
     def remove(self, service: str, provider: Provider) -> None:
         """Removes a service of this client; its pending calls fail."""
         if self._providers.get(service) is provider:
-            del self._providers[service], self.types[service]
+            del self._providers[service], self._node.added_services[service]
         self._pending.fail(ServiceError(f"the provider of {service} disconnected"), service, provider)
 
     def respond(self, response: ServiceResponse, provider: Provider) -> None:

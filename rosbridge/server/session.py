@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import asyncio
 import functools
-from typing import Callable, Dict, NamedTuple, Optional, Set
+from typing import Dict, Optional, Set
 
 from ...core.values.errors import ConfigError, MessageError, ServiceError
-from ...core.values.names import canonical_type
-from ...runtime.event_loops import ThreadPool
-from ..protocol import CBOR_PROBLEM, Connection, Id, Limits, Operation, ProtocolError, Wire, operations
-from .access import Access, matches
+from ..protocol import CBOR_PROBLEM, Connection, Id, Operation, ProtocolError, Wire, operations
+from .access import matches
+from .rosapi import SERVICES
 from .sending import LARGE_BYTES, ClientQueue, estimated_bytes, frame
 from .served_node import ServedNode
 from .services import Services
-from .topic import ByteBudget, merge
-from .topics import Publications, Topics
+from .topics import ByteBudget, Publications, Topics, merge
 
 _NO_STATUS = operations.STATUS_LEVELS.index("none")
 _FAILURES = (ServiceError, MessageError, ConfigError, OSError)
@@ -30,18 +28,15 @@ class AuthenticationError(MessageError):
     """The first message of a client does not prove the token. `str()` is the reason for the client."""
 
 
-class ServerParts(NamedTuple):
+class ServerParts:
     """The parts of the server that sessions use."""
 
-    access: Access
-    limits: Limits
-    node: ServedNode
-    topics: Topics
-    publications: Publications
-    services: Services
-    slow_client_timeout_s: float
-    codec: ThreadPool
-    log: Callable[[str], None]
+    def __init__(self, node: ServedNode) -> None:
+        """Starts without clients. Called in the event loop."""
+        self.node = node
+        self.topics = Topics(node)
+        self.publications = Publications(node)
+        self.services = Services(node)
 
 
 class Session:
@@ -49,11 +44,13 @@ class Session:
 
     def __init__(self, parts: ServerParts, transport: asyncio.WriteTransport, *, cbor: bool = False) -> None:
         """Starts a session over `transport`; with `cbor`, every operation is sent as CBOR."""
-        self.queue = ClientQueue(transport, parts.limits.queue_bytes)
-        self.throttled = ByteBudget(parts.limits.queue_bytes)
         self._parts = parts
+        self._node = parts.node
+        self._limits = limits = parts.node.limits
+        self.queue = ClientQueue(transport, limits.queue_bytes)
+        self.throttled = ByteBudget(limits.queue_bytes)
         self._transport = transport
-        self._connection = Connection(parts.limits)
+        self._connection = Connection(limits)
         self._compression = "cbor" if cbor else "none"
         self._level = _NO_STATUS
         self._closed = False
@@ -62,13 +59,13 @@ class Session:
         self._reported = 0
         """Dropped messages that were reported to the client."""
         self._subscriptions: Dict[str, Dict[Id, operations.Subscribe]] = {}
-        self._advertised: Dict[str, str] = {}
+        self._advertised: Set[str] = set()
         self._provided: Set[str] = set()
         self._calls: Set[asyncio.Task[None]] = set()
 
     def read_auth(self, data: Wire) -> operations.Auth:
         """Returns the first message of a client, which must be an `auth`; raises AuthenticationError if it is not."""
-        if not isinstance(data, str) or len(data) > self._parts.limits.first_message_bytes:
+        if not isinstance(data, str) or len(data) > self._limits.first_message_bytes:
             raise AuthenticationError("token required")
         try:
             operation = self._connection.receive(data, 0.0)
@@ -92,7 +89,7 @@ class Session:
             text = str(error) if operation is None else f"{operations.name_of(operation)}: {error}"
             self.send_status("error", text, getattr(operation or error, "id", None))
         except Exception as error:
-            self._parts.log(f"an operation of a client failed: {type(error).__name__}: {error}")
+            self._node.log(f"an operation of a client failed: {type(error).__name__}: {error}")
             self.send_status("error", "internal error")
 
     def put(self, frames: bytes) -> None:
@@ -100,12 +97,11 @@ class Session:
         if self._closed or self._transport.is_closing():
             return
         if self.queue.put(frames) and self._cut_off is None:
-            timeout_s = self._parts.slow_client_timeout_s
+            timeout_s = self._limits.slow_client_timeout_s
             self._cut_off = asyncio.get_event_loop().call_later(timeout_s, self._disconnect)
 
     def _disconnect(self) -> None:
-        timeout_s = self._parts.slow_client_timeout_s
-        self._parts.log(f"disconnected a client: behind for more than {timeout_s:g} s")
+        self._node.log(f"disconnected a client: behind for more than {self._limits.slow_client_timeout_s:g} s")
         self._transport.abort()
 
     def resume(self) -> None:
@@ -144,24 +140,24 @@ class Session:
             try:
                 await self._parts.topics.subscribe(self, topic, "", None)
             except _FAILURES as error:
-                self._parts.log(f"unsubscribing from {topic} failed: {error}")
+                self._node.log(f"unsubscribing from {topic} failed: {error}")
 
     async def _decode(self, data: Wire) -> Optional[Operation]:
         now_s = asyncio.get_event_loop().time()
         if len(data) + self._connection.reassembly.chars <= _LARGE_RECEIVED_BYTES:
             return self._connection.receive(data, now_s)
-        return await self._parts.codec.run(self._connection.receive, data, now_s)
+        return await self._node.codec.run(self._connection.receive, data, now_s)
 
     async def _subscribe(self, request: operations.Subscribe) -> None:
         requests = self._subscriptions.get(request.topic, {})
-        limits = self._parts.limits
-        if sum(map(len, self._subscriptions.values())) >= limits.subscriptions and request.id not in requests:
-            raise MessageError(f"more than {limits.subscriptions} subscriptions")
+        limit = self._limits.subscriptions
+        if sum(map(len, self._subscriptions.values())) >= limit and request.id not in requests:
+            raise MessageError(f"more than {limit} subscriptions")
         if CBOR_PROBLEM and request.compression in ("cbor", "cbor-raw"):
             raise MessageError(f"compression {request.compression}: {CBOR_PROBLEM}")
         every = self._subscriptions[request.topic] = {**requests, request.id: request}
         try:
-            await self._parts.topics.subscribe(self, request.topic, request.type, merge(every.values(), limits))
+            await self._parts.topics.subscribe(self, request.topic, request.type, merge(every.values(), self._limits))
         except Exception:
             if requests:
                 self._subscriptions[request.topic] = requests
@@ -180,31 +176,31 @@ class Session:
         requests.pop(request.id, None)
         if not requests:
             del self._subscriptions[request.topic]
-        merged = merge(requests.values(), self._parts.limits) if requests else None
+        merged = merge(requests.values(), self._limits) if requests else None
         await self._parts.topics.subscribe(self, request.topic, "", merged)
 
     async def _advertise(self, request: operations.Advertise) -> None:
-        known = self._advertised.get(request.topic)
-        if known is not None and canonical_type(known) == canonical_type(request.type):
-            return
-        self._require_room()
-        await self._parts.publications.advertise(request.topic, request.type)
-        self._advertised[request.topic] = request.type
+        await self._open(request.topic, request.type)
+
+    async def _open(self, topic: str, type_name: str = "") -> None:
+        if topic not in self._advertised:
+            self._require_room()
+        await self._parts.publications.advertise(topic, type_name)
+        self._advertised.add(topic)
 
     async def _unadvertise(self, request: operations.Unadvertise) -> None:
-        if self._advertised.pop(request.topic, None) is None:
+        if request.topic not in self._advertised:
             self.send_status("warning", f"{request.topic} is not advertised", request.id)
+        self._advertised.discard(request.topic)
 
     async def _publish(self, request: operations.Publish) -> None:
         if request.topic not in self._advertised:
-            self._require_room()
-            await self._parts.publications.advertise(request.topic, "")
-            self._advertised[request.topic] = ""
+            await self._open(request.topic)
         await self._parts.publications.publish(request.topic, request.msg)
 
     async def _call_service(self, request: operations.CallService) -> None:
-        if len(self._calls) >= self._parts.limits.calls:
-            await self._respond(request, f"more than {self._parts.limits.calls} calls are pending", result=False)
+        if len(self._calls) >= self._limits.calls:
+            await self._respond(request, f"more than {self._limits.calls} calls are pending", result=False)
             return
         # Not awaited: a slow service must not delay other messages of the client.
         call = asyncio.ensure_future(self._call(request))
@@ -218,7 +214,7 @@ class Session:
         except _FAILURES as error:
             await self._respond(request, str(error) or type(error).__name__, result=False)
         except Exception as error:
-            self._parts.log(f"a service call of a client failed: {type(error).__name__}: {error}")
+            self._node.log(f"a service call of a client failed: {type(error).__name__}: {error}")
             await self._respond(request, f"{type(error).__name__}: {error}", result=False)
 
     async def _respond(self, request: operations.CallService, values: object, *, result: bool) -> None:
@@ -228,21 +224,21 @@ class Session:
             fragment_size=request.fragment_size,
             compression="png" if request.compression == "png" else self._compression,
         )
-        wires = await self._parts.codec.run(send) if estimated_bytes(values) > LARGE_BYTES else send()
+        wires = await self._node.codec.run(send) if estimated_bytes(values) > LARGE_BYTES else send()
         self.put(b"".join(map(frame, wires)))
 
     async def _advertise_service(self, request: operations.AdvertiseService) -> None:
         self._require_room()
-        service = self._parts.node.resolve(request.service)
-        if not matches(service, self._parts.access.offer):
+        service = self._node.resolve(request.service)
+        if not matches(service, self._node.access.offer):
             raise ServiceError(f"clients may not provide {service}")
-        if service in (await self._parts.node.call(self._parts.node.middleware.graph)).services:
+        if service in {**(await self._node.call(self._node.middleware.graph)).services, **SERVICES}:
             raise ServiceError(f"{service} exists already")
         self._parts.services.add(service, request.type, self)
         self._provided.add(service)
 
     async def _unadvertise_service(self, request: operations.UnadvertiseService) -> None:
-        service = self._parts.node.resolve(request.service)
+        service = self._node.resolve(request.service)
         self._provided.discard(service)
         self._parts.services.remove(service, self)
 
@@ -256,6 +252,6 @@ class Session:
         self.send(operations.ActionResult(request.action, "actions are not supported", _ABORTED, False, request.id))
 
     def _require_room(self) -> None:
-        limit = self._parts.limits.advertisements
+        limit = self._limits.advertisements
         if len(self._advertised) + len(self._provided) >= limit:
             raise MessageError(f"more than {limit} topics and services")

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+import asyncio
+import functools
 import time
-from typing import Any, Callable, Dict, Mapping, Optional
+from collections import deque
+from dataclasses import dataclass
+from typing import Callable, Deque, Dict, Iterable, List, NamedTuple, Optional, Protocol, Sequence, Union
 
 from ...core.messages.dialect import Message
 from ...core.port.local import LogLine
-from ...core.port.middleware import Severity
-from ...core.values.errors import ConfigError, MessageError
+from ...core.port.middleware import Severity, Subscription
+from ...core.values.errors import MessageError
 from ...core.values.names import canonical_type
-from ...runtime.event_loops import ThreadPool
 from ..protocol import Limits
-from ..protocol.definitions import null_reader, serializer
-from .access import Access, matches
+from ..protocol.definitions import Serializer, serializer
+from ..protocol.operations import COMPRESSIONS, Subscribe
+from .access import matches
+from .sending import EncodedMessage, Encoding, EncodingQueue
 from .served_node import ROSOUT, ROSOUT_TYPE, ServedNode
-from .topic import Options, Receiver, Topic
 
 MOST_PUBLISHED = 1_000
 """Most topics that clients may advertise, in sum. They stay advertised: others may have subscribed to them."""
@@ -24,16 +28,190 @@ _LOG_LEVELS = {Severity.DEBUG: 1, Severity.INFO: 2, Severity.WARN: 4, Severity.E
 """Severity in rosgraph_msgs/Log."""
 
 
+class Options(NamedTuple):
+    """How a client receives the messages of a topic."""
+
+    throttle_s: float = 0.0
+    """Minimum time between two messages, in s."""
+    queue_length: int = 0
+    """Messages to queue meanwhile, the newest ones; 0: messages in between are dropped."""
+    encoding: Encoding = Encoding()
+
+
+def merge(requests: Iterable[Subscribe], limits: Limits) -> Options:
+    """Returns one set of options, within the limits, for all subscriptions of a client to one topic.
+
+    As in the reference server: the fastest rate, the shortest queue, the smallest fragments, and the compression that
+    is last in COMPRESSIONS.
+    """
+    every = list(requests)
+    return Options(
+        min(each.throttle_rate for each in every) / 1000.0,
+        min(limits.queue_messages, *(each.queue_length for each in every)),
+        Encoding(
+            max((each.compression for each in every), key=COMPRESSIONS.index),
+            min((each.fragment_size for each in every if each.fragment_size is not None), default=None),
+        ),
+    )
+
+
+@dataclass
+class ByteBudget:
+    """Bytes that the throttled messages of one client may occupy together."""
+
+    bound: int
+    used: int = 0
+
+
+class Pacer:
+    """Limits the rate of one subscription."""
+
+    def __init__(
+        self,
+        options: Options,
+        budget: ByteBudget,
+        send: Callable[[EncodedMessage], None],
+        call_later: Callable[[float, Callable[[], None]], asyncio.TimerHandle],
+    ) -> None:
+        """Starts empty; the first message is sent at once. All subscriptions of a client share `budget`."""
+        self._options = options
+        self._budget = budget
+        self._send = send
+        self._call_later = call_later
+        self._waiting: Deque[EncodedMessage] = deque()
+        self._pause: Optional[asyncio.TimerHandle] = None
+        """Ends when the next message may be sent."""
+
+    def offer(self, message: EncodedMessage) -> None:
+        """Sends a message, or queues it; drops the oldest of the queue if it or the budget is full."""
+        self._waiting.append(message)
+        self._budget.used += message.size
+        if self._pause is None:
+            self._send_next()
+        while self._waiting and (
+            len(self._waiting) > self._options.queue_length or self._budget.used > self._budget.bound
+        ):
+            self._pop()
+
+    def _send_next(self) -> None:
+        self._pause = None
+        if self._waiting:
+            self._pause = self._call_later(self._options.throttle_s, self._send_next)
+            self._send(self._pop())
+
+    def close(self) -> None:
+        """Drops the queue, and sends nothing more."""
+        if self._pause is not None:
+            self._pause.cancel()
+        while self._waiting:
+            self._pop()
+
+    def _pop(self) -> EncodedMessage:
+        message = self._waiting.popleft()
+        self._budget.used -= message.size
+        return message
+
+
+class Receiver(Protocol):
+    """A client, as seen from a topic."""
+
+    throttled: ByteBudget
+    """For the messages that wait because of `throttle_rate`."""
+
+    def put(self, frames: bytes) -> None:
+        """Sends frames or queues them."""
+
+
+class Topic:
+    """The clients of one topic. Used in the event loop only."""
+
+    def __init__(self, name: str, node: ServedNode) -> None:
+        """Starts without clients; `name` is as sent to clients."""
+        self.name = name
+        self.type_name = ""
+        """The type, empty if it is not known yet."""
+        self.serialize: Optional[Serializer] = None
+        """Makes raw bytes of a message if the middleware gives none; None: not possible."""
+        self.options: Dict[Receiver, Options] = {}
+        """How each client receives the messages."""
+        self.sources: Dict[bool, Subscription] = {}
+        """The subscriptions of the middleware: to the messages (False) and to their raw bytes (True)."""
+        self._node = node
+        self._pacers: Dict[Receiver, Pacer] = {}
+        self._queues: Dict[Encoding, EncodingQueue] = {}
+        self._dropped = 0
+
+    @property
+    def dropped(self) -> int:
+        """Messages that were not sent because they were too large or the encoder was busy."""
+        return self._dropped + sum(queue.dropped for queue in self._queues.values())
+
+    def takes_raw(self, options: Options) -> bool:
+        """Returns whether a client receives raw bytes of the middleware; those that have threads give them."""
+        return options.encoding.compression == "cbor-raw" and self._node.threads
+
+    def set_options(self, receiver: Receiver, options: Optional[Options]) -> None:
+        """Sets how a client receives the messages; with None, it no longer receives them."""
+        pacer = self._pacers.pop(receiver, None)
+        if pacer is not None:
+            pacer.close()
+        self.options.pop(receiver, None)
+        if options is not None:
+            self.options[receiver] = options
+            if options.throttle_s:
+                send = functools.partial(self._send, encoding=options.encoding, receivers=[receiver])
+                call_later = asyncio.get_event_loop().call_later
+                self._pacers[receiver] = Pacer(options, receiver.throttled, send, call_later)
+        for unused in self._queues.keys() - {each.encoding for each in self.options.values()}:
+            queue = self._queues.pop(unused)
+            queue.clear()
+            self._dropped += queue.dropped
+
+    def deliver(self, content: Union[Message, bytes]) -> None:
+        """Sends a message to the clients that do not receive raw bytes, or raw bytes to those that do."""
+        message = EncodedMessage(self.name, content, self.serialize)
+        limit = self._node.limits.sent_bytes
+        if message.size > limit:
+            self._fail(f"message of {message.size} bytes dropped (limit {limit})")
+            return
+        direct: Dict[Encoding, List[Receiver]] = {}
+        for receiver, options in self.options.items():
+            if self.takes_raw(options) is isinstance(content, bytes):
+                pacer = self._pacers.get(receiver)
+                if pacer is None:
+                    direct.setdefault(options.encoding, []).append(receiver)
+                else:
+                    pacer.offer(message)
+        for encoding, receivers in direct.items():
+            self._send(message, encoding, receivers)
+
+    def _send(self, message: EncodedMessage, encoding: Encoding, receivers: Sequence[Receiver]) -> None:
+        queue = self._queues.get(encoding)
+        if queue is None:
+            bound_bytes = self._node.limits.encoding_bytes
+            queue = EncodingQueue(encoding, self._node.codec, bound_bytes, self._put, self._fail)
+            self._queues[encoding] = queue
+        queue.put(message, receivers)
+
+    def _put(self, frames: bytes, receivers: Sequence[Receiver]) -> None:
+        for receiver in receivers:
+            if receiver in self.options:
+                receiver.put(frames)
+
+    def _fail(self, reason: str) -> None:
+        self._dropped += 1
+        self._node.log(f"{self.name} ({self.type_name}): {reason}")
+
+
 class Topics:
     """The topics that clients subscribe to."""
 
-    def __init__(self, node: ServedNode, encoder: ThreadPool, limits: Limits, log: Callable[[str], None]) -> None:
-        """Starts without subscriptions; `log` writes one line about a message that cannot be sent."""
+    def __init__(self, node: ServedNode) -> None:
+        """Starts without subscriptions. Called in the event loop."""
         self._node = node
-        self._encoder = encoder
-        self._limits = limits
-        self._log = log
         self._topics: Dict[str, Topic] = {}
+        self._lock = asyncio.Lock()
+        """Held while clients and subscriptions change."""
         self._dropped = 0
 
     @property
@@ -57,79 +235,47 @@ class Topics:
         Raises MessageError, ConfigError, ServiceError or OSError if the type is not known or is not that of the topic,
         or the middleware does not respond.
         """
-        while True:
-            topic = self._topics.get(name)
-            if topic is None:
-                if options is None:
-                    return
-                known = await self._node.topic_type(name)
+        async with self._lock:
+            topic = self._topics.get(name) or Topic(name, self._node)
+            if options is not None:
+                known = topic.type_name or await self._node.topic_type(name)
                 _require_same_type(name, known, type_name)
-                topic = await self._typed(Topic(name, self._encoder, self._log, self._limits), known or type_name)
-                topic = self._topics.setdefault(name, topic)
-            elif options is not None:
-                _require_same_type(name, topic.type_name, type_name)
-                if type_name and not topic.type_name:
-                    await self._typed(topic, type_name)
-            async with topic.lock:
-                if self._topics.get(name) is topic:
-                    await self._set_options(topic, receiver, options)
-                    return
-            # The last other client left meanwhile and the topic was removed: start again.
-
-    async def _typed(self, topic: Topic, type_name: str) -> Topic:
-        topic.serialize = serializer(type_name, await self._node.call(self._node.definition, type_name))
-        topic.type_name = type_name
-        return topic
-
-    async def _set_options(self, topic: Topic, receiver: Receiver, options: Optional[Options]) -> None:
-        topic.set_options(receiver, options)
-        try:
-            await self._update(topic)
-        except Exception:
-            topic.set_options(receiver, None)
-            raise
-        finally:
-            if not topic.compressions:
-                self._dropped += topic.dropped
-                del self._topics[topic.name]
+                if not topic.type_name:
+                    topic.type_name = known or type_name
+                    topic.serialize = serializer(topic.type_name)
+            self._topics[name] = topic
+            topic.set_options(receiver, options)
+            try:
+                await self._update(topic)
+            except Exception:
+                topic.set_options(receiver, None)
+                raise
+            finally:
+                if not topic.options:
+                    self._dropped += topic.dropped
+                    del self._topics[name]
 
     async def _update(self, topic: Topic) -> None:
         """Subscribes to what the clients of a topic need, and ends what they no longer need."""
         if not self._node.threads and topic.name == ROSOUT and topic.type_name == ROSOUT_TYPE:
             return
-        middleware, needed = self._node.middleware, set(topic.compressions)
-        if "cbor-raw" in needed and topic.raw is None and self._node.threads:
-            topic.native_raw = True  # until it has subscribed, nothing is serialized in its place, as ROS 1 does
-            take = self._node.hand_over(lambda message: topic.deliver_raw(message[0]))
-            try:
-                topic.raw = await self._node.call(middleware.subscribe_raw, topic.name, topic.type_name, take)
-            except ConfigError:
-                topic.native_raw = False
-        ended = []
-        if topic.raw is not None and "cbor-raw" not in needed:
-            ended.append(topic.raw)
-            topic.raw, topic.native_raw = None, False
-        if topic.native_raw:
-            needed.discard("cbor-raw")
-        if needed and topic.messages is None:
-            take = self._node.hand_over(topic.deliver)
-            topic.messages = await self._node.call(middleware.subscribe, topic.name, topic.type_name, take)
-        if not needed and topic.messages is not None:
-            ended.append(topic.messages)
-            topic.messages = None
-        for subscription in ended:
-            await self._node.call(middleware.unsubscribe, subscription)
+        middleware, needed = self._node.middleware, {topic.takes_raw(options) for options in topic.options.values()}
+        for raw in (True, False):
+            if raw in topic.sources and raw not in needed:
+                await self._node.call(middleware.unsubscribe, topic.sources.pop(raw))
+            if raw in needed and raw not in topic.sources:
+                subscribe = middleware.subscribe_raw if raw else middleware.subscribe
+                take = self._node.hand_over((lambda message: topic.deliver(message[0])) if raw else topic.deliver)
+                topic.sources[raw] = await self._node.call(subscribe, topic.name, topic.type_name, take)
 
 
 class Publications:
     """The topics that clients publish on."""
 
-    def __init__(self, node: ServedNode, access: Access) -> None:
-        """Starts without topics; `access` says on which clients may publish."""
+    def __init__(self, node: ServedNode) -> None:
+        """Starts without topics."""
         self._node = node
-        self._access = access
         self._types: Dict[str, str] = {}
-        self._readers: Dict[str, Callable[[Mapping[str, Any]], Mapping[str, Any]]] = {}
 
     async def advertise(self, topic: str, type_name: str) -> None:
         """Advertises a topic for a client; without a type, the topic must exist.
@@ -138,7 +284,7 @@ class Publications:
         advertised too many, if the type is not known or not that of the topic, or if the middleware does not respond.
         """
         topic = self._node.resolve(topic)
-        if not matches(topic, self._access.publish):
+        if not matches(topic, self._node.access.publish):
             raise MessageError(f"clients may not publish on {topic}")
         if topic not in self._types and len(self._types) >= MOST_PUBLISHED:
             raise MessageError(f"clients have advertised {MOST_PUBLISHED} topics already")
@@ -146,20 +292,18 @@ class Publications:
         if not (known or type_name):
             raise MessageError(f"{topic} is not advertised")
         _require_same_type(topic, known, type_name)
-        type_name = type_name or known
-        await self._node.call(self._node.middleware.advertise, topic, type_name)
-        self._readers[topic] = null_reader(type_name, await self._node.call(self._node.definition, type_name))
-        self._types[topic] = type_name
+        if topic not in self._types:
+            await self._node.call(self._node.middleware.advertise, topic, type_name or known)
+            self._types[topic] = type_name or known
 
     async def publish(self, topic: str, message: Message) -> None:
-        """Publishes a client's message on an advertised topic; null becomes NaN in float fields.
+        """Publishes a client's message on an advertised topic.
 
         Raises MessageError, ServiceError or OSError if the message does not match its type, or the middleware does not
         respond.
         """
-        topic = self._node.resolve(topic)
         try:
-            await self._node.call(self._node.middleware.publish, topic, self._readers[topic](message))
+            await self._node.call(self._node.middleware.publish, self._node.resolve(topic), message)
         except (ValueError, TypeError) as error:
             raise MessageError(str(error)) from None
 

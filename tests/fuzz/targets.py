@@ -36,7 +36,7 @@ from robot_health_monitor.ops.store.silences import parse_duration_s
 from robot_health_monitor.rosbridge.client.connection import ServerConnection
 from robot_health_monitor.rosbridge.protocol import Connection, Limits, ProtocolError, Wire
 from robot_health_monitor.rosbridge.protocol.codec import topic_of_message
-from robot_health_monitor.rosbridge.protocol.definitions import null_reader, parse, serializer
+from robot_health_monitor.rosbridge.protocol.definitions import parse, serializer
 from robot_health_monitor.rosbridge.protocol.operations import COMPRESSIONS
 from robot_health_monitor.rosbridge.server.access import Access, TokenCheck, is_loopback, matches
 from robot_health_monitor.rosbridge.server.server import Server
@@ -613,9 +613,7 @@ class Messages(Target):
         type_name, text, message, path = data
         for try_it in (
             lambda: parse(type_name, text),
-            lambda: null_reader(type_name, text)(message),
             lambda: (serializer(type_name) or (lambda message: b""))(message),
-            lambda: (serializer(type_name, text) or (lambda message: b""))(message),
             lambda: deliver(path, message),
         ):
             if isinstance(message, dict):

@@ -27,7 +27,6 @@ from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.remote.webelement import WebElement
 from selenium.webdriver.support.ui import WebDriverWait
 
-from robot_health_monitor.ops.web import WebInterface
 from robot_health_monitor.rosbridge.server import Server
 from robot_health_monitor.rosbridge.server.access import Access
 
@@ -167,14 +166,7 @@ class ServedRobots:
 
     async def _start(self, port: int) -> Server:
         robots = self.robots
-        web = self._web = WebInterface(
-            lambda: robots.all,
-            history=robots.history,
-            silences=robots.silences,
-            wall_time_s=robots.wall_s,
-        )
-        for alert_system in robots.all:
-            web.watch(alert_system)
+        web = self._web = robots.interface()
         access = Access(services=("/alert_system/re*",), token=self._token)
         node = robots.bus.node("server")
         server = Server(node, port=port, access=access, threads=False, routes=web.routes, on_close=(web.close,))

@@ -11,6 +11,7 @@ import aiohttp
 import cbor2
 
 from robot_health_monitor.core.port.local import LocalBus
+from robot_health_monitor.rosbridge.protocol import DEFAULT_LIMITS, Limits
 from robot_health_monitor.rosbridge.server.access import Access
 from robot_health_monitor.rosbridge.server.server import Server
 
@@ -67,13 +68,16 @@ class Robot:
     """A bus with one node on it, and the server in front."""
 
     def __init__(self, access: Optional[Access], options: Dict[str, Any]) -> None:
+        """`options` are those of `Server`, or fields of `Limits`."""
+        limited = {name: options[name] for name in Limits._fields if name in options}
+        given = {name: value for name, value in options.items() if name not in limited}
         self.log: List[str] = []
         self.bus = LocalBus(on_log=self._on_log)
         self.node = self.bus.node("robot")
         self.node.advertise("/battery_level", FLOAT32)
-        self.server = Server(
-            self.bus.node("rosbridge", parameters={"rate": 2.5}), port=0, threads=False, access=access, **options
-        )
+        node = self.bus.node("rosbridge", parameters={"rate": 2.5})
+        limits = given.pop("limits", DEFAULT_LIMITS)._replace(**limited)
+        self.server = Server(node, port=0, threads=False, access=access, limits=limits, **given)
 
     def _on_log(self, line: Any) -> None:
         self.log.append(line.text)

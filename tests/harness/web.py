@@ -51,6 +51,16 @@ class Robots:
     def wall_s(self) -> float:
         return self.bus.now_s + self.wall_offset_s
 
+    def interface(self, **options: Any) -> WebInterface:
+        """Returns the page of these robots; without a history file, the history begins now, in memory."""
+        if self.history is None or self.silences is None:
+            self.history = History(None, self.wall_s)
+            self.silences = Silences(self.history)
+        web = WebInterface(lambda: self.all, self.history, self.silences, **options)
+        for alert_system in self.all:
+            web.watch(alert_system)
+        return web
+
     def at(self, now_s: float) -> None:
         self.bus.run_due(now_s)
 
@@ -93,10 +103,7 @@ def with_site(
 
     async def run() -> None:
         served = robots or Robots()
-        settings = {"history": served.history, **options}
-        web = WebInterface(lambda: served.all, wall_time_s=served.wall_s, **settings)
-        for alert_system in served.all:
-            web.watch(alert_system)
+        web = served.interface(**options)
         access = Access(services=("/alert_system/re*",), token=token)
         node = served.bus.node("server")
         server = Server(node, port=0, access=access, threads=False, routes=web.routes, on_close=(web.close,))

@@ -91,7 +91,7 @@ export class AlertPage {
     const problem = make("p.error-text", {role: "alert"}), button = make("button", "Add note");
     button.type = "submit";
     author.value = remembered(AUTHOR);
-    const form = make("form.note-form", {hidden: this.page.fleet.state.can_change ? null : ""}, text, author, button, problem);
+    const form = make("form.note-form", text, author, button, problem);
     form.addEventListener("submit", async (event) => {
       event.preventDefault();
       setText(problem, "");

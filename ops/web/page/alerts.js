@@ -34,10 +34,9 @@ export class AlertTable {
     this.loading = true;
     const {only} = this;
     try {
-      const answer = this.page.fleet.state.history ? await request(`api/history?${this.query(older)}`) : null;
+      const answer = await request(`api/history?${this.query(older)}`);
       if (only !== this.only) this.again = true;  // the filter changed meanwhile
-      else if (answer) this.take(answer, older);
-      else this.tell("No history: ops.yaml has no section history.");
+      else this.take(answer, older);
     } catch (error) {
       this.tell(`The history cannot be read: ${error.message}`);
     }
@@ -119,7 +118,7 @@ class AlertRow {
   showOpen(signal) {
     this.signal = signal;
     setAttribute(this.row, "class", `alert${signal ? " open" : ""}`);
-    this.silence.hidden = !signal || Boolean(signal.silenced) || !this.page.fleet.canSilence;
+    this.silence.hidden = !signal || Boolean(signal.silenced);
     this.silenced.hidden = !signal || !signal.silenced;
     setAttribute(this.silenced, "title", signal && signal.silenced);
   }

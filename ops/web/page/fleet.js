@@ -70,8 +70,6 @@ export class Fleet {
     this.clockOffset = NaN;
   }
 
-  get canSilence() { return this.state.can_change && this.state.silencing; }
-
   get monitorKind() { return this.state.monitor ? kindOfLevel(this.state.monitor.level) : "ok"; }
 
   /** The faults of the monitor itself, one text each, worst first. */

@@ -76,7 +76,6 @@ class Page {
 
   async loadDays() {
     this.daysAt = performance.now() + DAYS_MS;
-    if (!this.fleet.state.history) return;
     const answer = await request("api/history/levels").catch(() => null);
     if (answer) this.robots.showDays(answer.robots);
   }
@@ -95,9 +94,9 @@ class Page {
   }
 
   loadAlerts() {
-    byId("recent").hidden = !this.fleet.state.history;
+    byId("recent").hidden = false;
     if (this.view === "alerts") this.alerts.load();
-    else if (this.view === "robots" && this.fleet.state.history) this.recent.load();
+    else if (this.view === "robots") this.recent.load();
   }
 
   samples(samples) {

@@ -76,10 +76,8 @@ class RobotRow {
   }
 
   updateBody() {
-    const {fleet} = this.page;
     this.table.update(this.robot);
-    this.silence.hidden = !fleet.canSilence;
-    this.reset.hidden = !(fleet.state.can_change && Object.values(this.robot.data.signals).some((signal) => signal.latch));
+    this.reset.hidden = !Object.values(this.robot.data.signals).some((signal) => signal.latch);
   }
 
   tick() {

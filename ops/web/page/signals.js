@@ -36,8 +36,6 @@ class SignalDetails {
       this.loadPast();
     }
     this.since = signal.since;
-    this.silence.hidden = !this.page.fleet.canSilence;
-    this.ranges.element.hidden = !this.page.fleet.state.history;
     setText(this.facts, factsText(signal));
     this.silenced.hidden = !signal.silenced;
     setText(this.silenced, `Silenced: ${signal.silenced}`);
@@ -50,7 +48,6 @@ class SignalDetails {
   }
 
   async loadPast() {
-    if (!this.page.fleet.state.history) return;
     const answer = await request(`api/history?${new URLSearchParams({...this.only, limit: MOST_PAST})}`).catch(() => null);
     if (answer) this.plot.setPast(answer.alerts.map((alert) => ({...alert, element: this.alerts.idOf(alert)})), answer.gaps || []);
   }

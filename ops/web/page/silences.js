@@ -19,7 +19,6 @@ class SilenceRow {
     const rule = every ? `every ${every} (${timezone}), ${inForce ? "in force" : "not in force now"}` : "";
     const left = until ? `${durationText(Math.max(0, Date.parse(until) - fleet.now) / 1000)} left` : "";
     setText(this.remaining, rule + (rule && left ? ", " : "") + left + (untilResolved ? `${left ? " or " : ""}until resolved` : ""));
-    this.button.hidden = !fleet.state.can_change;
   }
 }
 
@@ -29,21 +28,19 @@ export class SilenceList {
     this.rows = new Map();
     this.count = byId("silence-count");
     Object.assign(this, makeTable("silences", "Silences", ["Silenced", "Reason", "By", "Remaining", "Action"]));
-    this.none = make("p.note");
+    this.none = make("p.note", "No silences.");
     this.add = make("button", {onclick: () => page.actions.silence("*", "*", false)}, "New silence…");
     byId("silence-list").append(this.table, this.none, make("div.buttons", this.add));
   }
 
   update() {
-    const {fleet} = this.page, {silences, silencing} = fleet.state;
+    const {silences} = this.page.fleet.state;
     this.rows = new Map(silences.map((silence) => [silence.id, this.rows.get(silence.id) || new SilenceRow(this.page, silence)]));
     for (const silence of silences) this.rows.get(silence.id).silence = silence;
     setChildren(this.body, [...this.rows.values()].map((row) => row.element));
     this.tick();
     this.table.hidden = !silences.length;
     this.none.hidden = silences.length > 0;
-    setText(this.none, silencing ? "No silences." : "Silences are not available in this monitor.");
-    this.add.hidden = !fleet.canSilence;
     this.count.hidden = !silences.length;
     setText(this.count, `${silences.length}`);
   }

@@ -255,7 +255,7 @@ def test_a_number_like_one_of_numpy_becomes_one_of_python() -> None:
         ("bool", 1, "expected true or false, got 1"),
         ("float32", True, "expected a number, got true"),
         ("float64", "1.5", "expected a number, got '1.5'"),
-        ("float64", None, "expected a number, got nothing"),
+        ("float64", [], "expected a number, got []"),
         ("string", 1, "expected text, got 1"),
         ("string", None, "expected text, got nothing"),
     ],
@@ -264,6 +264,12 @@ def test_a_value_that_does_not_fit_its_kind_is_refused(kind: str, value: Any, ne
     with pytest.raises(ValueError) as caught:
         messages.to_native(one_field(kind), {"data": value})
     assert str(caught.value) == f"One.data: {needed}"
+
+
+@pytest.mark.parametrize("kind", ["float32", "float64"])
+def test_nothing_is_nan_in_a_float_field(kind: str) -> None:
+    """rosbridge writes NaN as null."""
+    assert math.isnan(messages.to_native(one_field(kind), {"data": None}).data)
 
 
 def test_a_text_like_one_of_numpy_is_no_number() -> None:

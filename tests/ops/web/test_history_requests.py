@@ -15,7 +15,7 @@ from robot_health_monitor.core.values.errors import ConfigError, MessageError, S
 from robot_health_monitor.core.values.model import Level
 from robot_health_monitor.ops.store.active_silences import Silences
 from robot_health_monitor.ops.store.history import History
-from robot_health_monitor.ops.store.silences import read_silences, silence_json
+from robot_health_monitor.ops.store.silences import read_silences
 from robot_health_monitor.ops.web.history_requests import (
     EndOfSilence,
     NewSilence,
@@ -76,8 +76,8 @@ def test_a_silence_is_shown_with_its_times() -> None:
     history = History(None, lambda: 60.0)
     silences = Silences(history)
     try:
-        silence = new_silence(silences, read_record(NewSilence, {"robot": "*", "for_s": 60, "reason": None}))
-        assert silence_json(silence, 60.0) == {
+        answer = new_silence(history, silences, read_record(NewSilence, {"robot": "*", "for_s": 60, "reason": None}))
+        assert answer["silence"] == {
             "id": "1",
             "matchers": "robot=*",
             "reason": "",
@@ -92,7 +92,7 @@ def test_a_silence_is_shown_with_its_times() -> None:
         for bad in ({"id": 1, "author": "two\nlines"}, {"id": 1, "reason": 5}):
             with pytest.raises(MessageError, match=r"^(author|reason): expected"):
                 expire_silence(silences, read_record(EndOfSilence, bad))
-        assert expire_silence(silences, EndOfSilence(1, "replaced", "ben")).id == 1
+        assert expire_silence(silences, EndOfSilence(1, "replaced", "ben")) == {"ok": True}
         (stored,) = history.run(read_silences)
         assert (stored.ended_by, stored.ended_reason) == ("ben", "replaced")
         for bad in ({}, {"id": "one"}, {"id": -1}):

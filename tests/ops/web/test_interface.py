@@ -89,8 +89,8 @@ def test_the_state_is_as_documented() -> None:
             "now": "2026-11-22T05:06:41.000Z",
             "monitor": {"level": "OK", "message": "no faults", "faults": []},
             "worst": "WARN",
-            "history": False,
-            "silencing": False,
+            "history": True,
+            "silencing": True,
             "can_change": True,
             "silences": [],
             "robots": {"atlas": EXPECTED},
@@ -664,7 +664,7 @@ def test_a_page_that_does_not_read_is_disconnected(monkeypatch: pytest.MonkeyPat
             page.send(b"GET /api/events?robot=atlas HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n")
             while not site.web.updates.pages:
                 await asyncio.sleep(0.01)
-            (connection,) = site.server._connections._stages
+            (connection,) = site.server._connections._timeouts
             connection.transport.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 4096)
             now_s = 100.0
             while site.web.updates.pages:
@@ -908,17 +908,6 @@ def test_more_alerts_come_page_by_page(tmp_path: Path) -> None:
     with_site(use, robots)
 
 
-def test_without_a_history_there_are_no_past_alerts_and_no_silences() -> None:
-    async def use(site: Site) -> None:
-        assert (await site.get("/api/history"))[0] == 404
-        assert (await site.get("/api/history/1"))[0] == 404
-        assert (await site.post("/api/silence", {"robot": "atlas", "for_s": 60}))[0] == 404
-        assert (await site.post("/api/silence/expire", {"id": "1"}))[0] == 404
-        assert (await site.post("/api/note", {"id": "1", "text": "x"}))[0] == 404
-
-    with_site(use)
-
-
 def test_a_note_on_an_alert_is_added_and_shown(tmp_path: Path) -> None:
     robots = Robots(history_file=str(tmp_path / "history.db"))
     robots.observe(50.0)
@@ -955,10 +944,10 @@ def test_a_note_on_an_alert_is_added_and_shown(tmp_path: Path) -> None:
 
 def test_the_state_has_silences_that_recur_and_are_not_in_force() -> None:
     robots = low_battery()
-    history = History(None, robots.wall_s)
-    silences = Silences(history)
+    robots.history = History(None, robots.wall_s)
+    robots.silences = Silences(robots.history)
     for begin in ("05:00", "06:00"):  # it is 05:06
-        silences.add(parse_matchers("robot=atlas"), every=parse_recurrence(f"{begin}-07:00", "UTC"))
+        robots.silences.add(parse_matchers("robot=atlas"), every=parse_recurrence(f"{begin}-07:00", "UTC"))
 
     async def use(site: Site) -> None:
         _, state = await site.get("/api/state")
@@ -967,16 +956,11 @@ def test_the_state_has_silences_that_recur_and_are_not_in_force() -> None:
             ("06:00-07:00", "UTC", False),
         ]
 
-    try:
-        with_site(use, robots, silences=silences)
-    finally:
-        history.close()
+    with_site(use, robots)
 
 
 def test_a_silence_is_added_shown_and_expired() -> None:
     robots = low_battery()
-    history = History(None, robots.wall_s)
-    silences = Silences(history)
 
     async def use(site: Site) -> None:
         body = {"robot": "atlas", "signal": "battery*", "for_s": 3600, "reason": "<b>charging</b>", "author": "ana"}
@@ -1019,10 +1003,7 @@ def test_a_silence_is_added_shown_and_expired() -> None:
         for gone, status in (("1", 404), ("99", 404), ("9" * 20, 404), ("x", 400), ("", 400), (None, 400)):
             assert (await site.post("/api/silence/expire", {"id": gone}))[0] == status, gone
 
-    try:
-        with_site(use, robots, silences=silences)
-    finally:
-        history.close()
+    with_site(use, robots)
 
 
 # --- health -----------------------------------------------------------------------------------------------------------

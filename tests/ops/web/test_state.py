@@ -14,7 +14,7 @@ from harness.web import Robots
 from robot_health_monitor.core.values.elements import Elements
 from robot_health_monitor.core.values.faults import Faults
 from robot_health_monitor.ops.store.matchers import parse_matchers
-from robot_health_monitor.ops.web.state import MOST_SAMPLES, OwnState, RobotReader
+from robot_health_monitor.ops.web.state import MOST_SAMPLES, NO_PLOT, OwnState, RobotReader, plot_of
 
 
 def reader(robots: Robots) -> RobotReader:
@@ -128,8 +128,8 @@ def test_elements_have_samples_and_those_that_ended_their_unit_and_bounds() -> N
         robots.observe(Elements([("0", 3.9)]), "cells")
     assert set(state.samples().signals) == {"cells", "cells[0]"}
     bounds = [{"level": "WARN", "side": "below", "value": 3.2, "clears": 3.2}]
-    assert state.plot_of("cells[7]") == ("V", bounds, None)
-    assert state.plot_of("others[7]") == ("", [], None)
+    assert plot_of(robots.all[0], "cells[7]") == {"unit": "V", "bounds": bounds, "forecast_s": None}
+    assert plot_of(robots.all[0], "others[7]") == NO_PLOT
 
 
 def test_bounds_are_numbers_that_json_has() -> None:
@@ -179,13 +179,13 @@ def test_the_plot_of_arrivals_is_in_the_unit_of_their_statistic() -> None:
     robots = Robots(
         signals={"scan_gap": {"statistic": "largest_gap_s", "unit": "m"}, "load": {"statistic": "mean", "unit": "%"}}
     )
-    assert [reader(robots).plot_of(name)[0] for name in ("scan_gap", "load")] == ["s", "%"]
+    assert [plot_of(robots.all[0], name)["unit"] for name in ("scan_gap", "load")] == ["s", "%"]
 
 
 def test_the_plot_of_a_signal_that_is_not_watched_has_no_bounds() -> None:
     robots = Robots()
-    assert reader(robots).plot_of("battery_level")[0] == "%"
-    assert reader(robots).plot_of("motor") == ("", [], None)
+    assert plot_of(robots.all[0], "battery_level")["unit"] == "%"
+    assert plot_of(robots.all[0], "motor") == {"unit": "", "bounds": [], "forecast_s": None}
 
 
 def test_the_faults_of_several_robots_name_the_robot() -> None:

@@ -61,9 +61,8 @@ async def test_after_a_restart_everything_is_there_again(robot: Robot) -> None:
     await all_works()
     await robot.server.close()
     await robot.until(lambda: watched.ups == [True, False])
-    second = Server(
-        robot.bus.node("rosbridge2"), port=robot.server.port, threads=False, access=EVERYTHING, heartbeat_s=60.0
-    )
+    node, limits = robot.bus.node("rosbridge2"), Limits(heartbeat_s=60.0)
+    second = Server(node, port=robot.server.port, threads=False, access=EVERYTHING, limits=limits)
     await second.start()
     try:
         await all_works()

@@ -17,9 +17,9 @@ from robot_health_monitor.rosbridge.server.access import (
     Client,
     Credentials,
     TokenCheck,
-    check_request,
     is_loopback,
     matches,
+    refusal_of,
 )
 
 
@@ -103,11 +103,9 @@ def test_loopback_names_and_addresses(host: str, own: bool) -> None:
 
 
 def check(headers: Dict[str, str], access: Access, method: str = "GET") -> Optional[int]:
-    refusal = check_request(make_mocked_request(method, "/", headers), access, check_host=not access.token)
-    if refusal is None:
-        return None
-    assert refusal[1].isprintable()
-    return 403
+    refusal = refusal_of(make_mocked_request(method, "/", headers), access, check_host=not access.token)
+    assert refusal.isprintable()
+    return 403 if refusal else None
 
 
 @pytest.mark.parametrize(

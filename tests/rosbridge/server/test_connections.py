@@ -18,7 +18,7 @@ from aiohttp.http_exceptions import BadStatusLine
 from harness.rosbridge_peer import Robot, with_robot
 
 from robot_health_monitor.rosbridge.protocol.limits import Limits
-from robot_health_monitor.rosbridge.server.connections import ClientLog, Connections, Stage, connection_limit
+from robot_health_monitor.rosbridge.server.connections import ClientLog, Connections, connection_limit
 
 try:
     import trustme
@@ -65,25 +65,25 @@ def fill(limit: int) -> Tuple[Connections, List[Connection], Clock, List[str]]:
     return connections, known, clock, reports
 
 
-def test_a_new_connection_replaces_the_oldest_that_has_presented_least() -> None:
-    connections, (first, second, third, fourth), _, reports = fill(4)
-    connections.set_stage(first, Stage.ACTIVE)
-    connections.set_stage(second, Stage.ACCEPTED)
-    connections.set_stage(third, Stage.KNOWN)
+def test_a_new_connection_replaces_the_one_that_has_waited_for_the_longest_time() -> None:
+    connections, (first, second, third), _, reports = fill(3)
+    connections.set_in_use(first, True)
+    connections.set_in_use(second, True)
+    connections.set_in_use(second, False)
     gone = []
-    for _ in range(3):
+    for _ in range(2):
         new = Connection()
         assert connections.add(new)
-        connections.set_stage(new, Stage.ACTIVE)
-        gone.append([one.aborted for one in (first, second, third, fourth)])
-    assert gone == [[False, False, False, True], [False, False, True, True], [False, True, True, True]]
-    assert len(connections) == 4
+        connections.set_in_use(new, True)
+        gone.append([one.aborted for one in (first, second, third)])
+    assert gone == [[False, False, True], [False, True, True]]
+    assert len(connections) == 3
     assert reports == ["full"]
 
 
 def test_requests_without_the_token_do_not_make_a_connection_younger() -> None:
     connections, (first, second), _, _ = fill(2)
-    connections.set_stage(first, Stage.OPENED)
+    connections.set_in_use(first, False)
     assert connections.add(Connection())
     assert (first.aborted, second.aborted) == (True, False)
 
@@ -91,7 +91,7 @@ def test_requests_without_the_token_do_not_make_a_connection_younger() -> None:
 def test_connections_in_use_are_never_replaced() -> None:
     connections, known, _, _ = fill(3)
     for one in known:
-        connections.set_stage(one, Stage.ACTIVE)
+        connections.set_in_use(one, True)
     assert not connections.add(Connection())
     connections.remove(known[0])
     assert connections.add(Connection())
@@ -99,10 +99,11 @@ def test_connections_in_use_are_never_replaced() -> None:
 
 def test_connections_that_wait_for_a_request_are_closed_after_the_timeout() -> None:
     connections, (first, second, third, fourth), clock, _ = fill(4)  # at 0, 0.125, 0.25 and 0.375 s
-    connections.set_stage(first, Stage.ACCEPTED)
-    connections.set_stage(second, Stage.KNOWN)  # at 0.375 s
+    connections.set_in_use(first, True)
+    connections.set_in_use(second, False)  # at 0.375 s
     clock.pass_until(10.3)
-    connections.set_stage(fourth, Stage.OPENED)  # a request was answered
+    connections.set_in_use(fourth, True)
+    connections.set_in_use(fourth, False)  # a request was answered
     assert [one.aborted for one in (first, second, third, fourth)] == [False, False, True, False]
     clock.pass_until(10.4)
     assert [one.aborted for one in (first, second, third, fourth)] == [False, True, True, False]
@@ -125,7 +126,7 @@ def test_that_it_is_full_is_reported_once_until_it_is_not() -> None:
 
 def test_all_are_closed_at_the_end() -> None:
     connections, known, _, _ = fill(3)
-    connections.set_stage(known[1], Stage.ACTIVE)
+    connections.set_in_use(known[1], True)
     connections.abort_all()
     assert all(one.aborted for one in known)
     assert len(connections) == 0
@@ -135,18 +136,6 @@ def test_all_are_closed_at_the_end() -> None:
 def test_the_limit_leaves_descriptors_to_the_rest_of_the_process() -> None:
     assert connection_limit(5) == 5
     assert connection_limit(10**9) < 10**9
-
-
-def test_the_time_without_a_request_begins_anew_after_each_request() -> None:
-    connections, (connection, _), _, _ = fill(2)
-    first = connections.timeout(connection)
-    assert first is not None
-    connections.set_stage(connection, Stage.ACTIVE)
-    assert connections.timeout(connection) is None
-    connections.set_stage(connection, Stage.KNOWN)
-    assert connections.timeout(connection) not in (None, first)
-    connections.abort(connection)
-    assert connections.timeout(connection) is None
 
 
 TLS = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
@@ -245,7 +234,7 @@ async def test_paths_and_methods_that_do_not_exist_are_refused_in_json(robot: Ro
             ("GET", "nothing", 404, "there is no path /nothing", None),
             ("DELETE", "a/b/c.html", 404, "there is no path /a/b/c.html", None),
             ("POST", "known", 405, "expected the method GET", "GET,HEAD"),
-            ("GET", "", 426, "this is a rosbridge server: connect with a WebSocket", None),
+            ("GET", "", 404, "there is no path /", None),
         ):
             async with session.request(method, robot.url + path) as response:
                 assert (response.status, await response.json()) == (status, {"error": problem})
@@ -253,7 +242,7 @@ async def test_paths_and_methods_that_do_not_exist_are_refused_in_json(robot: Ro
                 assert response.headers["Cache-Control"] == "no-store"
 
 
-@with_robot(max_clients=1)
+@with_robot(clients=1)
 async def test_there_is_room_for_no_more_than_the_clients_in_use(robot: Robot) -> None:
     async with robot.peer() as peer:
         await peer.settle()

@@ -1,13 +1,15 @@
 from __future__ import annotations
 
 import json
+from types import SimpleNamespace
 from typing import Any, List
 
 import pytest
 
 from robot_health_monitor.core.port.middleware import Graph, NodeInfo
 from robot_health_monitor.core.values.errors import ServiceError
-from robot_health_monitor.rosbridge.server.rosapi import PREFIX, Rosapi
+from robot_health_monitor.rosbridge.server import rosapi
+from robot_health_monitor.rosbridge.server.rosapi import PREFIX
 
 GRAPH = Graph(
     {"/battery_level": "std_msgs/msg/Float32", "/odom": "nav_msgs/Odometry"},
@@ -20,14 +22,19 @@ GRAPH = Graph(
 PARAMETERS = {"/alert_system": {"rosbridge_port": 9090, "rosbridge_token": "s3cret", "signals": {"a": {"for_s": 3.0}}}}
 
 
-def rosapi(graphs: Any = None) -> Rosapi:
+def node(graphs: Any = None) -> Any:
+    """A served node; each reading of the graph returns the next of `graphs`."""
     queue: List[Graph] = list(graphs or [])
-    return Rosapi(
-        lambda: queue.pop(0) if graphs else GRAPH,
-        lambda type_name: "float32 data\n" if "Float32" in type_name else "",
-        lambda: PARAMETERS,
-        lambda: 1234.5,
+    return SimpleNamespace(
+        graph=lambda: queue.pop(0) if graphs else GRAPH,
+        definition=lambda type_name: "float32 data\n" if "Float32" in type_name else "",
+        parameters=lambda: PARAMETERS,
     )
+
+
+@pytest.fixture(autouse=True)
+def _time(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(rosapi, "time", SimpleNamespace(time_ns=lambda: 1_234_500_000_000))
 
 
 @pytest.mark.parametrize(
@@ -64,12 +71,12 @@ def rosapi(graphs: Any = None) -> Rosapi:
     ],
 )
 def test_services_answer_as_rosapi_does(service: str, args: Any, response: Any) -> None:
-    assert rosapi().answer(PREFIX + service, args) == response
+    assert rosapi.answer(node(), PREFIX + service, args) == response
 
 
 def test_topics_types_and_definitions_come_from_one_reading_of_the_graph() -> None:
     grown = Graph({**GRAPH.topics, "/new": "std_msgs/Float32"}, {}, {})
-    raw = rosapi([GRAPH, grown, grown]).answer(PREFIX + "topics_and_raw_types", {})
+    raw = rosapi.answer(node([GRAPH, grown, grown]), PREFIX + "topics_and_raw_types", {})
     assert raw == {
         "topics": ["/battery_level", "/odom"],
         "types": ["std_msgs/msg/Float32", "nav_msgs/Odometry"],
@@ -78,21 +85,20 @@ def test_topics_types_and_definitions_come_from_one_reading_of_the_graph() -> No
 
 
 def test_definitions_are_described_field_by_field() -> None:
-    (typedef,) = rosapi().answer(PREFIX + "message_details", {"type": "std_msgs/Float32"})["typedefs"]
+    (typedef,) = rosapi.answer(node(), PREFIX + "message_details", {"type": "std_msgs/Float32"})["typedefs"]
     assert (typedef["fieldnames"], typedef["fieldtypes"], typedef["fieldarraylen"]) == (["data"], ["float32"], [-1])
-    (request,) = rosapi().answer(PREFIX + "service_request_details", {"type": "std_srvs/SetBool"})["typedefs"]
+    (request,) = rosapi.answer(node(), PREFIX + "service_request_details", {"type": "std_srvs/SetBool"})["typedefs"]
     assert request["fieldnames"] == ["data"]
-    (response,) = rosapi().answer(PREFIX + "service_response_details", {"type": "std_srvs/Trigger"})["typedefs"]
+    (response,) = rosapi.answer(node(), PREFIX + "service_response_details", {"type": "std_srvs/Trigger"})["typedefs"]
     assert response["fieldnames"] == ["success", "message"]
 
 
 def test_an_unknown_service_is_a_service_error() -> None:
     for service in (PREFIX + "delete_param", "/other"):
         with pytest.raises(ServiceError, match=f"no service {service}"):
-            rosapi().answer(service, {})
+            rosapi.answer(node(), service, {})
 
 
 def test_every_response_is_json() -> None:
-    api = rosapi()
-    for service, type_name in api.services.items():
-        assert json.dumps(api.answer(service, {"name": "/a", "type": "std_msgs/Float32"})), type_name
+    for service, type_name in rosapi.SERVICES.items():
+        assert json.dumps(rosapi.answer(node(), service, {"name": "/a", "type": "std_msgs/Float32"})), type_name

@@ -38,7 +38,7 @@ def test_json_and_cbor_carry_the_same_operation() -> None:
 
 def test_raw_bytes_come_from_the_middleware_or_from_the_serializer() -> None:
     for message in (
-        EncodedMessage("/a", None, b"\x01\x02"),
+        EncodedMessage("/a", b"\x01\x02"),
         EncodedMessage("/a", {"data": 1}, serialize=lambda message: b"\x01\x02"),
     ):
         frame = message.frames(Encoding("cbor-raw"))
@@ -158,7 +158,7 @@ def test_large_messages_are_recognised(message: Any) -> None:
     assert estimated_bytes(message) > LARGE_BYTES
 
 
-@pytest.mark.parametrize("message", [{"data": 19.5}, {"data": "x" * 1_000}, {"ranges": [0.5] * 360}, {}, None, b""])
+@pytest.mark.parametrize("message", [{"data": 19.5}, {"data": "x" * 1_000}, {"ranges": [0.5] * 360}, {}, b""])
 def test_small_messages_are_encoded_at_once(message: Any) -> None:
     assert estimated_bytes(message) < LARGE_BYTES
 

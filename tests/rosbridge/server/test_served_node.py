@@ -9,11 +9,14 @@ import pytest
 
 from robot_health_monitor.core.port.local import LocalBus
 from robot_health_monitor.core.values.errors import ServiceError
+from robot_health_monitor.rosbridge.protocol import Limits
 from robot_health_monitor.rosbridge.server.served_node import _MOST_CALLS, ServedNode
 
 
 class Blocking:
     """A middleware whose service /hangs does not answer until it is released."""
+
+    name = "/blocking"
 
     def __init__(self, released: threading.Event) -> None:
         self.released = released
@@ -25,7 +28,7 @@ class Blocking:
 
 
 def served(middleware: Any = None, **options: Any) -> ServedNode:
-    return ServedNode(middleware or LocalBus().node("rosbridge"), dict, threads=True, **options)
+    return ServedNode(middleware or LocalBus().node("rosbridge"), threads=True, **options)
 
 
 def test_services_that_hang_block_nothing_else() -> None:
@@ -82,7 +85,7 @@ def test_messages_of_many_threads_arrive_in_the_loop_in_the_order_of_their_threa
 
 def test_messages_beyond_the_bound_are_dropped_oldest_first_and_counted() -> None:
     async def scenario() -> None:
-        node = served(queue_bytes=10_000)
+        node = served(limits=Limits(waiting_bytes=10_000))
         heard: List[str] = []
         callback = node.hand_over(heard.append)
         for number in range(100):  # the loop cannot run meanwhile
@@ -126,7 +129,8 @@ def test_the_servers_topics_and_services_are_added_to_the_middlewares() -> None:
         robot, server = bus.node("robot"), bus.node("rosbridge")
         robot.advertise("/battery_level", "std_msgs/Float32")
         robot.advertise_service("~reset", "std_srvs/Trigger", lambda request: {})
-        node = ServedNode(server, lambda: {"/offered": "std_srvs/SetBool"}, threads=False)
+        node = ServedNode(server, threads=False)
+        node.added_services["/offered"] = "std_srvs/SetBool"
         found = node.graph()
         assert found.topics == {"/battery_level": "std_msgs/Float32", "/rosout": "rosgraph_msgs/Log"}
         assert found.services == {"/robot/reset": "std_srvs/Trigger", "/offered": "std_srvs/SetBool"}
@@ -134,13 +138,13 @@ def test_the_servers_topics_and_services_are_added_to_the_middlewares() -> None:
         assert list(found.nodes["/rosbridge"].services) == ["/offered"]
         assert await node.topic_type("battery_level") == "std_msgs/Float32"
         assert await node.topic_type("/unknown") == ""
-        assert "/rosout" not in ServedNode(server, dict, threads=True).graph().topics
+        assert "/rosout" not in ServedNode(server, threads=True).graph().topics
 
     asyncio.run(scenario())
 
 
 def test_definitions_that_the_middleware_lacks_are_known_here() -> None:
-    node = ServedNode(LocalBus().node("rosbridge"), dict, threads=False)
+    node = ServedNode(LocalBus().node("rosbridge"), threads=False)
     assert node.definition("std_msgs/Float32") == "float32 data\n"
     assert node.definition("nav_msgs/Odometry") == ""
     assert node.definition("") == ""

@@ -461,7 +461,7 @@ class TestWhoMayConnect:
         Server(node, host=host, ssl_context=clients)
 
     @staticmethod
-    @with_robot(max_clients=2)
+    @with_robot(clients=2)
     async def test_one_client_too_many_is_refused(robot: Robot) -> None:
         async with robot.peer() as first, robot.peer() as second:
             await first.settle()
@@ -471,13 +471,6 @@ class TestWhoMayConnect:
                     pass
             assert refusal.value.status == 503
             await first.settle()
-
-    @staticmethod
-    @with_robot()
-    async def test_a_browser_at_this_address_gets_an_explanation(robot: Robot) -> None:
-        async with aiohttp.ClientSession() as session, session.get(robot.url) as response:
-            assert response.status == 426
-            assert "rosbridge" in await response.text()
 
 
 @with_robot(Access(token="s3cret"))

@@ -11,8 +11,10 @@ from harness.rosbridge_peer import Robot, with_robot
 
 from robot_health_monitor.core.port.local import LocalBus
 from robot_health_monitor.core.values.errors import LinkError, ServiceError
+from robot_health_monitor.rosbridge.protocol import Limits
 from robot_health_monitor.rosbridge.protocol.operations import CallService, ServiceResponse
 from robot_health_monitor.rosbridge.server.access import Access
+from robot_health_monitor.rosbridge.server.served_node import ServedNode
 from robot_health_monitor.rosbridge.server.server import Server
 from robot_health_monitor.rosbridge.server.services import Services
 
@@ -54,7 +56,7 @@ def test_a_call_that_fails_in_any_way_is_answered(error: Exception) -> None:
         def fail(*arguments: Any) -> Any:
             raise error
 
-        robot.server._parts.node.middleware.call_service = fail  # type: ignore[method-assign]
+        robot.server._node.middleware.call_service = fail  # type: ignore[method-assign]
         async with robot.peer() as peer:
             response = await peer.call("/dock")
             assert response["result"] is False
@@ -66,7 +68,7 @@ def test_a_call_that_fails_in_any_way_is_answered(error: Exception) -> None:
 
 @with_robot(Access(services=("*",)))
 async def test_a_response_that_cannot_be_encoded_is_a_failed_call(robot: Robot) -> None:
-    robot.server._parts.node.middleware.call_service = lambda *arguments: {"x": object()}  # type: ignore[method-assign]
+    robot.server._node.middleware.call_service = lambda *arguments: {"x": object()}  # type: ignore[method-assign]
     async with robot.peer() as peer:
         response = await peer.call("/dock")
         assert (response["result"], response["values"]) == (False, "object cannot be encoded as JSON")
@@ -85,7 +87,7 @@ def test_the_timeout_of_a_call_reaches_the_middleware_once() -> None:
             return {}
 
         node.call_service = call_service  # type: ignore[method-assign]
-        server = Server(node, port=0, access=Access(services=("*",)), call_timeout_s=2.0)
+        server = Server(node, port=0, access=Access(services=("*",)), limits=Limits(call_timeout_s=2.0))
         await server.start()
         await server.services.call("/dock", {}, 0.5)
         await server.services.call("/dock", {}, None)
@@ -109,7 +111,7 @@ class Client:
 
 def of_clients() -> Services:
     """The services of a server without clients."""
-    return Server(LocalBus().node("rosbridge"), access=Access(services=("*",))).services
+    return Services(ServedNode(LocalBus().node("rosbridge"), threads=True, access=Access(services=("*",))))
 
 
 async def start_call(services: Services, timeout_s: float = 20.0) -> asyncio.Future[Any]:
@@ -156,10 +158,11 @@ def test_a_failed_call_a_lost_provider_and_a_missing_response_are_service_errors
 
 
 def test_a_service_is_removed_only_by_its_provider() -> None:
-    services, first, second = of_clients(), Client(), Client()
+    node = ServedNode(LocalBus().node("rosbridge"), threads=True)
+    services, first, second = Services(node), Client(), Client()
     services.add("/dock", "some_srvs/Dock", first)
     services.add("/dock", "some_srvs/Dock", second)
     services.remove("/dock", first)
-    assert services.types == {"/dock": "some_srvs/Dock"}
+    assert node.added_services["/dock"] == "some_srvs/Dock"
     services.remove("/dock", second)
-    assert services.types == {}
+    assert "/dock" not in node.added_services

@@ -17,7 +17,7 @@ async def test_an_unexpected_error_is_one_line_and_the_session_continues(robot: 
     def fail(*arguments: Any, **options: Any) -> Any:
         raise RuntimeError("unexpected\ntraceback")
 
-    robot.server._parts.node.middleware.subscribe = fail  # type: ignore[method-assign]
+    robot.server._node.middleware.subscribe = fail  # type: ignore[method-assign]
     async with robot.peer() as peer:
         await peer.send("set_level", level="error")
         await peer.send("subscribe", topic="/battery_level")

@@ -1,0 +1,39 @@
+"""Answers of the server's port, as docs/reference/api.md describes them."""
+
+from __future__ import annotations
+
+import json
+from typing import Mapping, Optional
+
+from aiohttp import web
+
+from ..core.values.errors import MessageError
+
+SECURITY_HEADERS = {"X-Content-Type-Options": "nosniff", "Referrer-Policy": "no-referrer"}
+API_HEADERS = {**SECURITY_HEADERS, "Cache-Control": "no-store"}
+
+
+class ApiError(MessageError):
+    """A request that is refused or failed. `str()` is one line for the client."""
+
+    def __init__(self, status: int, text: str) -> None:
+        """Takes the HTTP status and the line."""
+        super().__init__(text)
+        self.status = status
+
+
+def json_bytes(value: object) -> bytes:
+    """Returns JSON in ASCII; raises ValueError if a number is not finite."""
+    return json.dumps(value, separators=(",", ":"), allow_nan=False).encode("ascii")
+
+
+def json_response(value: object, status: int = 200, headers: Optional[Mapping[str, str]] = None) -> web.Response:
+    """Returns an answer with a JSON value, or with one that was encoded before, which must not be cached."""
+    body = value if isinstance(value, bytes) else json_bytes(value)
+    all_headers = {**API_HEADERS, **(headers or {})}
+    return web.Response(status=status, body=body, content_type="application/json", headers=all_headers)
+
+
+def json_error(status: int, text: str, headers: Optional[Mapping[str, str]] = None) -> web.Response:
+    """Returns a refusal: HTTP status, reason, further headers."""
+    return json_response({"error": text}, status, headers)
