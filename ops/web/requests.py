@@ -34,14 +34,7 @@ _PAGE_HEADERS = {
     "X-Frame-Options": "DENY",
 }
 _PAGE = Path(__file__).parent / "page"
-_TYPES = {
-    ".css": "text/css",
-    ".html": "text/html",
-    ".js": "text/javascript",
-    ".svg": "image/svg+xml",
-    ".png": "image/png",
-    ".webmanifest": "application/manifest+json",
-}
+_TYPES = {".css": "text/css", ".html": "text/html", ".js": "text/javascript"}
 
 
 class Client(Protocol):
@@ -78,9 +71,12 @@ async def read_object(request: web.Request, limit: BodyLimit = WITH_TOKEN) -> Di
     if request.content_type != "application/json":
         raise ApiError(415, "expected Content-Type: application/json")
     try:
-        body = await asyncio.wait_for(_read(request, limit.most_bytes), limit.timeout_s)
+        await asyncio.wait_for(request.content.readexactly(limit.most_bytes + 1), limit.timeout_s)
+        raise ApiError(413, f"expected a body of at most {limit.most_bytes} bytes")
     except asyncio.TimeoutError:
         raise ApiError(400, "the body did not come in time") from None
+    except asyncio.IncompleteReadError as end:
+        body = end.partial
     try:
         value = json.loads(body.decode("utf-8"), parse_constant=_refuse)
     except (ValueError, RecursionError):
@@ -88,18 +84,6 @@ async def read_object(request: web.Request, limit: BodyLimit = WITH_TOKEN) -> Di
     if not isinstance(value, dict):
         raise ApiError(400, "expected a JSON object, got something else")
     return value
-
-
-async def _read(request: web.Request, most_bytes: int) -> bytes:
-    too_large = ApiError(413, f"expected a body of at most {most_bytes} bytes")
-    if (request.content_length or 0) > most_bytes:
-        raise too_large
-    body = bytearray()
-    async for chunk in request.content.iter_chunked(4096):
-        body += chunk
-        if len(body) > most_bytes:
-            raise too_large
-    return bytes(body)
 
 
 def _refuse(constant: str) -> None:
@@ -114,23 +98,12 @@ async def serve_page_file(request: web.Request) -> web.Response:
         raise web.HTTPNotFound
     content, etag = file
     headers = {**_PAGE_HEADERS, "ETag": etag, "Vary": "Accept-Encoding"}
-    if name == "index.html":
-        headers["Link"] = _modules()
     if etag in request.headers.get("If-None-Match", ""):
         return web.Response(status=304, headers=headers)
-    kind = _TYPES[Path(name).suffix]
-    charset = "utf-8" if kind.startswith("text/") else None
-    response = web.Response(body=content, content_type=kind, charset=charset, headers=headers)
+    response = web.Response(body=content, content_type=_TYPES[Path(name).suffix], charset="utf-8", headers=headers)
     if "gzip" in request.headers.get("Accept-Encoding", ""):
         response.enable_compression(web.ContentCoding.gzip)
     return response
-
-
-@functools.lru_cache(maxsize=None)
-def _modules() -> str:
-    """Returns a header with which browsers fetch all modules at once, not one import after the other."""
-    names = [name for name in _page_files() if name.endswith(".js") and name != "plot.js"]
-    return ", ".join(f"<{name}>; rel=modulepreload" for name in names)
 
 
 @functools.lru_cache(maxsize=None)

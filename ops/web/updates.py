@@ -268,12 +268,12 @@ def changes(before: State, after: State) -> Optional[Json]:
         if robot == before.robots[name]:
             continue
         known, new = json.loads(before.robots[name].data), json.loads(robot.data)
-        old, signals = known.pop("signals"), new.pop("signals")
+        old, signals = known.pop("signals"), new["signals"]
         if list(old) != list(signals):
             return None
-        changed = {key: _changed_keys(old[key], signals[key]) for key in signals if signals[key] != old[key]}
-        robots[name] = {**_changed_keys(known, new), **({"signals": changed} if changed else {})}
-    return {**_changed_keys(before.common, after.common), **({"robots": robots} if robots else {})}
+        changed = {key: _changed_keys(old[key], signal) for key, signal in signals.items() if signal != old[key]}
+        robots[name] = _changed_keys(known, {**new, "signals": changed or None})
+    return _changed_keys(before.common, {**after.common, "robots": robots or None})
 
 
 def _changed_keys(before: Mapping[str, Any], after: Mapping[str, Any]) -> Json:

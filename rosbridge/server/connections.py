@@ -19,7 +19,6 @@ import time
 from typing import Callable, Dict, List, Optional
 
 from aiohttp import web
-from aiohttp.http import HttpProcessingError
 from aiohttp.http_exceptions import LineTooLong
 
 from ...core.port.log_limit import LogLimit
@@ -30,22 +29,29 @@ MOST_REQUEST_BYTES = 131_072
 """Size of a request, or of its head if its body is read later, and of a first message with the token."""
 _LONGEST_LOG_LINE = 500
 
+_NO_LOG = logging.Logger("rosbridge", logging.CRITICAL + 1)
+"""aiohttp's own lines, which have tracebacks and quote what clients send."""
+
+Tls = Optional[ssl.SSLContext]
 CallLater = Callable[[float, Callable[[], None]], asyncio.TimerHandle]
 
 
 class Connections:
     """The open connections. Those that wait have presented nothing yet, or wait for the next request."""
 
-    def __init__(self, limit: int, timeout_s: float, call_later: CallLater, on_full: Callable[[], None]) -> None:
+    def __init__(
+        self, limit: int, timeout_s: float, log: Callable[[str], None], call_later: CallLater, tls: Tls = None
+    ) -> None:
         """Starts without connections.
 
-        Those that wait are closed after `timeout_s`. `on_full` is called when the limit is reached, once until the
-        number falls below nine tenths of it. `call_later` is that of the loop.
+        Those that wait are closed after `timeout_s`. When the limit is reached, one line is logged until the number
+        falls below nine tenths of it. `call_later` is that of the loop. With `tls`, connections begin with a handshake.
         """
         self._limit = limit
-        self._timeout_s = timeout_s
+        self.timeout_s = timeout_s
+        self.log = log
+        self.tls = tls
         self._call_later = call_later
-        self._on_full = on_full
         self._full = False
         self._timeouts: Dict[HttpConnection, Optional[asyncio.TimerHandle]] = {}
         """What closes each; None for those in use. Those that have been waiting for the longest time come first."""
@@ -60,7 +66,7 @@ class Connections:
         if len(self) >= self._limit:
             if not self._full:
                 self._full = True
-                self._on_full()
+                self.log(f"connection limit reached; closing the oldest idle ones (limit {self._limit})")
             oldest = next((one for one in self._timeouts if self.waits(one)), None)
             if oldest is None:
                 return False
@@ -100,7 +106,7 @@ class Connections:
             timeout.cancel()
 
     def _timeout(self, connection: HttpConnection) -> asyncio.TimerHandle:
-        return self._call_later(self._timeout_s, lambda: self.abort(connection))
+        return self._call_later(self.timeout_s, lambda: self.abort(connection))
 
 
 def connection_limit(requested: int) -> int:
@@ -112,21 +118,11 @@ def connection_limit(requested: int) -> int:
 class HttpConnection(web.RequestHandler):
     """A connection of aiohttp that one of `Connections` may be."""
 
-    def __init__(
-        self,
-        create: web.Server,
-        connections: Connections,
-        log: ClientLog,
-        ssl_context: Optional[ssl.SSLContext],
-        handshake_timeout_s: float,
-    ) -> None:
-        """Starts before the connection is made; without TLS if `ssl_context` is None."""
+    def __init__(self, create: web.Server, connections: Connections) -> None:
+        """Starts before the connection is made."""
         loop = asyncio.get_event_loop()
-        super().__init__(create, loop=loop, access_log=None, logger=log.logger)  # type: ignore[arg-type]  # no log
+        super().__init__(create, loop=loop, access_log=None, logger=_NO_LOG)  # type: ignore[arg-type]  # no access log
         self._connections = connections
-        self._log = log
-        self._ssl_context = ssl_context
-        self._handshake_timeout_s = handshake_timeout_s
         self._tcp: Optional[asyncio.Transport] = None
         self._early: Optional[List[bytes]] = []
         """What came before aiohttp knew of the connection; None: it does."""
@@ -154,22 +150,20 @@ class HttpConnection(web.RequestHandler):
         """Counts the connection, and begins TLS."""
         assert isinstance(transport, asyncio.Transport)
         if not self._connections.add(self):
-            if self._ssl_context is None:
+            if self._connections.tls is None:
                 transport.write(_plain_error(503, "Service Unavailable", "too many clients"))
             transport.close()
             return
         self._tcp = transport
-        if self._ssl_context is None:
+        if self._connections.tls is None:
             self._begin(transport)
         else:
-            self._tls_start = asyncio.ensure_future(self._start_tls(transport, self._ssl_context))
+            self._tls_start = asyncio.ensure_future(self._start_tls(transport, self._connections.tls))
 
     async def _start_tls(self, tcp: asyncio.Transport, context: ssl.SSLContext) -> None:
-        loop = asyncio.get_event_loop()
+        loop, timeout_s = asyncio.get_event_loop(), self._connections.timeout_s
         try:
-            transport = await loop.start_tls(
-                tcp, self, context, server_side=True, ssl_handshake_timeout=self._handshake_timeout_s
-            )
+            transport = await loop.start_tls(tcp, self, context, server_side=True, ssl_handshake_timeout=timeout_s)
         except OSError:
             transport = None
         # The connection may have ended during the handshake, which Python 3.8 reports as success.
@@ -200,7 +194,7 @@ class HttpConnection(web.RequestHandler):
             self._received += len(data)
             if self._received > MOST_REQUEST_BYTES:
                 text = f"request is larger than {MOST_REQUEST_BYTES} bytes"
-                self._log.write(f"disconnected a client: its {text}")
+                self._connections.log(f"disconnected a client: its {text}")
                 if self.transport is not None:
                     self.transport.write(_plain_error(413, "Request Entity Too Large", f"the {text}"))
                     self.transport.close()
@@ -217,6 +211,8 @@ class HttpConnection(web.RequestHandler):
         """Answers a request that is malformed, or whose handler failed, in the form of docs/reference/api.md."""
         super().handle_error(request, status, exc, message)
         text = "malformed request" if status < 500 else "internal error"
+        if not isinstance(exc, ConnectionError):  # otherwise the client has gone
+            self._connections.log(f"refused a request of {request.remote}: {text} ({type(exc).__name__})")
         response = json_error(status, "address or header too long" if isinstance(exc, LineTooLong) else text)
         response.force_close()
         return response
@@ -229,19 +225,15 @@ def _plain_error(status: int, phrase: str, text: str) -> bytes:
     return f"{head}\r\nContent-Length: {len(body)}\r\n\r\n{body}".encode("ascii")
 
 
-class ClientLog(logging.Handler):
+class ClientLog:
     """Writes at most a number of lines per minute, in total: clients choose the texts. Used in the event loop only."""
 
     def __init__(
         self, write: Callable[[str], None], lines_per_minute: int = 10, clock: Callable[[], float] = time.monotonic
     ) -> None:
         """Starts with nothing written; `clock` returns monotonic seconds."""
-        super().__init__()
         self._write = write
         self._limit = LogLimit(lines_per_minute, clock)
-        self.logger = logging.Logger("rosbridge", logging.WARNING)
-        """For a library: each record of level WARN or worse is one line, without traceback."""
-        self.logger.addHandler(self)
 
     def write(self, text: str) -> None:
         """Writes a line, unless too many were written in the current minute."""
@@ -250,14 +242,3 @@ class ClientLog(logging.Handler):
             self._write(f"{left_out} more lines about clients were suppressed")
         if left_out is not None:
             self._write(printable(" ".join(text[:_LONGEST_LOG_LINE].split())))
-
-    def emit(self, record: logging.LogRecord) -> None:
-        """Writes a record of `logger`."""
-        error = record.exc_info[1] if record.exc_info else None
-        if isinstance(error, ConnectionError):
-            return  # the client has gone
-        if isinstance(error, HttpProcessingError):
-            self.write(f"refused a malformed HTTP request ({type(error).__name__})")
-            return
-        text = next(iter(record.getMessage().splitlines()), "")[:200]
-        self.write(f"{text}: {type(error).__name__}" if error else text)

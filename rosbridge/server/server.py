@@ -90,8 +90,7 @@ class Server:
         self._on_close = on_close
         # Several nodes of one ROS 1 process share its log.
         prefix = "rosbridge: " if threads else ""
-        self._client_log = ClientLog(lambda text: middleware.log(Severity.WARN, f"{prefix}{text}"))
-        self.log = self._client_log.write
+        self.log = ClientLog(lambda text: middleware.log(Severity.WARN, f"{prefix}{text}")).write
         """Writes a WARN line, unless clients have caused too many in this minute. Called in the loop's thread."""
         self._sessions: Set[Session] = set()
         self._sockets: Set[web.WebSocketResponse] = set()
@@ -109,8 +108,7 @@ class Server:
         """The services as clients see them."""
         most = connection_limit(self._limits.clients)
         timeout_s = self._limits.auth_timeout_s + 1.0  # later than `_authenticate`, which sends the client the reason
-        full = f"connection limit reached; closing the oldest idle ones (limit {most})"
-        self._connections = Connections(most, timeout_s, loop.call_later, lambda: self.log(full))
+        self._connections = Connections(most, timeout_s, self.log, loop.call_later, self._ssl_context)
         application = web.Application(middlewares=[self._check])
         application.add_routes(self._routes(self._tokens.client))
         runner = web.AppRunner(application, handle_signals=False)
@@ -166,8 +164,7 @@ class Server:
 
     def _accept(self, runner: web.AppRunner) -> asyncio.Protocol:
         assert runner.server is not None
-        timeout_s = self._limits.auth_timeout_s
-        return HttpConnection(runner.server, self._connections, self._client_log, self._ssl_context, timeout_s)
+        return HttpConnection(runner.server, self._connections)
 
     def _require_protection(self, token: str) -> None:
         if not is_loopback(self._host) and not token and not self._has_certificates:

@@ -13,7 +13,7 @@ from .rosapi import SERVICES
 from .sending import LARGE_BYTES, ClientQueue, estimated_bytes, frame
 from .served_node import ServedNode
 from .services import Services
-from .topics import ByteBudget, Publications, Topics, merge
+from .topics import ByteBudget, Topics, merge
 
 _NO_STATUS = operations.STATUS_LEVELS.index("none")
 _FAILURES = (ServiceError, MessageError, ConfigError, OSError)
@@ -35,7 +35,6 @@ class ServerParts:
         """Starts without clients. Called in the event loop."""
         self.node = node
         self.topics = Topics(node)
-        self.publications = Publications(node)
         self.services = Services(node)
 
 
@@ -185,7 +184,7 @@ class Session:
     async def _open(self, topic: str, type_name: str = "") -> None:
         if topic not in self._advertised:
             self._require_room()
-        await self._parts.publications.advertise(topic, type_name)
+        await self._parts.topics.advertise(topic, type_name)
         self._advertised.add(topic)
 
     async def _unadvertise(self, request: operations.Unadvertise) -> None:
@@ -196,7 +195,7 @@ class Session:
     async def _publish(self, request: operations.Publish) -> None:
         if request.topic not in self._advertised:
             await self._open(request.topic)
-        await self._parts.publications.publish(request.topic, request.msg)
+        await self._parts.topics.publish(request.topic, request.msg)
 
     async def _call_service(self, request: operations.CallService) -> None:
         if len(self._calls) >= self._limits.calls:

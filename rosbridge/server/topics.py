@@ -204,12 +204,14 @@ class Topic:
 
 
 class Topics:
-    """The topics that clients subscribe to."""
+    """The topics that clients subscribe to, and those that they publish on."""
 
     def __init__(self, node: ServedNode) -> None:
-        """Starts without subscriptions. Called in the event loop."""
+        """Starts without topics. Called in the event loop."""
         self._node = node
         self._topics: Dict[str, Topic] = {}
+        self._published: Dict[str, str] = {}
+        """Type of each topic that clients publish on."""
         self._lock = asyncio.Lock()
         """Held while clients and subscriptions change."""
         self._dropped = 0
@@ -268,15 +270,6 @@ class Topics:
                 take = self._node.hand_over((lambda message: topic.deliver(message[0])) if raw else topic.deliver)
                 topic.sources[raw] = await self._node.call(subscribe, topic.name, topic.type_name, take)
 
-
-class Publications:
-    """The topics that clients publish on."""
-
-    def __init__(self, node: ServedNode) -> None:
-        """Starts without topics."""
-        self._node = node
-        self._types: Dict[str, str] = {}
-
     async def advertise(self, topic: str, type_name: str) -> None:
         """Advertises a topic for a client; without a type, the topic must exist.
 
@@ -286,15 +279,15 @@ class Publications:
         topic = self._node.resolve(topic)
         if not matches(topic, self._node.access.publish):
             raise MessageError(f"clients may not publish on {topic}")
-        if topic not in self._types and len(self._types) >= MOST_PUBLISHED:
+        if topic not in self._published and len(self._published) >= MOST_PUBLISHED:
             raise MessageError(f"clients have advertised {MOST_PUBLISHED} topics already")
-        known = self._types.get(topic) or await self._node.topic_type(topic)
+        known = self._published.get(topic) or await self._node.topic_type(topic)
         if not (known or type_name):
             raise MessageError(f"{topic} is not advertised")
         _require_same_type(topic, known, type_name)
-        if topic not in self._types:
+        if topic not in self._published:
             await self._node.call(self._node.middleware.advertise, topic, type_name or known)
-            self._types[topic] = type_name or known
+            self._published[topic] = type_name or known
 
     async def publish(self, topic: str, message: Message) -> None:
         """Publishes a client's message on an advertised topic.

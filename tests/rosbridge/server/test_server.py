@@ -341,7 +341,7 @@ class TestFurtherRoutes:
         async with aiohttp.ClientSession() as session, session.get(robot.url + "broken") as response:
             assert response.status == 500
         (line,) = robot.log
-        assert line.startswith("Error handling request") and line.endswith(": RuntimeError")
+        assert line == "refused a request of 127.0.0.1: internal error (RuntimeError)"
 
 
 class TestWhoMayConnect:
