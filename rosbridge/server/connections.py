@@ -1,4 +1,4 @@
-"""The open connections: a limited number, TLS, a limit for incomplete requests, errors as JSON, and their log lines.
+"""The open connections: a limited number, TLS, a limit for incomplete requests, and errors as JSON.
 
 If the limit is reached, a new connection replaces the one that has waited for the longest time: for the token (or,
 where none is required, for a complete request), whatever it has begun, or for its next request. Those that wait are
@@ -15,20 +15,15 @@ import json
 import logging
 import resource
 import ssl
-import time
 from typing import Callable, Dict, List, Optional
 
 from aiohttp import web
 from aiohttp.http_exceptions import LineTooLong
 
-from ...core.port.log_limit import LogLimit
-from ...core.values.formatting import printable
 from ...runtime.http_answers import json_error
 
 MOST_REQUEST_BYTES = 131_072
 """Size of a request, or of its head if its body is read later, and of a first message with the token."""
-_LONGEST_LOG_LINE = 500
-
 _NO_LOG = logging.Logger("rosbridge", logging.CRITICAL + 1)
 """aiohttp's own lines, which have tracebacks and quote what clients send."""
 
@@ -223,22 +218,3 @@ def _plain_error(status: int, phrase: str, text: str) -> bytes:
     body = json.dumps({"error": text})
     head = f"HTTP/1.1 {status} {phrase}\r\nConnection: close\r\nContent-Type: application/json"
     return f"{head}\r\nContent-Length: {len(body)}\r\n\r\n{body}".encode("ascii")
-
-
-class ClientLog:
-    """Writes at most a number of lines per minute, in total: clients choose the texts. Used in the event loop only."""
-
-    def __init__(
-        self, write: Callable[[str], None], lines_per_minute: int = 10, clock: Callable[[], float] = time.monotonic
-    ) -> None:
-        """Starts with nothing written; `clock` returns monotonic seconds."""
-        self._write = write
-        self._limit = LogLimit(lines_per_minute, clock)
-
-    def write(self, text: str) -> None:
-        """Writes a line, unless too many were written in the current minute."""
-        left_out = self._limit.take()
-        if left_out:
-            self._write(f"{left_out} more lines about clients were suppressed")
-        if left_out is not None:
-            self._write(printable(" ".join(text[:_LONGEST_LOG_LINE].split())))

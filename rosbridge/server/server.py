@@ -15,24 +15,29 @@ import asyncio
 import concurrent.futures
 import logging
 import ssl
+import time
 from typing import Any, Awaitable, Callable, Dict, Mapping, Optional, Sequence, Set
 
 from aiohttp import WSCloseCode, WSMsgType, web
 
 from ...core.port.local import LogLine
+from ...core.port.log_limit import LimitedLog
 from ...core.port.middleware import ServedMiddleware, Severity
 from ...core.values.errors import ConfigError, MessageError, ServiceError
+from ...core.values.formatting import printable
 from ...runtime.event_loops import LoopThread
 from ...runtime.http_answers import json_error
 from ...runtime.sockets import FloodError, Incoming, limit_reads
 from ..protocol import CBOR_SUBPROTOCOL, DEFAULT_LIMITS, SUBPROTOCOLS, Limits
 from .access import READ_ONLY, Access, Client, Credentials, TokenCheck, is_loopback, refusal_of
-from .connections import ClientLog, Connections, HttpConnection, connection_limit
+from .connections import Connections, HttpConnection, connection_limit
 from .served_node import ServedNode
 from .session import AuthenticationError, ServerParts, Session
 
 _UNAUTHENTICATED_BYTES = 65_536
 """Largest message of a client that authenticates with the operation `auth`."""
+_LOG_LINES_PER_MINUTE = 10
+_LONGEST_LOG_LINE = 500
 _CLOSE_HANDSHAKE_S = 0.5
 _CLOSE_S = 1.0
 _CLOSE_THREAD_S = 4.0
@@ -55,7 +60,7 @@ class Server:
         threads: bool = True,
         ssl_context: Optional[ssl.SSLContext] = None,
         parameters: Optional[Callable[[], Mapping[str, Mapping[str, Any]]]] = None,
-        routes: Callable[[Callable[[web.Request], Client]], Sequence[web.RouteDef]] = lambda client_of: (),
+        routes: Sequence[web.RouteDef] = (),
         on_close: Sequence[Callable[[], None]] = (),
     ) -> None:
         """Prepares a server; `start` opens the port.
@@ -69,8 +74,8 @@ class Server:
             threads: whether the middleware calls back from its own threads (ROS); False: it runs in the server's loop.
             ssl_context: serve TLS (`wss://`) with it.
             parameters: returns the parameters that clients may read, per node; None for those of `middleware`.
-            routes: returns further HTTP routes. Host, origin and a wrong token are checked here; a handler that needs
-                a token gets the `Client` of the request from the function that is passed.
+            routes: HTTP routes. Host, origin and a wrong token are checked here; `request["client"]` says for a
+                handler that needs a token whether it was presented.
             on_close: called in the loop before connections are closed, to end the long answers of `routes`.
 
         Raises:
@@ -89,9 +94,8 @@ class Server:
         self._routes = routes
         self._on_close = on_close
         # Several nodes of one ROS 1 process share its log.
-        prefix = "rosbridge: " if threads else ""
-        self.log = ClientLog(lambda text: middleware.log(Severity.WARN, f"{prefix}{text}")).write
-        """Writes a WARN line, unless clients have caused too many in this minute. Called in the loop's thread."""
+        self._log_prefix = "rosbridge: " if threads else ""
+        self._client_log = LimitedLog(middleware.log, time.monotonic, _LOG_LINES_PER_MINUTE)
         self._sessions: Set[Session] = set()
         self._sockets: Set[web.WebSocketResponse] = set()
         self._dropped = 0
@@ -110,7 +114,7 @@ class Server:
         timeout_s = self._limits.auth_timeout_s + 1.0  # later than `_authenticate`, which sends the client the reason
         self._connections = Connections(most, timeout_s, self.log, loop.call_later, self._ssl_context)
         application = web.Application(middlewares=[self._check])
-        application.add_routes(self._routes(self._tokens.client))
+        application.add_routes(self._routes)
         runner = web.AppRunner(application, handle_signals=False)
         await runner.setup()
         try:
@@ -162,6 +166,11 @@ class Server:
         """Publishes a log line on `/rosout`, for a middleware without this topic. Called in the loop's thread."""
         self._parts.topics.publish_log(line)
 
+    def log(self, text: str) -> None:
+        """Writes a WARN line, unless clients, who choose the texts, have caused too many in this minute."""
+        line = " ".join(text[:_LONGEST_LOG_LINE].split())
+        self._client_log.write("", Severity.WARN, printable(f"{self._log_prefix}{line}"))
+
     def _accept(self, runner: web.AppRunner) -> asyncio.Protocol:
         assert runner.server is not None
         return HttpConnection(runner.server, self._connections)
@@ -182,7 +191,7 @@ class Server:
         if refusal:
             self.log(f"refused a client at {request.remote}: {refusal}")
             return json_error(403, refusal)
-        client = self._tokens.client(request)
+        client = request["client"] = self._tokens.client(request)
         if client.token is Credentials.WRONG:
             self.log(f"refused a client at {request.remote}: wrong token")
             return client.refusal()

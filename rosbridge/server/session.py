@@ -154,15 +154,9 @@ class Session:
             raise MessageError(f"more than {limit} subscriptions")
         if CBOR_PROBLEM and request.compression in ("cbor", "cbor-raw"):
             raise MessageError(f"compression {request.compression}: {CBOR_PROBLEM}")
-        every = self._subscriptions[request.topic] = {**requests, request.id: request}
-        try:
-            await self._parts.topics.subscribe(self, request.topic, request.type, merge(every.values(), self._limits))
-        except Exception:
-            if requests:
-                self._subscriptions[request.topic] = requests
-            else:
-                del self._subscriptions[request.topic]
-            raise
+        every = {**requests, request.id: request}
+        await self._parts.topics.subscribe(self, request.topic, request.type, merge(every.values(), self._limits))
+        self._subscriptions[request.topic] = every
         self.send_status("info", f"subscribed to {request.topic}", request.id)
 
     async def _unsubscribe(self, request: operations.Unsubscribe) -> None:
@@ -210,11 +204,10 @@ class Session:
         try:
             values = await self._parts.services.call(request.service, request.args, request.timeout)
             await self._respond(request, values, result=True)
-        except _FAILURES as error:
-            await self._respond(request, str(error) or type(error).__name__, result=False)
         except Exception as error:
-            self._node.log(f"a service call of a client failed: {type(error).__name__}: {error}")
-            await self._respond(request, f"{type(error).__name__}: {error}", result=False)
+            if not isinstance(error, _FAILURES):
+                self._node.log(f"a service call of a client failed: {type(error).__name__}: {error}")
+            await self._respond(request, str(error) or type(error).__name__, result=False)
 
     async def _respond(self, request: operations.CallService, values: object, *, result: bool) -> None:
         send = functools.partial(

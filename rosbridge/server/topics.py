@@ -249,7 +249,7 @@ class Topics:
             topic.set_options(receiver, options)
             try:
                 await self._update(topic)
-            except Exception:
+            except BaseException:  # also if the connection ends meanwhile
                 topic.set_options(receiver, None)
                 raise
             finally:

@@ -1,4 +1,4 @@
-"""The limit of connections; connections as clients see them: TLS, sizes, errors in JSON; what is logged of them.
+"""The limit of connections; connections as clients see them: TLS, sizes, errors in JSON.
 
 test_torture.py attacks them.
 """
@@ -18,7 +18,7 @@ from aiohttp import web
 from harness.rosbridge_peer import Robot, with_robot
 
 from robot_health_monitor.rosbridge.protocol.limits import Limits
-from robot_health_monitor.rosbridge.server.connections import ClientLog, Connections, connection_limit
+from robot_health_monitor.rosbridge.server.connections import Connections, connection_limit
 
 try:
     import trustme
@@ -166,7 +166,7 @@ async def answer(robot: Robot, sent: bytes) -> Tuple[int, object]:
 
 
 @needs_trustme
-@with_robot(ssl_context=TLS, routes=lambda client_of: [web.post("/size", size)])
+@with_robot(ssl_context=TLS, routes=[web.post("/size", size)])
 async def test_tls_serves_requests_and_websockets(robot: Robot) -> None:
     url = robot.url.replace("http:", "https:")
     async with aiohttp.ClientSession() as session:
@@ -220,7 +220,7 @@ async def test_an_address_or_a_header_that_is_too_long_is_refused_in_json(robot:
             assert await answer(robot, sent % (b"x" * length)) == (400, {"error": "address or header too long"})
 
 
-@with_robot(routes=lambda client_of: [web.get("/broken", broken)])
+@with_robot(routes=[web.get("/broken", broken)])
 async def test_a_request_that_is_malformed_or_fails_is_answered_in_json(robot: Robot) -> None:
     """Each is one line of the log, without what the client sent and without a traceback."""
     assert await answer(robot, b"nonsense\r\n\r\n") == (400, {"error": "malformed request"})
@@ -231,7 +231,7 @@ async def test_a_request_that_is_malformed_or_fails_is_answered_in_json(robot: R
     assert failed == "refused a request of 127.0.0.1: internal error (RuntimeError)"
 
 
-@with_robot(routes=lambda client_of: [web.get("/known", size)])
+@with_robot(routes=[web.get("/known", size)])
 async def test_paths_and_methods_that_do_not_exist_are_refused_in_json(robot: Robot) -> None:
     async with aiohttp.ClientSession() as session:
         for method, path, status, problem, allow in (
@@ -252,31 +252,3 @@ async def test_there_is_room_for_no_more_than_the_clients_in_use(robot: Robot) -
         await peer.settle()
         assert await answer(robot, b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n") == (503, {"error": "too many clients"})
         await peer.settle()
-
-
-def test_lines_per_minute_are_limited_in_total_and_the_rest_is_counted() -> None:
-    now_s = 0.0
-    lines: List[str] = []
-    limit = ClientLog(lines.append, 3, lambda: now_s)
-    for number in range(10_000):
-        limit.write(f"refused client {number}")
-    assert lines == ["refused client 0", "refused client 1", "refused client 2"]
-    now_s = 60.0
-    limit.write("later")
-    assert lines[3:] == ["9997 more lines about clients were suppressed", "later"]
-    now_s = 120.0
-    limit.write("later still")
-    assert lines[5:] == ["later still"]
-
-
-def test_a_text_is_one_line() -> None:
-    lines: List[str] = []
-    ClientLog(lines.append).write("one\nforged line\r\n")
-    assert lines == ["one forged line"]
-
-
-def test_a_text_is_short_and_controls_no_terminal() -> None:
-    """Errors of clients may quote what they sent."""
-    lines: List[str] = []
-    ClientLog(lines.append).write("\x1b[31m" + "x" * 1_000_000)
-    assert lines == ["?[31m" + "x" * 495]

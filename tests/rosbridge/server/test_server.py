@@ -321,7 +321,7 @@ class TestAskingWhatThereIs:
 
 class TestFurtherRoutes:
     @staticmethod
-    @with_robot(routes=lambda client_of: [web.get("/healthz", healthz), web.post("/silences", healthz)])
+    @with_robot(routes=[web.get("/healthz", healthz), web.post("/silences", healthz)])
     async def test_are_served_on_the_same_port_with_the_same_checks(robot: Robot) -> None:
         async with aiohttp.ClientSession() as session:
             async with session.get(robot.url + "healthz") as response:
@@ -336,7 +336,7 @@ class TestFurtherRoutes:
             await peer.settle()
 
     @staticmethod
-    @with_robot(routes=lambda client_of: [web.get("/broken", broken)])
+    @with_robot(routes=[web.get("/broken", broken)])
     async def test_a_handler_that_fails_is_one_line_in_the_log(robot: Robot) -> None:
         async with aiohttp.ClientSession() as session, session.get(robot.url + "broken") as response:
             assert response.status == 500
@@ -523,3 +523,13 @@ def test_an_error_in_the_loop_is_one_line_in_the_log() -> None:
     thread._thread.call(fail())
     assert [line.text for line in bus.log_lines] == ["rosbridge: Fatal read error: OSError: broken pipe"]
     thread.close()
+
+
+@with_robot()
+async def test_a_log_line_about_clients_is_short_and_one_line_and_ten_a_minute_are_written(robot: Robot) -> None:
+    """Errors of clients may quote what they sent."""
+    robot.server.log("one\nforged line\r\n")
+    robot.server.log("\x1b[31m" + "x" * 1_000_000)
+    for number in range(1000):
+        robot.server.log(f"refused client {number}")
+    assert robot.log == ["one forged line", "?[31m" + "x" * 495, *(f"refused client {number}" for number in range(8))]
