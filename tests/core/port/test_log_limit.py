@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import List
 
-from robot_health_monitor.core.port.log_limit import LimitedLog, LogLimit
+from robot_health_monitor.core.port.log_limit import LimitedLog
 from robot_health_monitor.core.port.middleware import Severity
 
 
@@ -41,8 +41,12 @@ def test_a_peer_that_invents_kinds_is_limited_too() -> None:
 
 
 def test_a_number_of_lines_per_minute_passes_and_the_others_are_counted() -> None:
-    now_s = 1000.0
-    limit = LogLimit(2, lambda: now_s)
-    assert [limit.take() for _ in range(5)] == [0, 0, None, None, None]
-    now_s = 1060.0
-    assert [limit.take() for _ in range(3)] == [3, 0, None]
+    log = Log()
+    log.limit = LimitedLog(lambda severity, text: log.lines.append(text), lambda: log.now_s, 2)
+    for number in range(5):
+        log.write("invalid", f"line {number}")
+    assert log.lines == ["line 0", "line 1"]
+    log.now_s = 1060.0
+    for number in range(5, 8):
+        log.write("invalid", f"line {number}")
+    assert log.lines[2:] == ["line 5 (3 similar lines left out)", "line 6"]
