@@ -112,7 +112,7 @@ class WebInterface:
         self._past = ThreadPool("web history", _PAST_AT_ONCE, _MOST_PAST_PENDING, _READ_TIMEOUT_S)
         self._readers: Dict[AlertSystem, RobotReader] = {}
         self._answers: Dict[Tuple[object, ...], asyncio.Future[Any]] = {}
-        self._announced: Set[AlertSystem] = set()
+        self._announced: Set[str] = set()
         self._next_read = 0
         self._own_state = OwnState(robots, process_faults)
         self._metrics = Metrics(notifications_waiting, history.wall_s, lambda: len(self._own_state.texts()))
@@ -125,7 +125,7 @@ class WebInterface:
         def note(event: Event) -> None:
             if isinstance(event, Transition):
                 self._metrics.count(alert_system.robot, event)
-            self._announced.add(alert_system)
+            self._announced.add(alert_system.robot)
             self.updates.note_change()
 
         alert_system.outlets.add("web", note)
@@ -190,7 +190,7 @@ class WebInterface:
             check_same_origin(request)
             answer = await (run or self._worker.run)(change, read_record(schema, await read_object(request)))
             self._answers.clear()
-            self._announced.update(self._robots())
+            self._announced.update(robot.robot for robot in self._robots())
             self.updates.note_change()
             return json_response(answer)
 
@@ -238,16 +238,11 @@ class WebInterface:
         """Returns the state. What was `before` counts for most robots of a large fleet: to read all costs too much."""
         announced, self._announced = self._announced, set()
         readers = self._current_readers()
-        known: Dict[str, RobotState] = {}
-        if before is not None and len(readers) > MOST_READ:
-            begin = self._next_read % len(readers)
-            self._next_read = begin + MOST_READ
-            in_turn = (readers * 2)[begin : begin + MOST_READ]
-            read = {reader.alert_system for reader in in_turn} | announced
-            known = {name: state for name, state in before.robots.items() if name not in plotted}
-            for robot in read:
-                known.pop(robot.robot, None)
-        return await self._state_of(readers, known)
+        begin = self._next_read % max(1, len(readers))
+        self._next_read = begin + MOST_READ
+        read = {reader.robot for reader in (readers * 2)[begin : self._next_read]}.union(announced, plotted)
+        states = {} if before is None else before.robots
+        return await self._state_of(readers, {name: state for name, state in states.items() if name not in read})
 
     async def _read_state(self, robot: str = "", window: bool = False) -> State:
         readers = [reader for reader in self._current_readers() if robot in ("", reader.robot)]
