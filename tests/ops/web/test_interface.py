@@ -561,8 +561,8 @@ def test_an_update_of_a_large_fleet_reads_some_robots_in_turn_and_at_once_those_
         observe_all(50.0)
         assert await update() == [50.0] * 6
         observe_all(60.0)
-        assert await update() == [60.0, 60.0, 50.0, 50.0, 50.0, 50.0]
-        assert await update("f") == [60.0, 60.0, 60.0, 60.0, 50.0, 60.0]
+        assert await update() == [50.0, 50.0, 60.0, 60.0, 50.0, 50.0]
+        assert await update("a") == [60.0, 50.0, 60.0, 60.0, 60.0, 60.0]
         site.robots.observe(10.0, robot=0)  # an alert
         assert await update() == [10.0, 60.0, 60.0, 60.0, 60.0, 60.0]
         observe_all(70.0)
