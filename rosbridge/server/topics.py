@@ -266,7 +266,7 @@ class Topics:
             if raw in topic.sources and raw not in needed:
                 await self._node.call(middleware.unsubscribe, topic.sources.pop(raw))
             if raw in needed and raw not in topic.sources:
-                subscribe = middleware.subscribe_raw if raw else middleware.subscribe
+                subscribe: Callable[..., Subscription] = middleware.subscribe_raw if raw else middleware.subscribe
                 take = self._node.hand_over((lambda message: topic.deliver(message[0])) if raw else topic.deliver)
                 topic.sources[raw] = await self._node.call(subscribe, topic.name, topic.type_name, take)
 
