@@ -1,6 +1,6 @@
-"""The operations of rosbridge, as one schema: each field with its type, default and limits.
+"""The operations of rosbridge, as one schema: each field that is used, with its type, default and limits.
 
-Unknown fields are ignored, as ROSBRIDGE_PROTOCOL.md requires. Where the reference server differs from that document,
+Other fields are ignored, as ROSBRIDGE_PROTOCOL.md requires. Where the reference server differs from that document,
 both forms are accepted.
 """
 
@@ -49,8 +49,6 @@ class Advertise:
     topic: str = _name()
     type: str = _name()
     id: Id = _id()
-    latch: bool = declared(False)
-    queue_size: int = declared(0, "", 0)
 
 
 @dataclass(frozen=True)
@@ -139,12 +137,7 @@ class SendActionGoal:
     """Sends a goal to an action."""
 
     action: str = _name()
-    action_type: str = _name()
-    args: Arguments = declared({})
-    feedback: bool = declared(False)
     id: Id = _id()
-    fragment_size: Optional[int] = declared(None, "", SMALLEST_FRAGMENT)
-    compression: str = declared("none", choices=COMPRESSIONS)
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,6 @@ from typing import Any, Dict, List
 
 EXAMPLES: List[Dict[str, Any]] = [
     {"op": "advertise", "id": "a1", "topic": "/in", "type": "std_msgs/Float32"},
-    {"op": "advertise", "topic": "/in", "type": "std_msgs/Float32", "latch": True, "queue_size": 10},
     {"op": "unadvertise", "id": "a1", "topic": "/in"},
     {"op": "publish", "id": "p1", "topic": "/in", "msg": {"data": 19.5}},
     {"op": "subscribe", "topic": "/out"},
@@ -34,7 +33,7 @@ EXAMPLES: List[Dict[str, Any]] = [
     {"op": "service_response", "service": "/reset", "values": "it failed", "result": False, "id": "c1"},
     {"op": "advertise_service", "service": "/reset", "type": "std_srvs/Trigger"},
     {"op": "unadvertise_service", "service": "/reset"},
-    {"op": "send_action_goal", "action": "/dock", "action_type": "docking/Dock", "args": {}, "feedback": True},
+    {"op": "send_action_goal", "action": "/dock", "id": "g1"},
     {"op": "action_result", "action": "/dock", "values": {}, "status": 4, "result": True, "id": "g1"},
     {"op": "set_level", "level": "warning"},
     {"op": "status", "level": "error", "msg": "bad JSON", "id": "p1"},

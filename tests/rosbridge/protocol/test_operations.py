@@ -86,6 +86,11 @@ def test_a_wrong_field_is_reported_in_one_line(fields: Dict[str, Any], problem: 
     assert "\n" not in str(refusal.value)
 
 
+def test_fields_that_are_not_used_are_ignored() -> None:
+    fields = {"op": "advertise", "topic": "/in", "type": "std_msgs/Float32", "latch": "yes", "new": 1}
+    assert read_operation(fields) == operations.Advertise("/in", "std_msgs/Float32")
+
+
 def test_the_smallest_fragment_size_is_accepted() -> None:
     operation = read_operation({"op": "subscribe", "topic": "/a", "fragment_size": 256})
     assert operation == operations.Subscribe("/a", fragment_size=256)
