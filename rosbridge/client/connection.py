@@ -46,7 +46,7 @@ class ServerConnection(BridgeConnection):
         self.subscriptions = Subscriptions(self.send, self.calls.call)
         self.limits = limits
         """Bounds for messages that are decoded."""
-        self._protocol = Connection(limits, nan_as_null=False)
+        self._protocol = Connection(limits)
         self._compression = "none"
 
     def send(self, operation: Operation) -> None:
@@ -68,7 +68,7 @@ class ServerConnection(BridgeConnection):
 
     def _begin(self, subprotocol: Optional[str]) -> None:
         self._compression = "cbor" if subprotocol == CBOR_SUBPROTOCOL else "none"
-        self._protocol = Connection(self.limits, nan_as_null=False)
+        self._protocol = Connection(self.limits)
         self.subscriptions.send_all(self._compression)
 
     def _went_down(self) -> None:

@@ -97,14 +97,9 @@ def _check_nesting(value: Any, levels: int) -> None:
 def encode_json(value: object) -> str:
     """Returns compact JSON, with null for NaN and infinities, base64 for bytes; MessageError: JSON has no such type."""
     try:
-        return _STRICT_JSON.encode(value)
+        return _JSON.encode(value)
     except ValueError:
-        return _STRICT_JSON.encode(_without_infinities(value))
-
-
-def encode_json_with_nan(value: object) -> str:
-    """Like `encode_json`, but writes NaN and infinities as Python does; rosbridge servers read them."""
-    return _LOOSE_JSON.encode(value)
+        return _JSON.encode(_without_infinities(value))
 
 
 def encode_large_json(value: object) -> str:
@@ -112,7 +107,7 @@ def encode_large_json(value: object) -> str:
 
     Otherwise Python's encoder holds the interpreter lock until it has finished.
     """
-    return "".join(_STRICT_JSON.iterencode(_without_infinities(value)))
+    return "".join(_JSON.iterencode(_without_infinities(value)))
 
 
 def _base64(value: object) -> str:
@@ -121,8 +116,7 @@ def _base64(value: object) -> str:
     raise MessageError(f"{type(value).__name__} cannot be encoded as JSON")
 
 
-_STRICT_JSON = json.JSONEncoder(allow_nan=False, separators=(",", ":"), default=_base64)
-_LOOSE_JSON = json.JSONEncoder(allow_nan=True, separators=(",", ":"), default=_base64)
+_JSON = json.JSONEncoder(allow_nan=False, separators=(",", ":"), default=_base64)
 
 
 def _without_infinities(value: object) -> object:

@@ -12,7 +12,7 @@ import itertools
 from dataclasses import dataclass, field
 from typing import Any, Callable, Dict, Iterator, List, Mapping, Optional, Sequence
 
-from .codec import CBOR_PROBLEM, Wire, decode, encode_cbor, encode_json, encode_json_with_nan, encode_png
+from .codec import CBOR_PROBLEM, Wire, decode, encode_cbor, encode_json, encode_png
 from .limits import DEFAULT_LIMITS, Id, Limits, ProtocolError
 from .operations import Fragment, Operation, operation_fields, read_operation
 
@@ -27,16 +27,11 @@ _fragment_ids = itertools.count()
 class Connection:
     """The protocol state towards one peer."""
 
-    def __init__(self, limits: Limits = DEFAULT_LIMITS, *, nan_as_null: bool = True) -> None:
-        """Starts a connection.
-
-        With `nan_as_null`, NaN and infinities are written as null, which every JSON reader accepts; else as Python does
-        (`NaN`, `Infinity`): lossless, and accepted by rosbridge servers.
-        """
+    def __init__(self, limits: Limits = DEFAULT_LIMITS) -> None:
+        """Starts a connection."""
         self.limits = limits
         self.reassembly = Reassembly(limits)
         """The fragments of incomplete messages."""
-        self._encode: Callable[[object], str] = encode_json if nan_as_null else encode_json_with_nan
 
     def receive(self, data: Wire, now_s: float) -> Optional[Operation]:
         """Takes one message of the peer; returns its operation, or None after a fragment while others are missing.
@@ -65,7 +60,7 @@ class Connection:
 
         Raises MessageError if a value cannot be encoded.
         """
-        return encode_fields(operation_fields(operation), self._encode, compression, fragment_size)
+        return encode_fields(operation_fields(operation), encode_json, compression, fragment_size)
 
 
 def encode_fields(

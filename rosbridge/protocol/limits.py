@@ -60,10 +60,8 @@ class ProtocolError(MessageError):
     """A message that is not valid rosbridge or exceeds a limit. `str()` is one line."""
 
     def __init__(self, problem: str, op: str = "", id: Id = None) -> None:  # noqa: A002 - the protocol's word
-        """Stores the problem and the operation that caused it, if known."""
+        """Takes the problem, and the operation that caused it, if known, with its id."""
         super().__init__(f"{op}: {problem}" if op else problem)
-        self.problem = problem
-        self.op = op
         self.id = id
 
 

@@ -16,7 +16,7 @@ def test_a_message_in_the_smallest_fragments_is_within_the_limits_of_a_receiver(
 def test_the_text_names_operation_and_problem() -> None:
     error = ProtocolError("field topic is missing", "publish", "p1")
     assert isinstance(error, MessageError)
-    assert (str(error), error.problem, error.id) == ("publish: field topic is missing", "field topic is missing", "p1")
+    assert (str(error), error.id) == ("publish: field topic is missing", "p1")
 
 
 @pytest.mark.parametrize(
