@@ -18,7 +18,6 @@ class                     is a                what cannot be used, does not matc
 `RecordingError`          `ConfigError`       a recording that was named on the command line
 `UnusableFileError`       `ConfigError`       a history file: in use, of a newer version, or another file
 `ProtocolError`           `MessageError`      a message of a peer over a bridge
-`AuthenticationError`     `MessageError`      the first message of a rosbridge client
 `FloodError`              `MessageError`      the pings and empty messages of a rosbridge client
 `ApiError`                `MessageError`      a request to the page's API
 `UnusableStateError`      `MessageError`      a saved state

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import asyncio
 import concurrent.futures
+import contextlib
 import logging
 import ssl
 import time
@@ -32,7 +33,7 @@ from ..protocol import CBOR_SUBPROTOCOL, DEFAULT_LIMITS, SUBPROTOCOLS, Limits
 from .access import READ_ONLY, Access, Client, Credentials, TokenCheck, is_loopback, refusal_of
 from .connections import Connections, HttpConnection, connection_limit
 from .served_node import ServedNode
-from .session import AuthenticationError, ServerParts, Session
+from .session import ServerParts, Session
 
 _UNAUTHENTICATED_BYTES = 65_536
 """Largest message of a client that authenticates with the operation `auth`."""
@@ -248,18 +249,19 @@ class Server:
     ) -> bool:
         """Waits for the operation `auth`; closes the connection if it does not come or does not prove the token."""
         _connection(request).set_in_use(False)
-        try:
+        reason = "token required"
+        with contextlib.suppress(asyncio.TimeoutError):
             message = await incoming.next(self._limits.auth_timeout_s)
             if message.type not in _MESSAGES:
                 return False
-            if not self._tokens.is_proof(session.read_auth(message.data)):
-                raise AuthenticationError(self._tokens.refusal(request.remote or "", Credentials.WRONG)[0])
-        except (AuthenticationError, asyncio.TimeoutError) as error:
-            reason = str(error) or "token required"
-            self.log(f"refused a client at {request.remote}: {reason}")
-            await socket.close(code=WSCloseCode.POLICY_VIOLATION, message=reason.encode("ascii"))
-            return False
-        return True
+            auth = session.read_auth(message.data)
+            if auth is not None:
+                if self._tokens.is_proof(auth):
+                    return True
+                reason, _ = self._tokens.refusal(request.remote or "", Credentials.WRONG)
+        self.log(f"refused a client at {request.remote}: {reason}")
+        await socket.close(code=WSCloseCode.POLICY_VIOLATION, message=reason.encode("ascii"))
+        return False
 
     async def _end(self, session: Session) -> None:
         try:
@@ -287,10 +289,8 @@ class ServerThread:
         """Closes the port, then every connection. May be called twice."""
         if not self._thread.alive:
             return
-        try:
+        with contextlib.suppress(concurrent.futures.TimeoutError):  # the thread's end closes what is left
             self._thread.call(self.server.close(), _CLOSE_THREAD_S)
-        except concurrent.futures.TimeoutError:
-            pass  # the thread's end closes what is left
         self._thread.close()
 
     def _log_failure(self, loop: asyncio.AbstractEventLoop, context: Dict[str, Any]) -> None:

@@ -24,10 +24,6 @@ _LARGE_RECEIVED_BYTES = 10_000
 """Longer messages are decoded in a thread."""
 
 
-class AuthenticationError(MessageError):
-    """The first message of a client does not prove the token. `str()` is the reason for the client."""
-
-
 class ServerParts:
     """The parts of the server that sessions use."""
 
@@ -62,17 +58,15 @@ class Session:
         self._provided: Set[str] = set()
         self._calls: Set[asyncio.Task[None]] = set()
 
-    def read_auth(self, data: Wire) -> operations.Auth:
-        """Returns the first message of a client, which must be an `auth`; raises AuthenticationError if it is not."""
+    def read_auth(self, data: Wire) -> Optional[operations.Auth]:
+        """Returns the operation `auth` in the first message of a client; None if it is another message."""
         if not isinstance(data, str) or len(data) > self._limits.first_message_bytes:
-            raise AuthenticationError("token required")
+            return None
         try:
             operation = self._connection.receive(data, 0.0)
         except ProtocolError:
-            operation = None
-        if not isinstance(operation, operations.Auth):
-            raise AuthenticationError("token required")
-        return operation
+            return None
+        return operation if isinstance(operation, operations.Auth) else None
 
     async def receive(self, data: Wire) -> None:
         """Takes one message of the client. No message ends the session."""

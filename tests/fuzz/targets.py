@@ -40,7 +40,7 @@ from robot_health_monitor.rosbridge.protocol.definitions import parse, serialize
 from robot_health_monitor.rosbridge.protocol.operations import COMPRESSIONS
 from robot_health_monitor.rosbridge.server.access import Access, TokenCheck, is_loopback, matches
 from robot_health_monitor.rosbridge.server.server import Server
-from robot_health_monitor.rosbridge.server.session import AuthenticationError, Session
+from robot_health_monitor.rosbridge.server.session import Session
 from robot_health_monitor.runtime.bridge.address import host_and_port, shown_address
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -358,8 +358,7 @@ class Sessions(Target):
 
     async def _talk(self, data: List[Wire]) -> None:
         session = Session(self._server._parts, _Transport(), cbor=size_of(data) % 2 == 0)
-        with contextlib.suppress(AuthenticationError):
-            session.read_auth(data[0])
+        session.read_auth(data[0])
         for wire in data:
             await session.receive(wire)
         for call in tuple(session._calls):
