@@ -12,7 +12,7 @@ from typing import Any, Callable, Dict, List, Mapping, Sequence, Tuple
 
 from ...core.config.parameters import flatten
 from ...core.messages.definitions import Definitions, Field
-from ...core.port.middleware import NodeInfo
+from ...core.port.middleware import Graph, NodeInfo
 from ...core.values.errors import ServiceError
 from ...core.values.names import canonical_type
 from ..protocol.definitions import parse, service_definition
@@ -36,9 +36,9 @@ def _topics(topics: Mapping[str, str]) -> Values:
     return {"topics": list(topics), "types": list(topics.values())}
 
 
-def _nodes_with(node: ServedNode, kind: str, name: str) -> List[str]:
+def _nodes_with(graph: Graph, kind: str, name: str) -> List[str]:
     """Returns the nodes of which `kind`, a field of NodeInfo, contains a topic or service."""
-    return [each for each, info in node.graph().nodes.items() if name in getattr(info, kind)]
+    return [node for node, info in graph.nodes.items() if name in getattr(info, kind)]
 
 
 def _node_details(node: ServedNode, name: str) -> Values:
@@ -66,31 +66,32 @@ def _get_param(node: ServedNode, name: str, default: str) -> Values:
     return {"value": json.dumps(values[name]) if name in values else default or '""'}
 
 
-_SERVICES: Mapping[str, Tuple[Sequence[str], Callable[..., Values]]] = {
-    "topics": ((), lambda node: _topics(node.graph().topics)),
-    "topics_for_type": (("type",), lambda node, kind: {"topics": _having(node.graph().topics, kind)}),
-    "topic_type": (("topic",), lambda node, topic: {"type": node.graph().topics.get(topic, "")}),
-    "topics_and_raw_types": ((), _topics_and_raw_types),
-    "services": ((), lambda node: {"services": list(node.graph().services)}),
-    "service_type": (("service",), lambda node, service: {"type": node.graph().services.get(service, "")}),
-    "services_for_type": (("type",), lambda node, kind: {"services": _having(node.graph().services, kind)}),
-    "service_node": (("service",), lambda node, name: {"node": "".join(_nodes_with(node, "services", name)[:1])}),
-    "service_providers": (("service",), lambda node, name: {"providers": _nodes_with(node, "services", name)}),
-    "service_host": (("service",), lambda node, name: {"host": "localhost" if name in node.graph().services else ""}),
-    "nodes": ((), lambda node: {"nodes": list(node.graph().nodes)}),
-    "node_details": (("node",), _node_details),
-    "publishers": (("topic",), lambda node, topic: {"publishers": _nodes_with(node, "publishes", topic)}),
-    "subscribers": (("topic",), lambda node, topic: {"subscribers": _nodes_with(node, "subscribes", topic)}),
-    "action_servers": ((), lambda node: {"action_servers": []}),
-    "message_details": (("type",), lambda node, name: _typedefs(parse(name, node.definition(name)))),
-    "service_request_details": (("type",), lambda node, name: _typedefs(service_definition(name, False))),
-    "service_response_details": (("type",), lambda node, name: _typedefs(service_definition(name, True))),
-    "get_time": ((), _get_time),
-    "get_param_names": ((), lambda node: {"names": list(_parameters(node))}),
-    "get_param": (("name", "default_value"), _get_param),
-    "has_param": (("name",), lambda node, name: {"exists": name in _parameters(node)}),
+_SERVICES: Mapping[str, Tuple[str, str, Callable[..., Any]]] = {
+    "topics": ("", "", lambda node: _topics(node.graph().topics)),
+    "topics_for_type": ("type", "topics", lambda graph, kind: _having(graph.topics, kind)),
+    "topic_type": ("topic", "type", lambda graph, topic: graph.topics.get(topic, "")),
+    "topics_and_raw_types": ("", "", _topics_and_raw_types),
+    "services": ("", "services", lambda graph: list(graph.services)),
+    "service_type": ("service", "type", lambda graph, service: graph.services.get(service, "")),
+    "services_for_type": ("type", "services", lambda graph, kind: _having(graph.services, kind)),
+    "service_node": ("service", "node", lambda graph, name: "".join(_nodes_with(graph, "services", name)[:1])),
+    "service_providers": ("service", "providers", lambda graph, name: _nodes_with(graph, "services", name)),
+    "service_host": ("service", "host", lambda graph, name: "localhost" if name in graph.services else ""),
+    "nodes": ("", "nodes", lambda graph: list(graph.nodes)),
+    "node_details": ("node", "", _node_details),
+    "publishers": ("topic", "publishers", lambda graph, topic: _nodes_with(graph, "publishes", topic)),
+    "subscribers": ("topic", "subscribers", lambda graph, topic: _nodes_with(graph, "subscribes", topic)),
+    "action_servers": ("", "action_servers", lambda graph: []),
+    "message_details": ("type", "", lambda node, name: _typedefs(parse(name, node.definition(name)))),
+    "service_request_details": ("type", "", lambda node, name: _typedefs(service_definition(name, False))),
+    "service_response_details": ("type", "", lambda node, name: _typedefs(service_definition(name, True))),
+    "get_time": ("", "", _get_time),
+    "get_param_names": ("", "", lambda node: {"names": list(_parameters(node))}),
+    "get_param": ("name default_value", "", _get_param),
+    "has_param": ("name", "", lambda node, name: {"exists": name in _parameters(node)}),
 }
-"""The fields of each service's request, all of them strings, and its function."""
+"""Of each service: the fields of its request, all of them strings; and the field of its response that a function
+returns of the graph, or none, if the function returns the response of the node."""
 
 SERVICES: Mapping[str, str] = {PREFIX + name: f"rosapi/{name.title().replace('_', '')}" for name in _SERVICES}
 """Type per service."""
@@ -103,8 +104,9 @@ def answer(node: ServedNode, service: str, args: object) -> Values:
     """
     if service not in SERVICES:
         raise ServiceError(f"no service {service}")
-    names, function = _SERVICES[service[len(PREFIX) :]]
-    return function(node, *_texts(args, names))
+    fields, field, function = _SERVICES[service[len(PREFIX) :]]
+    texts = _texts(args, fields.split())
+    return {field: function(node.graph(), *texts)} if field else function(node, *texts)  # type: ignore[no-any-return]
 
 
 def _texts(args: object, names: Sequence[str]) -> List[str]:
