@@ -78,9 +78,7 @@ class OwnState:
 class Samples(NamedTuple):
     """Samples of one robot's signals."""
 
-    full: bool  # True: all samples of the windows. False: those since the time that was asked for
-    signals: Mapping[str, Sequence[Tuple[float, float]]]  # time in s since 1970 and value
-    window_s: Mapping[str, float]  # length of each window
+    event: Json  # as the event `samples` of `/api/events`
     last_s: Mapping[str, float]  # time of the newest sample, on the monitor's clock; -inf: there is none
     now_s: float  # when they were read, on the same clock
     offset_s: float  # wall time minus the monitor's clock
@@ -142,13 +140,20 @@ class RobotReader:
             since_s: Mapping[str, float] = {} if before is None or full else before.last_s
             configs = monitor.configs()
             found = {name: monitor.shown_samples(name, MOST_SAMPLES, since_s.get(name, -math.inf)) for name in configs}
-            signals = {name: [(t + self._offset_s, value) for t, value in new] for name, new in found.items()}
-            window_s = {name: config.window_s for name, config in configs.items()}
+            event = {
+                "robot": self.robot,
+                "full": full,
+                "signals": {name: self._shown(new) for name, new in found.items() if new or full},
+                "window_s": {name: config.window_s for name, config in configs.items()},
+            }
             last_s = {name: new[-1][0] if new else since_s.get(name, -math.inf) for name, new in found.items()}
-            return Samples(full, signals, window_s, last_s, now_s, self._offset_s)
+            return Samples(event, last_s, now_s, self._offset_s)
 
         with self._lock:
             return self.alert_system.read(read)
+
+    def _shown(self, samples: Sequence[Tuple[float, float]]) -> List[List[float]]:
+        return [[round(t + self._offset_s, 3), value] for t, value in samples]
 
     def _follow_clock(self, now_s: float) -> None:
         wall_s = self._wall_time_s()
@@ -198,7 +203,7 @@ class RobotReader:
             "since": self._since[name][1],
             "silenced": self.alert_system.silence_of(name),
             "bounds": plot_bounds(config),
-            "window": [[round(t + self._offset_s, 3), value] for t, value in samples],
+            "window": self._shown(samples),
             "text": wording.shown_text(judgement),
             "outlook": wording.outlook(judgement),
             "statistic": config.statistic,

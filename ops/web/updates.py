@@ -183,7 +183,7 @@ class Updates:
                     samples = None
                 if samples is not None:
                     self._samples.setdefault(robot, samples)
-                    page.send(self._samples_event(robot, samples))
+                    page.send(_event("samples", json_bytes(samples.event)))
 
     def _make_room(self) -> None:
         """Disconnects pages for a new one. One that is not read, or kept by a browser for going back, looks open."""
@@ -235,7 +235,7 @@ class Updates:
             self._state, self._encoded_state = after, None
             self._samples = {robot: new for robot, new in samples.items() if new is not None}
             event = self._state_event() if changed is None else _event("change", json_bytes(changed))
-            sampled = {robot: self._samples_event(robot, new) for robot, new in self._samples.items()}
+            sampled = {robot: _event("samples", json_bytes(new.event)) for robot, new in self._samples.items()}
             for page in self.pages:
                 page.send(event + b"".join(sampled.get(robot, b"") for robot in page.robots))
 
@@ -244,15 +244,6 @@ class Updates:
             assert self._state is not None
             self._encoded_state = _event("state", *self._state.parts())
         return self._encoded_state
-
-    def _samples_event(self, robot: str, samples: Samples) -> bytes:
-        signals = {
-            name: [[round(t, 3), value] for t, value in new]
-            for name, new in samples.signals.items()
-            if new or samples.full
-        }
-        data = {"robot": robot, "full": samples.full, "signals": signals, "window_s": samples.window_s}
-        return _event("samples", json_bytes(data))
 
 
 def _event(kind: str, *data: bytes) -> bytes:

@@ -63,13 +63,13 @@ def test_page_and_metrics_show_elements_as_they_come_and_go() -> None:
     # A page that is open gets the whole state when signals come or go.
     before, after = (State({}, {"atlas": RobotState.of(each)}) for each in (empty, state))
     assert changes(before, after) is None
-    assert list(reader.samples().signals) == ["drivers", "drivers[lidar]", f"drivers[{ODD}]"]
+    assert list(reader.samples().event["signals"]) == ["drivers", "drivers[lidar]", f"drivers[{ODD}]"]
     assert series(metrics, robots)["robot_health_level"] == ["drivers", "drivers[lidar]", f"drivers[{ODD}]"]
     for second in range(101, 130):
         robots.at(float(second))
         report(robots, lidar=0)
     assert list(reader.state(window=True)["signals"]) == ["drivers", "drivers[lidar]"]
-    assert list(reader.samples().signals) == ["drivers", "drivers[lidar]"]
+    assert list(reader.samples().event["signals"]) == ["drivers", "drivers[lidar]"]
     assert series(metrics, robots)["robot_health_transitions_total"] == ["drivers"] * 4 + ["drivers[lidar]"] * 4
 
 

@@ -121,12 +121,12 @@ def test_elements_have_samples_and_those_that_ended_their_unit_and_bounds() -> N
     robots = Robots(signals={"cells": cells})
     state = reader(robots)
     robots.observe(Elements([("0", 3.9), ("7", 3.1)]), "cells")
-    assert [value for _, value in state.samples().signals["cells[7]"]] == [3.1]
+    assert [value for _, value in state.samples().event["signals"]["cells[7]"]] == [3.1]
     assert set(state.state(window=False)["signals"]) == {"cells", "cells[0]", "cells[7]"}
     for second in range(1, 8):
         robots.at(100.0 + second)
         robots.observe(Elements([("0", 3.9)]), "cells")
-    assert set(state.samples().signals) == {"cells", "cells[0]"}
+    assert set(state.samples().event["signals"]) == {"cells", "cells[0]"}
     bounds = [{"level": "WARN", "side": "below", "value": 3.2, "clears": 3.2}]
     assert plot_of(robots.all[0], "cells[7]") == {"unit": "V", "bounds": bounds, "forecast_s": None}
     assert plot_of(robots.all[0], "others[7]") == NO_PLOT
@@ -154,14 +154,14 @@ def test_samples_are_bounded_and_then_only_new_ones_follow() -> None:
         robots.at(100.0 + number / 100.0)
         robots.observe(50.0 + number % 7)
     all_samples = state.samples()
-    assert all_samples.full
-    assert len(all_samples.signals["battery_level"]) <= MOST_SAMPLES
+    assert all_samples.event["full"]
+    assert len(all_samples.event["signals"]["battery_level"]) <= MOST_SAMPLES
     robots.at(105.0)
     robots.observe(42.0)
     new = state.samples(all_samples)
-    assert not new.full
-    assert new.signals["battery_level"] == [(robots.wall_s(), 42.0)]
-    assert state.samples(new).signals["battery_level"] == []
+    assert not new.event["full"]
+    assert new.event["signals"] == {"battery_level": [[robots.wall_s(), 42.0]]}
+    assert state.samples(new).event["signals"] == {}
 
 
 def test_a_wall_clock_that_is_set_moves_all_samples() -> None:
@@ -171,8 +171,8 @@ def test_a_wall_clock_that_is_set_moves_all_samples() -> None:
     before = state.samples()
     robots.wall_offset_s += 3600.0
     after = state.samples(before)
-    assert after.full
-    assert after.signals["battery_level"] == [(robots.wall_s(), 50.0)]
+    assert after.event["full"]
+    assert after.event["signals"] == {"battery_level": [[robots.wall_s(), 50.0]]}
 
 
 def test_the_plot_of_arrivals_is_in_the_unit_of_their_statistic() -> None:
