@@ -29,6 +29,7 @@ from aiohttp import web
 from benchmarks.processes import peer, requests
 from benchmarks.table import Row, in_turn, median_ratio
 from robot_health_monitor.core.port.local import LocalBus
+from robot_health_monitor.rosbridge.protocol import DEFAULT_LIMITS
 from robot_health_monitor.rosbridge.server import Server
 
 SLICE_S = 2.0
@@ -91,7 +92,8 @@ async def _server() -> None:
     bus = LocalBus()
     robot = bus.node("robot")
     robot.advertise("/battery_level", "std_msgs/Float32")
-    served = Server(bus.node("rosbridge"), port=0, threads=False, heartbeat_s=3600.0, slow_client_timeout_s=3600.0)
+    limits = DEFAULT_LIMITS._replace(heartbeat_s=3600.0, slow_client_timeout_s=3600.0)
+    served = Server(bus.node("rosbridge"), port=0, threads=False, limits=limits)
     await served.start()
 
     async def send(number: int) -> None:

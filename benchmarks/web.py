@@ -27,6 +27,8 @@ from benchmarks.processes import Process, peer
 from benchmarks.table import Row, in_turn, median_ratio, within
 from robot_health_monitor.core.nodes import AlertSystem
 from robot_health_monitor.core.port.local import LocalBus
+from robot_health_monitor.ops.store.active_silences import Silences
+from robot_health_monitor.ops.store.history import History
 from robot_health_monitor.ops.web import WebInterface
 from robot_health_monitor.rosbridge.server import Server
 
@@ -112,7 +114,8 @@ async def _monitor(count: str, signals: str, rate_hz: str, kind: str = "") -> No
     topics = [f"/robot{robot}/{signal}" for robot in range(len(robots)) for signal in settings]
     for topic in topics:
         outside.advertise(topic, "std_msgs/Float32")
-    web = WebInterface(lambda: robots)
+    history = History(None)
+    web = WebInterface(lambda: robots, history, Silences(history))
     for robot in robots:
         web.watch(robot)
     routes = (lambda client_of: ()) if kind == "bare" else web.routes

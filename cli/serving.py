@@ -118,7 +118,7 @@ def _make_server(
         access=Access(settings.allow_publish, services, settings.allow_offer, settings.origins, settings.token),
         threads=threads,
         parameters=parameters,
-        routes=web.routes(),
+        routes=web.routes,
         on_close=(web.close,),
         ssl_context=_tls_context(settings),
     )

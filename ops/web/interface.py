@@ -52,7 +52,7 @@ from .history_requests import (  # fmt: skip
     past_samples,
 )
 from .metrics import CONTENT_TYPE, PROFILES, Metrics
-from .requests import WITH_TOKEN, WITHOUT_TOKEN, check_same_origin, client_of, read_object, serve_page_file
+from .requests import WITH_TOKEN, WITHOUT_TOKEN, Client, check_same_origin, read_object, serve_page_file
 from .state import NO_PLOT, OwnState, RobotReader, Samples, plot_of
 from .updates import RobotState, State, Updates
 
@@ -130,11 +130,12 @@ class WebInterface:
 
         alert_system.outlets.add("web", note)
 
-    def routes(self) -> List[web.RouteDef]:
-        """Returns the routes, whose requests have the `Client` that sends them under the key `client`.
+    def routes(self, client_of: Callable[[web.Request], Client]) -> List[web.RouteDef]:
+        """Returns the routes; `client_of` returns who sends a request.
 
         What a handler raises is answered by the server: ConfigError, MessageError and ServiceError.
         """
+        self._client_of = client_of
         get, post, history = web.get, web.post, self._history
         return [
             get("/api/state", self._reading_route(self._get_state)),
@@ -167,7 +168,7 @@ class WebInterface:
 
     def _reading_route(self, handler: Handler) -> Handler:
         async def handle(request: web.Request) -> web.StreamResponse:
-            client = client_of(request)
+            client = self._client_of(request)
             return await handler(request) if client.admitted else client.refusal()
 
         return handle
@@ -200,13 +201,13 @@ class WebInterface:
 
     async def _login(self, request: web.Request) -> web.StreamResponse:
         check_same_origin(request)
-        client = client_of(request)
+        client = self._client_of(request)
         body = await read_object(request, WITH_TOKEN if client.admitted else WITHOUT_TOKEN)
         return client.login(body.get("token"))
 
     async def _logout(self, request: web.Request) -> web.StreamResponse:
         check_same_origin(request)
-        return client_of(request).logout()
+        return self._client_of(request).logout()
 
     # State
 
@@ -342,7 +343,7 @@ class WebInterface:
     async def _get_health(self, request: web.Request) -> web.StreamResponse:
         late = [robot for robot in self._robots() if robot.tick_age_s > LATEST_TICK_S]
         if not late:
-            admitted = client_of(request).admitted
+            admitted = self._client_of(request).admitted
             return json_response({"ok": True, "faults": self._own_state.texts()} if admitted else {"ok": True})
         oldest_s = max(robot.tick_age_s for robot in late)
         return json_response({"ok": False, "error": f"no tick for {oldest_s:.0f} s"}, 503)

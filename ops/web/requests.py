@@ -54,12 +54,6 @@ class Client(Protocol):
         """Returns the answer that ends a login."""
 
 
-def client_of(request: web.Request) -> Client:
-    """Returns who sends a request."""
-    client: Client = request["client"]
-    return client
-
-
 def check_same_origin(request: web.Request) -> None:
     """Raises ApiError if a browser sends a request for another page than the server's own.
 

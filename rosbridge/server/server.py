@@ -61,7 +61,7 @@ class Server:
         threads: bool = True,
         ssl_context: Optional[ssl.SSLContext] = None,
         parameters: Optional[Callable[[], Mapping[str, Mapping[str, Any]]]] = None,
-        routes: Sequence[web.RouteDef] = (),
+        routes: Callable[[Callable[[web.Request], Client]], Sequence[web.RouteDef]] = lambda client_of: (),
         on_close: Sequence[Callable[[], None]] = (),
     ) -> None:
         """Prepares a server; `start` opens the port.
@@ -75,8 +75,8 @@ class Server:
             threads: whether the middleware calls back from its own threads (ROS); False: it runs in the server's loop.
             ssl_context: serve TLS (`wss://`) with it.
             parameters: returns the parameters that clients may read, per node; None for those of `middleware`.
-            routes: HTTP routes. Host, origin and a wrong token are checked here; `request["client"]` says for a
-                handler that needs a token whether it was presented.
+            routes: returns HTTP routes. Host, origin and a wrong token are checked here; a handler that needs a token
+                gets the `Client` of the request from the function that is passed.
             on_close: called in the loop before connections are closed, to end the long answers of `routes`.
 
         Raises:
@@ -115,7 +115,7 @@ class Server:
         timeout_s = self._limits.auth_timeout_s + 1.0  # later than `_authenticate`, which sends the client the reason
         self._connections = Connections(most, timeout_s, self.log, loop.call_later, self._ssl_context)
         application = web.Application(middlewares=[self._check])
-        application.add_routes(self._routes)
+        application.add_routes(self._routes(self._tokens.client))
         runner = web.AppRunner(application, handle_signals=False)
         await runner.setup()
         try:
@@ -192,7 +192,7 @@ class Server:
         if refusal:
             self.log(f"refused a client at {request.remote}: {refusal}")
             return json_error(403, refusal)
-        client = request["client"] = self._tokens.client(request)
+        client = self._tokens.client(request)
         if client.token is Credentials.WRONG:
             self.log(f"refused a client at {request.remote}: wrong token")
             return client.refusal()

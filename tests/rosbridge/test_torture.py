@@ -10,7 +10,7 @@ import socket as sockets
 import ssl
 import threading
 import weakref
-from typing import Any, AsyncIterator, Dict, List, Optional
+from typing import Any, AsyncIterator, Callable, Dict, List, Optional
 
 import aiohttp
 import pytest
@@ -18,7 +18,7 @@ from aiohttp import web
 from harness.rosbridge_peer import Peer, Robot, with_robot
 
 from robot_health_monitor.rosbridge.protocol.limits import Limits
-from robot_health_monitor.rosbridge.server.access import Access
+from robot_health_monitor.rosbridge.server.access import Access, Client
 
 
 @contextlib.asynccontextmanager
@@ -386,17 +386,15 @@ HALF_HEAD = b"GET / HTTP/1.1\r\nHost: loc"
 HALF_HELLO = b"\x16\x03\x01\x02\x00\x01"
 
 
-async def login(request: web.Request) -> web.Response:
-    await request.read()
-    answer: web.Response = request["client"].login("")
-    return answer
+def with_login(client_of: Callable[[web.Request], Client]) -> List[web.RouteDef]:
+    async def login(request: web.Request) -> web.Response:
+        await request.read()
+        return client_of(request).login("")
 
+    async def state(request: web.Request) -> web.Response:
+        return web.Response(status=200 if client_of(request).admitted else 401)
 
-async def state(request: web.Request) -> web.Response:
-    return web.Response(status=200 if request["client"].admitted else 401)
-
-
-LOGIN = [web.post("/login", login), web.get("/state", state)]
+    return [web.post("/login", login), web.get("/state", state)]
 
 
 @pytest.mark.parametrize("tls", [False, True])
@@ -412,7 +410,7 @@ def test_clients_without_the_token_never_keep_out_those_with_it(tls: bool) -> No
         trust = ssl.create_default_context()
         authority.configure_trust(trust)
 
-    @with_robot(Access(token="s3cret"), clients=40, auth_timeout_s=60.0, routes=LOGIN, **options)
+    @with_robot(Access(token="s3cret"), clients=40, auth_timeout_s=60.0, routes=with_login, **options)
     async def scenario(robot: Robot) -> None:
         begun = 0
 

@@ -166,7 +166,7 @@ async def answer(robot: Robot, sent: bytes) -> Tuple[int, object]:
 
 
 @needs_trustme
-@with_robot(ssl_context=TLS, routes=[web.post("/size", size)])
+@with_robot(ssl_context=TLS, routes=lambda client_of: [web.post("/size", size)])
 async def test_tls_serves_requests_and_websockets(robot: Robot) -> None:
     url = robot.url.replace("http:", "https:")
     async with aiohttp.ClientSession() as session:
@@ -220,7 +220,7 @@ async def test_an_address_or_a_header_that_is_too_long_is_refused_in_json(robot:
             assert await answer(robot, sent % (b"x" * length)) == (400, {"error": "address or header too long"})
 
 
-@with_robot(routes=[web.get("/broken", broken)])
+@with_robot(routes=lambda client_of: [web.get("/broken", broken)])
 async def test_a_request_that_is_malformed_or_fails_is_answered_in_json(robot: Robot) -> None:
     """Each is one line of the log, without what the client sent and without a traceback."""
     assert await answer(robot, b"nonsense\r\n\r\n") == (400, {"error": "malformed request"})
@@ -231,7 +231,7 @@ async def test_a_request_that_is_malformed_or_fails_is_answered_in_json(robot: R
     assert failed == "refused a request of 127.0.0.1: internal error (RuntimeError)"
 
 
-@with_robot(routes=[web.get("/known", size)])
+@with_robot(routes=lambda client_of: [web.get("/known", size)])
 async def test_paths_and_methods_that_do_not_exist_are_refused_in_json(robot: Robot) -> None:
     async with aiohttp.ClientSession() as session:
         for method, path, status, problem, allow in (

@@ -321,7 +321,7 @@ class TestAskingWhatThereIs:
 
 class TestFurtherRoutes:
     @staticmethod
-    @with_robot(routes=[web.get("/healthz", healthz), web.post("/silences", healthz)])
+    @with_robot(routes=lambda client_of: [web.get("/healthz", healthz), web.post("/silences", healthz)])
     async def test_are_served_on_the_same_port_with_the_same_checks(robot: Robot) -> None:
         async with aiohttp.ClientSession() as session:
             async with session.get(robot.url + "healthz") as response:
@@ -336,7 +336,7 @@ class TestFurtherRoutes:
             await peer.settle()
 
     @staticmethod
-    @with_robot(routes=[web.get("/broken", broken)])
+    @with_robot(routes=lambda client_of: [web.get("/broken", broken)])
     async def test_a_handler_that_fails_is_one_line_in_the_log(robot: Robot) -> None:
         async with aiohttp.ClientSession() as session, session.get(robot.url + "broken") as response:
             assert response.status == 500
