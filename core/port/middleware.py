@@ -142,7 +142,10 @@ class Middleware(Protocol):
         """
 
     def publish(self, topic: str, message: Message) -> None:
-        """Publishes; missing fields keep their defaults. MessageError: `topic` is not advertised, or a wrong type."""
+        """Publishes a message, whose missing fields keep their defaults; None in a float field is NaN.
+
+        Raises MessageError if `topic` is not advertised, or the message does not match its type.
+        """
 
     def has_listeners(self, topic: str) -> bool:
         """Returns whether an advertised topic has subscribers; True where this is unknown. Raises as `publish`."""

@@ -268,7 +268,7 @@ def topic_of_message(data: Wire) -> Optional[str]:
     try:
         if isinstance(head, str):
             found = _JSON_HEAD.match(head)
-            return json.loads(found[1]) if found else None  # type: ignore[no-any-return]
+            return json.loads(found[1]) if found else None
         decoder = _CborDecoder(head, DEFAULT_LIMITS)
         decoder.argument(_MAP)
         *start, topic = [decoder.key() for _ in range(4)]

@@ -60,7 +60,7 @@ def _serialized(known: Definitions, kind: str, value: Any) -> bytes:
     if kind in known:
         return b"".join(_serialized_field(known, field, value[field.name]) for field in known[kind].fields)
     if kind == "string":
-        data = value.encode("utf-8")
+        data: bytes = value.encode("utf-8")
         return struct.pack("<I", len(data)) + data
     if kind in ("time", "duration"):
         return struct.pack("<II" if kind == "time" else "<ii", value["secs"], value["nsecs"])

@@ -106,7 +106,7 @@ def answer(node: ServedNode, service: str, args: object) -> Values:
         raise ServiceError(f"no service {service}")
     fields, field, function = _SERVICES[service[len(PREFIX) :]]
     texts = _texts(args, fields.split())
-    return {field: function(node.graph(), *texts)} if field else function(node, *texts)  # type: ignore[no-any-return]
+    return {field: function(node.graph(), *texts)} if field else function(node, *texts)
 
 
 def _texts(args: object, names: Sequence[str]) -> List[str]:

@@ -26,7 +26,7 @@ async def test_nothing_is_published_or_offered_on_the_robot(robot: Robot) -> Non
     await robot.until(lambda: watched.ups == [True])
     await watched.settle()
     assert "/alerts" not in robot.bus.graph().topics
-    assert robot.server.services.types == {}
+    assert "/watcher/reset" not in robot.server._node.added_services
     robot.publish(1.0)
     await robot.until(lambda: watched.heard == [1.0])
     await watched.close()
