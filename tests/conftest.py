@@ -14,6 +14,7 @@ import pytest
 sys.path.append(str(Path(__file__).parent))  # pytest before 7 does not read `pythonpath`
 
 from harness.requirements import test_requirements
+from harness.seeds import examples
 
 
 def pytest_configure() -> None:
@@ -26,7 +27,9 @@ def pytest_configure() -> None:
     # Neither a busy machine nor chance fails a test: the same examples in every run, however long they take.
     # New input at random is for `make fuzz`.
     every_check = list(HealthCheck)
-    settings.register_profile("tests", derandomize=True, deadline=None, suppress_health_check=every_check)
+    settings.register_profile(
+        "tests", max_examples=examples(100), derandomize=True, deadline=None, suppress_health_check=every_check
+    )
     settings.load_profile("tests")
 
 

@@ -7,14 +7,14 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 from typing import Any, Callable, Dict, Iterator, List
 
 import pytest
-from harness.chaos import DEADLINE_S, SIGNALS, Robot, check_stderr, cut_network, end, kill_and_stop, trial_of
+from harness.chaos import SIGNALS, Robot, check_stderr, cut_network, end, kill_and_stop, trial_of
 from harness.line_process import LineProcess
 from harness.separate_network import SeparateNetwork
+from harness.waiting import wait_for
 
 rospy = pytest.importorskip("rospy", reason="no ROS 1")
 if not shutil.which("roscore"):
@@ -44,14 +44,14 @@ class Roscore:
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
         )
-        give_up_s = time.monotonic() + DEADLINE_S
-        while True:
-            try:
-                rosgraph.Master("/tests", self.uri).setParam("/alert_system/ros__parameters", {"signals": SIGNALS})
-                return
-            except OSError:
-                assert time.monotonic() < give_up_s, "the ROS master does not start"
-                time.sleep(0.05)
+        wait_for(self._set_parameters)
+
+    def _set_parameters(self) -> bool:
+        try:
+            rosgraph.Master("/tests", self.uri).setParam("/alert_system/ros__parameters", {"signals": SIGNALS})
+        except OSError:
+            return False  # it is starting
+        return True
 
     def signal(self, number: int) -> None:
         self._process.send_signal(number)

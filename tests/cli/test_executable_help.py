@@ -12,12 +12,15 @@ from robot_health_monitor.cli.executable_help import help_text
 from robot_health_monitor.cli.executables import EXECUTABLES
 
 ROOT = Path(__file__).resolve().parents[2]
+OPTIONS = {"1": ("--help", "-h") * 2, "2": ("-h", "--help") * 2}
+"""What each of the four executables is given."""
 BLOCKED = "import sys; sys.modules.update(rospy=None, rclpy=None, rosgraph=None); "
 
 
-@pytest.mark.parametrize("option", ["--help", "-h"])
-@pytest.mark.parametrize("ros", ["1", "2"])
-@pytest.mark.parametrize("executable", list(EXECUTABLES))
+@pytest.mark.parametrize(
+    ("ros", "executable", "option"),
+    [(ros, name, option) for ros, options in OPTIONS.items() for name, option in zip(EXECUTABLES, options)],
+)
 def test_it_prints_and_ends_without_importing_ros(executable: str, ros: str, option: str) -> None:
     code = f"{BLOCKED}from robot_health_monitor.cli.ros{ros}_executables import {executable}; sys.exit({executable}())"
     arguments = ["--ros-args", "-p", "publish_rate:=fast", option]

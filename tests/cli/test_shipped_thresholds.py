@@ -24,8 +24,8 @@ def test_each_configuration_has_tests() -> None:
 
 @pytest.mark.newest_python
 @pytest.mark.parametrize("file", TESTS, ids=lambda file: file.name)
-def test_its_tests_pass(robot_health: Callable[..., LineProcess], file: Path) -> None:
-    process = robot_health("test", file)
+def test_its_tests_pass(robot_health_here: Callable[..., LineProcess], file: Path) -> None:
+    process = robot_health_here("test", file)
     assert process.wait() == 0, process.text
 
 

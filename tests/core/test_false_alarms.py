@@ -14,7 +14,7 @@ pytestmark = pytest.mark.newest_python
 
 @pytest.mark.parametrize("noise", NOISES, ids=lambda noise: "{:g} % over {:g} s".format(*noise))
 def test_noise_is_no_trend(noise: Tuple[float, float]) -> None:
-    assert forecast_scenes.false_alarms(forecast_scenes.flat(*noise), 5 * 3600, warn_below=40.0) == 0
+    assert forecast_scenes.false_alarms(forecast_scenes.flat(*noise), 2 * 3600, warn_below=40.0) == 0
 
 
 @pytest.mark.parametrize("what", SCENES)

@@ -6,6 +6,7 @@ import random
 from typing import Any, Callable, Dict, List, Mapping, Sequence, Tuple
 
 import pytest
+from harness.seeds import examples
 
 from robot_health_monitor.core import Level, Monitor, Sample, load_config
 from robot_health_monitor.core.values.elements import DriverStatus, Elements
@@ -86,7 +87,7 @@ def replay(signal: Dict[str, Any], calls: List[Tuple[str, float]], number: type)
 @pytest.mark.parametrize("seed", range(20))
 def test_the_fast_path_gives_what_the_full_path_gives(seed: int) -> None:
     dice = random.Random(seed)
-    for _ in range(25):
+    for _ in range(examples(10)):
         signal = {name: dice.choice(values) for name, values in SETTINGS.items() if dice.random() < 0.6}
         calls = [(what, dice.choice(arguments)) for what, arguments in dice.choices(CALLS, k=30)]
         assert repr(replay(signal, calls, float)) == repr(replay(signal, calls, Slow)), (signal, calls)
@@ -156,7 +157,7 @@ def replay_statuses(signal: Dict[str, Any], calls: List[Tuple[str, int]], level:
 
 
 @pytest.mark.newest_python
-@pytest.mark.parametrize("seed", range(100))
+@pytest.mark.parametrize("seed", range(examples(40)))
 def test_statuses_of_drivers_give_the_same_on_both_paths(seed: int) -> None:
     random_ = random.Random(seed)
     signal = {name: random_.choice(values) for name, values in STATUS_SETTINGS.items() if random_.random() < 0.4}

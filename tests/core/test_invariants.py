@@ -11,7 +11,7 @@ from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 
 import numpy
 import pytest
-from harness.seeds import fixed_seed
+from harness.seeds import examples, fixed_seed
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -283,13 +283,13 @@ def whole_text(transitions: Sequence[Transition]) -> str:
 
 
 @pytest.mark.newest_python
-@settings(max_examples=200)
+@settings(max_examples=examples(100))
 @given(configs, st.lists(calls, max_size=40))
 def test_no_call_raises_and_transitions_chain_up_to_the_report(config: MonitorConfig, sequence: List[Call]) -> None:
     played(config, sequence)
 
 
-@settings(max_examples=100)
+@settings(max_examples=examples(100))
 @given(configs, st.lists(calls, max_size=40))
 def test_two_monitors_fed_the_same_calls_give_equal_transitions(config: MonitorConfig, sequence: List[Call]) -> None:
     assert comparable(played(config, sequence)) == comparable(played(config, sequence))
@@ -317,7 +317,7 @@ FEATURES: Sequence[Mapping[str, Any]] = (
 
 
 @pytest.mark.newest_python
-@settings(max_examples=100)
+@settings(max_examples=examples(100))
 @given(configs, st.lists(calls, max_size=40))
 def test_reports_between_the_calls_change_nothing(config: MonitorConfig, sequence: List[Call]) -> None:
     unread = Monitor(config)
@@ -403,7 +403,7 @@ plain_trees = st.fixed_dictionaries(
 
 
 @pytest.mark.newest_python
-@settings(max_examples=200)
+@settings(max_examples=examples(100))
 @given(st.lists(plain_trees, min_size=2, max_size=2), st.lists(plain_calls, max_size=60))
 def test_a_whole_number_is_judged_alike_as_int_and_as_float(
     trees: List[Mapping[str, Any]], sequence: List[Call]

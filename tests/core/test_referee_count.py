@@ -7,6 +7,7 @@ import random
 from typing import Any, Dict, List, Optional, Tuple
 
 import pytest
+from harness.seeds import examples
 
 from robot_health_monitor.core import Monitor, Sample, load_config
 from robot_health_monitor.core.values.model import Level
@@ -42,7 +43,8 @@ class Referee:
         return max((level for level, beyond in self.beyond.items() if beyond), default=Level.OK)
 
 
-@pytest.mark.parametrize("seed", range(60))
+@pytest.mark.newest_python
+@pytest.mark.parametrize("seed", range(examples(20)))
 def test_the_count_and_its_alerts_are_those_of_brute_force(seed: int) -> None:
     rng = random.Random(seed)
     monitor, referee = monitor_of(), Referee()

@@ -15,7 +15,7 @@ from robot_health_monitor.core.judge.causes import causes_first
 
 pytestmark = pytest.mark.newest_python
 
-TIMELINES = int(os.environ.get("ROBOT_HEALTH_TIMELINES", "400"))
+TIMELINES = int(os.environ.get("ROBOT_HEALTH_TIMELINES", "200"))
 """`make fuzz` plays 100,000."""
 
 

@@ -86,8 +86,7 @@ class Workspace:
     def colcon(self, verb: str, ros_version: str, *options: str, fails: bool = False) -> str:
         """Runs `colcon build` or `colcon test` as the README says, and returns its output."""
         bases = ["--build-base", f"build/ros{ros_version}", "--install-base", f"install/ros{ros_version}"]
-        base = self.folder / "install" / f"ros{ros_version}"
-        self.setup, self.prefix = base / "setup.bash", base / NAME
+        self.use_colcon(ros_version)
         return run(
             [colcon(), verb, *bases, *options],
             self.folder,
@@ -95,9 +94,21 @@ class Workspace:
             fails,
         ).stdout
 
+    def use_colcon(self, ros_version: str) -> Workspace:
+        """Uses what colcon has built for this ROS."""
+        base = self.folder / "install" / f"ros{ros_version}"
+        self.setup, self.prefix = base / "setup.bash", base / NAME
+        return self
+
+    def use_space(self, name: str) -> Workspace:
+        """Uses the space `devel` or `install` that catkin_make has built."""
+        self.prefix = self.folder / name
+        self.setup = self.prefix / "setup.bash"
+        return self
+
     def catkin_make(self, *targets: str) -> str:
         """Runs `catkin_make` and returns its output."""
-        self.setup, self.prefix = self.folder / "devel" / "setup.bash", self.folder / "devel"
+        self.use_space("devel")
         return run(["catkin_make", *targets], self.folder, self.variables).stdout
 
     def shell(self, command: str, fails: bool = False) -> str:
@@ -105,12 +116,12 @@ class Workspace:
         script = f"source '{self.setup}' >/dev/null && {command}"
         return run(["bash", "-c", script], self.folder, self.variables, fails).stdout.strip()
 
-    def start(self, command: str) -> subprocess.Popen[str]:
-        """Starts `command` in such a shell."""
+    def start(self, command: str, **variables: str) -> subprocess.Popen[str]:
+        """Starts `command` in such a shell, with more variables."""
         return subprocess.Popen(
             ["bash", "-c", f"source '{self.setup}' >/dev/null && exec {command}"],
             cwd=self.folder,
-            env=self.variables,
+            env={**self.variables, **variables},
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
@@ -132,7 +143,7 @@ class Workspace:
         raise AssertionError(f"the master does not know {node} after {DEADLINE_S:g} s")
 
     def replace_tests(self, body: str) -> None:
-        """Leaves one test in the package, whose function does `body`."""
+        """Leaves one test in the package, whose function does `body`. No build reads the tests."""
         shutil.rmtree(self.package / "tests")
         folder = self.package / "tests" / "core"
         folder.mkdir(parents=True)
@@ -150,9 +161,17 @@ def colcon() -> str:
     return found
 
 
+_TOOLS_OF_ROS1 = ("catkin_make", "roslaunch", "rosrun", "rospack", "cmake", "c++")
+
+
+def has_ros1() -> bool:
+    """Returns whether there is a ROS 1 to build for."""
+    return all(map(shutil.which, _TOOLS_OF_ROS1))
+
+
 def need_ros1() -> None:
     """Skips the test where there is no ROS 1 to build for."""
-    for tool in ("catkin_make", "roslaunch", "rosrun", "rospack", "cmake", "c++"):
+    for tool in _TOOLS_OF_ROS1:
         if not shutil.which(tool):
             pytest.skip(f"no ROS 1 to build for: {tool} is not installed")
 

@@ -13,9 +13,10 @@ from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 
 import pytest
 
+from harness.seeds import examples
 from robot_health_monitor.core import Level
 
-TIMELINES = 320
+TIMELINES = examples(120)
 STEPS = 50
 
 PROMTOOL = shutil.which("promtool")

@@ -20,3 +20,13 @@ def _printed(seed: int) -> int:
     seed = int(os.environ.get("TEST_SEED") or seed)
     print(f"TEST_SEED={seed}")
     return seed
+
+
+def examples(number: int) -> int:
+    """Returns how many random examples a test tries: `number` in `make test`.
+
+    With TEST_EXAMPLES it is so many times as many, which `make fuzz` sets. On a Python that is not the newest one it is
+    a fifth: another session tries all, and what depends on the version shows in any of them.
+    """
+    factor = float(os.environ.get("TEST_EXAMPLES") or (0.2 if os.environ.get("NEWEST_PYTHON_SESSION") else 1.0))
+    return max(1, round(number * factor))

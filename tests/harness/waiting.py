@@ -3,18 +3,33 @@
 from __future__ import annotations
 
 import time
-from typing import Callable
+import urllib.request
+from typing import Callable, List
 
 WAIT_S = 30.0
+_TICK = "robot_health_last_tick_timestamp_seconds{"
 
 
-def wait_for(condition: Callable[[], object]) -> None:
+def wait_for(condition: Callable[[], object], deadline_s: float = WAIT_S) -> None:
     """Waits until a condition holds.
 
     Raises:
-        AssertionError: it does not hold within 30 s.
+        AssertionError: it does not hold in time.
     """
-    end_s = time.monotonic() + WAIT_S
+    end_s = time.monotonic() + deadline_s
     while not condition():
-        assert time.monotonic() < end_s, f"still not true after {WAIT_S:g} s"
+        assert time.monotonic() < end_s, f"still not true after {deadline_s:g} s"
         time.sleep(0.01)
+
+
+def wait_for_ticks(port: int, lasts_s: float) -> None:
+    """Waits until every robot of a monitor that serves on this port has ticked for some time, by the robots' ticks."""
+
+    def ticks_s() -> List[float]:
+        with urllib.request.urlopen(f"http://127.0.0.1:{port}/metrics", timeout=WAIT_S) as answer:
+            lines = answer.read().decode().splitlines()
+        return [float(line.rpartition(" ")[2]) for line in lines if line.startswith(_TICK)]
+
+    wait_for(ticks_s)
+    first_s = max(ticks_s())
+    wait_for(lambda: min(ticks_s()) >= first_s + lasts_s)

@@ -21,19 +21,18 @@ from harness.packaging_workspace import (
 
 
 @pytest.fixture(params=["colcon", "colcon --symlink-install", "catkin_make", "catkin_make install"])
-def built(request: Any, workspace: Workspace) -> Workspace:
+def built(request: Any) -> Workspace:
     need_ros1()
-    tool, *options = request.param.split()
-    if tool == "colcon":
-        workspace.colcon("build", "1", *options)
-    else:
-        workspace.catkin_make(*options)
-        if options:
-            workspace.setup, workspace.prefix = (
-                workspace.folder / "install" / "setup.bash",
-                workspace.folder / "install",
-            )
-    return workspace
+    if request.param == "colcon":
+        return request.getfixturevalue("both_targets").use_colcon("1")
+    if request.param == "colcon --symlink-install":
+        workspace: Workspace = request.getfixturevalue("workspace")
+        workspace.colcon("build", "1", "--symlink-install")
+        return workspace
+    workspace = request.getfixturevalue("by_catkin_make")
+    if request.param == "catkin_make install":
+        workspace.catkin_make("install")
+    return workspace.use_space("install" if request.param == "catkin_make install" else "devel")
 
 
 def test_rosrun_and_roslaunch_find_everything_and_the_monitor_runs(built: Workspace) -> None:
@@ -63,9 +62,9 @@ def test_rosrun_and_roslaunch_find_everything_and_the_monitor_runs(built: Worksp
     assert "Traceback" not in output
 
 
-def test_rosrun_starts_the_composed_node(workspace: Workspace) -> None:
+def test_rosrun_starts_the_composed_node(both_targets: Workspace) -> None:
     need_ros1()
-    workspace.colcon("build", "1")
+    workspace = both_targets.use_colcon("1")
     master = workspace.start(f"roscore -p {workspace.variables['ROS_MASTER_URI'].rpartition(':')[2]}")
     try:
         workspace.wait_for_node("/rosout")
@@ -83,22 +82,20 @@ def test_rosrun_starts_the_composed_node(workspace: Workspace) -> None:
 
 
 @pytest.mark.parametrize(("body", "fails"), [("assert True", False), ("assert False", True)])
-def test_colcon_test_runs_the_tests_and_fails_when_they_do(workspace: Workspace, body: str, fails: bool) -> None:
+def test_colcon_test_runs_the_tests_and_fails_when_they_do(both_targets: Workspace, body: str, fails: bool) -> None:
     need_ros1()
     need_pytest_of_ros1()
-    workspace.replace_tests(body)
-    workspace.colcon("build", "1")
-    workspace.colcon("test", "1", "--return-code-on-test-failure", fails=fails)
-    results = workspace.folder / "build" / "ros1" / NAME / "test_results" / NAME / "pytest.xml"
+    both_targets.replace_tests(body)
+    both_targets.colcon("test", "1", "--return-code-on-test-failure", fails=fails)
+    results = both_targets.folder / "build" / "ros1" / NAME / "test_results" / NAME / "pytest.xml"
     assert 'name="test_the_only_one"' in results.read_text()
 
 
 @pytest.mark.parametrize(("body", "fails"), [("assert True", False), ("assert False", True)])
 def test_catkin_make_run_tests_runs_the_tests_and_fails_when_they_do(
-    workspace: Workspace, body: str, fails: bool
+    by_catkin_make: Workspace, body: str, fails: bool
 ) -> None:
-    need_ros1()
     need_pytest_of_ros1()
-    workspace.replace_tests(body)
-    workspace.catkin_make("run_tests")
-    assert "1 tests" in workspace.shell("catkin_test_results build/test_results", fails=fails)
+    by_catkin_make.replace_tests(body)
+    by_catkin_make.catkin_make("run_tests")
+    assert "1 tests" in by_catkin_make.shell("catkin_test_results build/test_results", fails=fails)

@@ -16,6 +16,7 @@ from harness.packaging_workspace import (
     Workspace,
     check_share,
     installed_modules,
+    need_ros1,
     run,
     source_modules,
     version,
@@ -23,8 +24,11 @@ from harness.packaging_workspace import (
 
 
 @pytest.fixture(params=["", "--symlink-install"])
-def built(request: Any, workspace: Workspace) -> Workspace:
-    workspace.colcon("build", "2", *request.param.split())
+def built(request: Any) -> Workspace:
+    if not request.param:
+        return request.getfixturevalue("both_targets").use_colcon("2")
+    workspace: Workspace = request.getfixturevalue("workspace")
+    workspace.colcon("build", "2", request.param)
     return workspace
 
 
@@ -62,12 +66,11 @@ def test_the_debian_rules_of_bloom_install_the_nodes_where_ros2_run_finds_them(w
 
 @pytest.mark.skipif(importlib.util.find_spec("rclpy") is None, reason="rclpy is not installed")
 @pytest.mark.parametrize("node", NODES)
-def test_an_executable_is_a_node_that_ends_cleanly(workspace: Workspace, node: str) -> None:
+def test_an_executable_is_a_node_that_ends_cleanly(both_targets: Workspace, node: str) -> None:
+    workspace = both_targets.use_colcon("2")
     # Its user has sourced ROS 2, if this shell has: rclpy is found through these.
     sourced = {name: os.environ[name] for name in ("AMENT_PREFIX_PATH", "PYTHONPATH") if name in os.environ}
-    workspace.variables.update(sourced)
-    workspace.colcon("build", "2")
-    process = workspace.start(str(workspace.prefix / "lib" / NAME / node))
+    process = workspace.start(str(workspace.prefix / "lib" / NAME / node), **sourced)
     try:
         assert process.stdout is not None
         first_line = process.stdout.readline()
@@ -80,22 +83,16 @@ def test_an_executable_is_a_node_that_ends_cleanly(workspace: Workspace, node: s
 
 
 @pytest.mark.parametrize(("body", "fails"), [("assert True", False), ("assert False", True)])
-def test_colcon_test_runs_the_tests_and_fails_when_they_do(workspace: Workspace, body: str, fails: bool) -> None:
-    workspace.replace_tests(body)
-    workspace.colcon("build", "2")
-    workspace.colcon("test", "2", "--return-code-on-test-failure", fails=fails)
-    results = workspace.folder / "build" / "ros2" / NAME / "pytest.xml"
+def test_colcon_test_runs_the_tests_and_fails_when_they_do(both_targets: Workspace, body: str, fails: bool) -> None:
+    both_targets.replace_tests(body)
+    both_targets.colcon("test", "2", "--return-code-on-test-failure", fails=fails)
+    results = both_targets.folder / "build" / "ros2" / NAME / "pytest.xml"
     assert 'name="test_the_only_one"' in results.read_text()
 
 
-def test_both_targets_build_in_one_workspace(workspace: Workspace) -> None:
-    from harness.packaging_workspace import need_ros1
-
+def test_both_targets_build_in_one_workspace(both_targets: Workspace) -> None:
     need_ros1()
-    workspace.colcon("build", "1")
-    assert "ament" not in str(sorted((workspace.prefix / "share").iterdir()))
-    workspace.colcon("build", "2")
-    assert (workspace.prefix / "share" / "ament_index").is_dir()
-    for ros_version in ("1", "2"):
-        workspace.setup = workspace.folder / "install" / f"ros{ros_version}" / "setup.bash"
+    for ros_version, has_ament in (("1", False), ("2", True)):
+        workspace = both_targets.use_colcon(ros_version)
+        assert ("ament" in str(sorted((workspace.prefix / "share").iterdir()))) == has_ament
         assert version() in workspace.shell("robot-health --version")

@@ -6,6 +6,7 @@ import random
 from pathlib import Path
 from typing import Any, List, Tuple
 
+import pytest
 from harness.nagios import announcements
 from harness.recorded import START_NS, values, write_bag
 from harness.seeds import fixed_seed
@@ -14,6 +15,8 @@ from robot_health_monitor.core.nodes import AlertSystem
 from robot_health_monitor.core.values.model import Level, Transition
 from robot_health_monitor.recordings.middleware import Player
 from robot_health_monitor.recordings.reading import Recordings
+
+pytestmark = pytest.mark.newest_python
 
 SECONDS = 120
 

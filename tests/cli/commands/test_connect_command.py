@@ -8,15 +8,15 @@ import os
 import re
 import signal
 import subprocess
-import time
 from functools import partial
 from pathlib import Path
 from typing import Any, Callable, Dict, List, Sequence, Tuple
 from urllib.request import urlopen
 
+import psutil
 import pytest
 from harness.line_process import LineProcess
-from harness.waiting import wait_for
+from harness.waiting import wait_for, wait_for_ticks
 
 pytest.importorskip("aiohttp", reason="aiohttp, which carries the WebSockets, is not installed")
 
@@ -42,9 +42,13 @@ def start_robot(robot_health: Start, calm: Path, port: int = 0, *arguments: str)
 
 
 def port_of(robot: LineProcess) -> int:
-    found = re.search(r"serving on ws://127\.0\.0\.1:(\d+)", robot.wait_for_text("serving on"))
-    assert found is not None
-    return int(found[1])
+    return port_in(robot.wait_for_text("serving on"))
+
+
+def port_in(text: str) -> int:
+    match = re.search(r"serving on ws://127\.0\.0\.1:(\d+)", text)
+    assert match is not None
+    return int(match[1])
 
 
 @pytest.fixture
@@ -52,6 +56,11 @@ def thresholds(tmp_path: Path) -> Path:
     file = tmp_path / "watch.yaml"
     file.write_text(THRESHOLDS)
     return file
+
+
+def is_connected(robot: LineProcess) -> bool:
+    """Returns whether a robot holds a connection of a client."""
+    return any(each.status == psutil.CONN_ESTABLISHED for each in psutil.Process(robot.pid).net_connections("tcp"))
 
 
 def alerts(process: LineProcess) -> List[str]:
@@ -84,16 +93,18 @@ def test_a_pause_of_this_process_is_one_warning_and_no_alert(robot_health: Start
     """Long enough for the servers to close its connections: stale_after_s is less than a third of it."""
     watch = tmp_path / "watch.yaml"
     watch.write_text(THRESHOLDS.replace("stale_after_s: 1.0", "stale_after_s: 5.0"))
-    ports = [port_of(start_robot(robot_health, calm)) for _ in range(2)]
-    robots = [f"{name}=ws://127.0.0.1:{port}" for name, port in zip(("atlas", "husky"), ports)]
-    watcher = robot_health("connect", *robots, "--thresholds", watch)
-    watcher.wait_for_texts("atlas: connected to", "husky: connected to")
-    time.sleep(2.0)  # ticks
+    robots = [start_robot(robot_health, calm) for _ in range(2)]
+    addresses = [f"{name}=ws://127.0.0.1:{port_of(robot)}" for name, robot in zip(("atlas", "husky"), robots)]
+    watcher = robot_health("connect", *addresses, "--thresholds", watch, "--port", 0)
+    watcher.wait_for_texts("serving on", "atlas: connected to", "husky: connected to")
+    port = port_in(watcher.text)
+    wait_for_ticks(port, 1.0)
+    assert all(map(is_connected, robots))
     watcher.signal(signal.SIGSTOP)
-    time.sleep(16.0)
+    wait_for(lambda: not any(map(is_connected, robots)), 60.0)
     watcher.signal(signal.SIGCONT)
     watcher.wait_for_text("[WARN] connect: the monitor was stopped for ")
-    time.sleep(5.0)
+    wait_for_ticks(port, 5.0)
     watcher.signal()
     assert watcher.wait() == 0
     assert alerts(watcher) == []

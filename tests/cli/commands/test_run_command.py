@@ -19,6 +19,7 @@ import aiohttp
 import pytest
 from harness.line_process import LineProcess
 from harness.unread import fill
+from harness.waiting import wait_for_ticks
 
 from robot_health_monitor.core import Transition
 
@@ -130,13 +131,13 @@ def test_a_pause_of_the_process_is_one_warning_and_no_alert(robot_health: Start,
         "battery_sensor: {ros__parameters: {battery_level: {discharge_rate: 0.0}}}\n"
     )
     program = robot_health("run", "--thresholds", file, "--port", 0)
-    program.wait_for_text("serving on")
-    time.sleep(2.0)  # ticks
+    port = int(program.wait_for_text("serving on").rpartition(":")[2])
+    wait_for_ticks(port, 1.0)
     program.signal(signal.SIGSTOP)
-    time.sleep(6.0)
+    time.sleep(5.0)  # longer than stale_after_s: the stop is what is tested
     program.signal(signal.SIGCONT)
     program.wait_for_text("[WARN] alert_system: the monitor was stopped for ")
-    time.sleep(2.0)
+    wait_for_ticks(port, 2.0)
     program.signal()
     assert program.wait() == 0
     assert "battery_level STALE" not in program.text

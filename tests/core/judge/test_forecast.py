@@ -7,7 +7,7 @@ import random
 from typing import Dict, List, Mapping, Optional, Sequence, Tuple
 
 import pytest
-from harness.seeds import fixed_seed
+from harness.seeds import examples, fixed_seed
 
 from robot_health_monitor.core.judge.forecast import ForecastWindow
 from robot_health_monitor.core.values.model import Forecast
@@ -144,13 +144,14 @@ def test_a_flat_line_reaches_no_bound() -> None:
 
 
 @pytest.mark.newest_python
-def test_ten_thousand_windows_agree_with_numpy() -> None:
+def test_random_windows_agree_with_numpy() -> None:
     """Values up to 1e12, times up to 1e9, gaps, several samples at one time, outliers."""
     import numpy
 
     chance = random.Random(fixed_seed())
     compared = 0
-    for _ in range(200):
+    robots = examples(40)
+    for _ in range(robots):
         window_s = chance.choice((10.0, 60.0, 600.0))
         forecast_s = chance.uniform(0.1, 3.0) * window_s
         bounds, choose = chance.choice(((NONE, None), (BELOW, max), (ABOVE, min)))
@@ -193,4 +194,4 @@ def test_ten_thousand_windows_agree_with_numpy() -> None:
                 expected = (max if choose is min else min)(expected, values[-1])
             assert abs(found.value - expected) <= 1e-9 * scale
             compared += 1
-    assert compared >= 10_000
+    assert compared >= 50 * robots

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any, List, Optional, Sequence
 
 import pytest
+from harness.seeds import examples
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -167,7 +168,7 @@ NUMBERS = st.one_of(
 
 
 @pytest.mark.newest_python
-@settings(max_examples=300)
+@settings(max_examples=examples(300))
 @given(
     st.lists(NUMBERS, min_size=1, max_size=30), st.sampled_from(["", "%", "degC", "V"]), st.floats(0.0, 1e6), st.data()
 )

@@ -341,7 +341,7 @@ class Child:
 WORKS = """
 import sys, threading, time
 kept = [open("/dev/null") for _ in range(5)]
-threading.Thread(target=lambda: time.sleep(600), daemon=True).start()
+threading.Thread(target=threading.Event().wait, daemon=True).start()
 print("ready", flush=True)
 while sys.stdin.readline():
     kept.append(bytearray(b"x" * 30_000_000))

@@ -11,6 +11,7 @@ from typing import Any, Dict, List, Optional, Union
 
 import cbor2
 import pytest
+from harness.seeds import examples
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -109,7 +110,7 @@ JSON = st.recursive(
 )
 
 
-@settings(max_examples=200)
+@settings(max_examples=examples(200))
 @given(JSON)
 def test_a_large_message_is_encoded_to_the_same_text(value: Any) -> None:
     assert encode_large_json(value) == encode_json(value)
@@ -216,7 +217,7 @@ VALUES = st.recursive(
 )
 
 
-@settings(max_examples=50)
+@settings(max_examples=examples(50))
 @given(st.dictionaries(st.text(), VALUES), st.booleans())
 def test_decodes_what_the_library_cbor2_encodes(value: Any, canonical: bool) -> None:
     assert decode_cbor(cbor2.dumps(value, canonical=canonical), Limits()) == value

@@ -7,6 +7,7 @@ from typing import Any, Dict, List
 import cbor2
 import pytest
 from harness.rosbridge_operations import EXAMPLES
+from harness.seeds import examples
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -86,7 +87,7 @@ def raises_only_its_own_error(connection: Connection, data: Any) -> None:
         connection.send(operation, compression="cbor")
 
 
-@settings(max_examples=300)
+@settings(max_examples=examples(300))
 @given(
     st.sampled_from(OPS),
     st.dictionaries(st.sampled_from([*FIELD_NAMES, "data", "num", "total"]), JSON, max_size=8),
@@ -99,14 +100,14 @@ def test_an_operation_with_any_fields_raises_nothing_but_its_own_error(
     raises_only_its_own_error(Connection(), json.dumps(message) if encoding == "json" else cbor2.dumps(message))
 
 
-@settings(max_examples=300)
+@settings(max_examples=examples(300))
 @given(st.text() | st.binary())
 def test_any_text_and_any_bytes_raise_nothing_but_its_own_error(data: Any) -> None:
     raises_only_its_own_error(Connection(), data)
 
 
 @pytest.mark.newest_python
-@settings(max_examples=300)
+@settings(max_examples=examples(300))
 @given(st.data())
 def test_a_damaged_message_raises_nothing_but_its_own_error(data: st.DataObject) -> None:
     fields = data.draw(st.sampled_from(EXAMPLES))
@@ -120,7 +121,7 @@ def test_a_damaged_message_raises_nothing_but_its_own_error(data: st.DataObject)
 
 
 @pytest.mark.newest_python
-@settings(max_examples=200)
+@settings(max_examples=examples(200))
 @given(st.lists(st.dictionaries(st.sampled_from(["id", "num", "total", "data"]), JSON, max_size=4), max_size=10))
 def test_any_sequence_of_fragments_raises_nothing_but_its_own_error(sequence: List[Dict[str, Any]]) -> None:
     connection = Connection()
@@ -129,7 +130,7 @@ def test_any_sequence_of_fragments_raises_nothing_but_its_own_error(sequence: Li
 
 
 @pytest.mark.newest_python
-@settings(max_examples=200)
+@settings(max_examples=examples(200))
 @given(st.dictionaries(st.text(max_size=10), JSON, max_size=5), st.integers(1, 50))
 def test_any_message_survives_any_fragment_size(message: Dict[str, Any], size: int) -> None:
     connection = Connection()
