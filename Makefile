@@ -4,7 +4,8 @@
 # make docs    the documentation site, in build/docs/html
 # make bench   what it costs, beside bare peers
 # make soak    two thousand kills -9, which must lose nothing; ten minutes of clients: memory and threads must stay flat
-# make fuzz    random input to everything that takes input, for one minute, and 100,000 timelines of silence
+# make fuzz    random input to everything that takes input, for one minute, ten times the random examples of the tests,
+#              and 100,000 timelines of silence
 # make dist    the wheel and the source distribution of the last commit, in dist/
 # make deb     the Debian packages, in dist/debian; each is installed, started and purged in a new root (as root)
 # make release VERSION=1.0.0   everything up to the upload: version, changelog, tag, every test, packages

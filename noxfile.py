@@ -58,6 +58,9 @@ RECORDER_TEST = "test_the_real_recorder_of_ros1_writes_what_is_read"
 
 COMMAND_LINE_TESTS = ["tests/cli"]
 
+SERVICE_TESTS = [f"tests/{name}" for name in ("ops", "rosbridge", "foxglove", "recordings", "runtime", "containers")]
+"""What a monitor stores, serves and reads."""
+
 FLEET_TESTS = [
     f"tests/ops/export/test_{name}.py" for name in ("delayed_truth", "fleet_readme", "pushing_fleet", "two_engines")
 ]
@@ -73,6 +76,18 @@ FAULT_TESTS = [
     "tests/ops/web/test_page_in_browser.py",
 ]
 """Programs that are killed, stopped, attacked and filled, and the page in a browser."""
+
+RANDOM_TESTS = [
+    *("tests/core/test_fast_path.py", "tests/core/test_invariants.py", "tests/core/judge/test_announcer.py"),
+    *("tests/core/judge/test_forecast.py", "tests/core/judge/test_restoration.py"),
+    *(f"tests/core/test_referee_{name}.py" for name in ("count", "numpy", "predict_linear", "promtool")),
+    *(
+        "tests/core/proposal/test_suggestion.py",
+        "tests/recordings/test_referee_promtool.py",
+        "tests/rosbridge/protocol",
+    ),
+]
+"""Tests with random examples, of which `make fuzz` tries more: `examples` of tests/harness/seeds.py."""
 
 TOOLS = [
     ["prometheus"],
@@ -174,14 +189,14 @@ JAZZY = sourced("jazzy")
 WHEELS_PYTHON = next((version for version in ("3.12", "3.13", "3.11", "3.10", "3.14") if version in PYTHONS), "3.12")
 ROS2_PYTHON = SYSTEM_PYTHON if JAZZY else WHEELS_PYTHON
 ROS2_VENV = ["--system-site-packages"] if JAZZY else []
-MEASURED = (f"core-{NEWEST}", f"processes-{NEWEST}", f"faults-{NEWEST}", "fleets", "ros1", "ros2")
+MEASURED = (f"core-{NEWEST}", f"services-{NEWEST}", f"processes-{NEWEST}", f"faults-{NEWEST}", "fleets", "ros1", "ros2")
 """Sessions whose coverage is measured: with sys.monitoring, which costs little, where Python has it (3.12)."""
 
 nox.options.envdir = ".venv"
 # The longest first. Those of Python 3.8 are short: what does not depend on the version runs on the newest.
 nox.options.sessions = [
-    *(f"{name}-{NEWEST}" for name in ("processes", "core", "faults")), "ros1", "packaging", "ros2", "fleets", "dist",
-    *(f"{name}-{OLDEST_AND_NEWEST[0]}" for name in ("core", "processes", "faults")),
+    *(f"{name}-{NEWEST}" for name in ("faults", "processes", "core", "services")), "ros1", "fleets", "ros2",
+    "packaging", "dist", *(f"{name}-{OLDEST_AND_NEWEST[0]}" for name in ("services", "core", "processes", "faults")),
     "types", "docs", "lint", "coverage",
 ]  # fmt: skip
 nox.options.reuse_venv = "yes"
@@ -223,8 +238,8 @@ def missing_packages(packages: Iterable[str]) -> List[str]:
 
 @nox.session(python=OLDEST_AND_NEWEST)
 def python(session: nox.Session) -> None:
-    """The environment of the sessions `core`, `processes`, `faults` and `fleets` of a version of Python."""
-    set_up(session, {}, "apprise", *(COVERAGE if session.python == NEWEST else []))
+    """The environment of the sessions that need no ROS, of a version of Python; the newest has `types`' tools too."""
+    set_up(session, {}, "apprise", *([*COVERAGE, *CHECKERS] if session.python == NEWEST else []))
     if session.python != "3.8":  # there is no version of their dependencies for it
         for package in ("roslibpy", "selenium>=4.10", "axe-core-python", "foxglove-sdk"):
             install(session, package, success_codes=range(256))
@@ -232,7 +247,7 @@ def python(session: nox.Session) -> None:
 
 @nox.session(python=OLDEST_AND_NEWEST, venv_params=["--no-seed"], requires=["apt", "python-{python}"])
 def core(session: nox.Session) -> None:
-    """The tests that need no ROS, on Python 3.8 and on the newest Python here.
+    """The tests that need no ROS, on Python 3.8 and on the newest Python here, but those of the next sessions.
 
     Tests marked `newest_python` run on the newest only: comparisons with Prometheus, Nagios and numpy, long random
     runs, and drawing in a browser. The code that they check is arithmetic and text; the other tests run it on both.
@@ -243,8 +258,16 @@ def core(session: nox.Session) -> None:
     if session.python != NEWEST:
         others.append("docs")
     note_newest_python(session)
-    ignored = [*(f"tests/{name}" for name in others), *COMMAND_LINE_TESTS, *FLEET_TESTS, *FAULT_TESTS]
+    ignored = [*(f"tests/{name}" for name in others), *SERVICE_TESTS, *COMMAND_LINE_TESTS, *FAULT_TESTS]
     run_pytest(session, "tests", *(f"--ignore={path}" for path in ignored))
+
+
+@nox.session(python=OLDEST_AND_NEWEST, venv_params=["--no-seed"], requires=["apt", "python-{python}"])
+def services(session: nox.Session) -> None:
+    """The tests of the store, the notifications, the page, the bridges and recordings."""
+    use_shared(session)
+    note_newest_python(session)
+    run_pytest(session, *SERVICE_TESTS, *(f"--ignore={path}" for path in (*FLEET_TESTS, *FAULT_TESTS)))
 
 
 @nox.session(python=OLDEST_AND_NEWEST, venv_params=["--no-seed"], requires=["apt", "python-{python}"])
@@ -327,20 +350,22 @@ def deb(session: nox.Session) -> None:
     run_pytest(session, "tests/debs")
 
 
-@nox.session(python=NEWEST, requires=MEASURED)
+@nox.session(python=NEWEST, venv_params=["--no-seed"], requires=["python-{python}", *MEASURED])
 def coverage(session: nox.Session) -> None:
     """The share of the code that the tests of other sessions ran, at least `fail_under` of pyproject.toml.
 
     Code of ROS counts where its session ran. Code that runs only in processes that tests start is not seen.
     """
-    install(session, *COVERAGE)
+    use_shared(session)
     measured = sorted(RESULTS.glob("coverage.*"))
     if not measured:
         session.skip("none of the measured sessions ran")
     session.env["COVERAGE_FILE"] = str(RESULTS / "coverage")
-    session.run("coverage", "combine", "--quiet", "--keep", *map(str, measured))
+    coverage = [session.env.pop("SHARED_PYTHON"), "-m", "coverage"]
+    session.run(*coverage, "combine", "--quiet", "--keep", *map(str, measured), external=True)
     left_out = [f"{ros}/*" for ros in ("ros1", "ros2") if not data_file(ros).exists()]
-    session.run("coverage", "report", "--skip-covered", *([f"--omit={','.join(left_out)}"] if left_out else []))
+    omitted = [f"--omit={','.join(left_out)}"] if left_out else []
+    session.run(*coverage, "report", "--skip-covered", *omitted, external=True)
 
 
 @nox.session(python=NEWEST)
@@ -355,12 +380,13 @@ def lint(session: nox.Session) -> None:
         session.run("hadolint", *sorted(map(str, Path("containers").glob("Containerfile.*"))))
 
 
-@nox.session(python=NEWEST)
+@nox.session(python=NEWEST, venv_params=["--no-seed"], requires=["python-{python}"])
 def types(session: nox.Session) -> None:
     """Mypy --strict and the rules for imports."""
-    set_up(session, {}, *CHECKERS)
-    session.run("lint-imports")
-    session.run("mypy")
+    use_shared(session)
+    tools = Path(session.env.pop("SHARED_PYTHON")).parent
+    for tool in ("lint-imports", "mypy"):
+        session.run(str(tools / tool), external=True)
 
 
 @nox.session(python=WHEELS_PYTHON)
@@ -388,9 +414,10 @@ def soak(session: nox.Session) -> None:
 
 @nox.session(python=NEWEST)
 def fuzz(session: nox.Session) -> None:
-    """The fuzzer: random input to everything that takes input, for one minute, and 100,000 timelines of silence."""
+    """The fuzzer: random input to everything for one minute, ten times the tests' examples, 100,000 timelines."""
     set_up(session, {})
     session.run("python", "tests/fuzz", *session.posargs)
+    session.run("python", "-m", "pytest", "-q", *RANDOM_TESTS, env={"TEST_EXAMPLES": "10"})
     timelines = {"ROBOT_HEALTH_TIMELINES": "100000"}
     session.run("python", "-m", "pytest", "-q", "tests/core/test_silence_model.py", env=timelines)
 

@@ -155,6 +155,7 @@ class HalfOpen:
                 self._ended.wait(0.01)
 
 
+@pytest.mark.newest_python
 def test_half_open_connections_cost_no_alert_and_no_request(
     robot_health: Any, robot: Any, thresholds: Path, port: int, seed: int, tmp_path: Path
 ) -> None:
@@ -190,6 +191,7 @@ def damage(file: Path, chance: random.Random) -> None:
 ODD = ("text", 9e999, 2**63 - 1, b"\xff\x00", None, "", -1)
 
 
+@pytest.mark.newest_python
 def test_odd_rows_in_the_history_cost_no_alert(
     robot_health: Any, robot: Any, thresholds: Path, port: int, seed: int, tmp_path: Path
 ) -> None:
@@ -228,6 +230,7 @@ class WallClock:
         new.replace(self._file)
 
 
+@pytest.mark.newest_python
 def test_a_wrong_clock_that_is_set_right_costs_no_alert(
     robot: Any, environment: Dict[str, str], thresholds: Path, port: int, seed: int, tmp_path: Path
 ) -> None:
@@ -290,6 +293,7 @@ def start_with(environment: Dict[str, str]) -> Iterator[Callable[..., Any]]:
         process.wait()
 
 
+@pytest.mark.newest_python
 @pytest.mark.parametrize("stdout", ["/dev/full", "an unread terminal", "an unread pipe"])
 def test_an_output_that_cannot_be_written_costs_no_alert(
     start_with: Any, robot: Any, thresholds: Path, port: int, seed: int, tmp_path: Path, stdout: str

@@ -85,6 +85,7 @@ def test_an_alert_reaches_its_target_and_a_killed_monitor_does_not_repeat_it(
         process.end()
 
 
+@pytest.mark.newest_python
 def test_simulated_values_notify_only_targets_that_ask_for_them(
     run: Callable[..., LineProcess], server: HttpServer, tmp_path: Path
 ) -> None:
@@ -107,6 +108,7 @@ def test_simulated_values_notify_only_targets_that_ask_for_them(
         assert server.all() == []
 
 
+@pytest.mark.newest_python
 def test_what_could_not_be_delivered_is_delivered_by_the_next_run(
     run: Callable[..., LineProcess], server: HttpServer
 ) -> None:

@@ -27,6 +27,7 @@ SIGNALS = {
 class BlackBoxConformance:
     """The suite."""
 
+    @pytest.mark.newest_python
     @pytest.mark.parametrize("sim_time", [False, True], ids=["steady", "simulated"])
     def test_a_black_box_is_replayed_to_the_same_line(self, harness: Harness, tmp_path: Path, sim_time: bool) -> None:
         pytest.importorskip("mcap")

@@ -184,6 +184,7 @@ class RawConformance:
         assert field is not None or set(heard.values) == {1.0}
         assert capture.values() == numbers
 
+    @pytest.mark.newest_python
     def test_a_flood_is_the_same_for_judging_and_capture(self, harness: Harness) -> None:
         """A queue may lose messages, but the same ones for both."""
         node, heard, capture = harness.node("recorder"), Recorder(), Capture()
@@ -202,6 +203,7 @@ class RawConformance:
         assert seen[0] == seen[1]
         assert len(seen[0]) > 0
 
+    @pytest.mark.newest_python
     def test_what_is_captured_does_not_wait_for_the_judging(self, harness: Harness) -> None:
         """The time of a message must not include that of the alert which it causes."""
         node, capture = harness.node("recorder"), Capture()

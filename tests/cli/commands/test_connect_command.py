@@ -89,6 +89,7 @@ def test_a_robot_that_is_killed_and_comes_back_is_one_alert_and_its_end(
     assert alerts(watcher)[0].startswith("link ERROR: down: ") and alerts(watcher)[1:] == ["link OK: up"]
 
 
+@pytest.mark.newest_python
 def test_a_pause_of_this_process_is_one_warning_and_no_alert(robot_health: Start, calm: Path, tmp_path: Path) -> None:
     """Long enough for the servers to close its connections: stale_after_s is less than a third of it."""
     watch = tmp_path / "watch.yaml"
@@ -139,6 +140,7 @@ def test_a_robot_whose_server_is_stopped_is_down_and_up_again_after_it(
     assert len([alert for alert in alerts(watcher) if alert.startswith("link")]) == 2
 
 
+@pytest.mark.newest_python
 def test_faults_of_the_process_are_shown_everywhere(robot_health: Start, thresholds: Path, tmp_path: Path) -> None:
     ops = tmp_path / "ops.yaml"
     ops.write_text(
@@ -164,6 +166,7 @@ def test_faults_of_the_process_are_shown_everywhere(robot_health: Start, thresho
     assert "\nrobot_health_faults 2.0\n" in get("metrics")
 
 
+@pytest.mark.newest_python
 def test_each_of_several_robots_has_its_own_link_and_name(robot_health: Start, calm: Path, thresholds: Path) -> None:
     robots = [start_robot(robot_health, calm) for _ in range(2)]
     ports = [port_of(robot) for robot in robots]
@@ -179,6 +182,7 @@ def test_each_of_several_robots_has_its_own_link_and_name(robot_health: Start, c
     assert first["fingerprint"] != second["fingerprint"]
 
 
+@pytest.mark.newest_python
 def test_alerts_of_the_robots_signals_are_judged_here(robot_health: Start, restless: Path, tmp_path: Path) -> None:
     port = port_of(robot_health("run", "--thresholds", restless, "--port", 0))
     mine = tmp_path / "mine.yaml"
@@ -190,6 +194,7 @@ def test_alerts_of_the_robots_signals_are_judged_here(robot_health: Start, restl
     watcher.wait_for_text("battery_level OK: ")
 
 
+@pytest.mark.newest_python
 def test_a_robot_that_is_not_there_is_one_alert_with_its_cause(robot_health: Start, thresholds: Path) -> None:
     watcher = robot_health("connect", "atlas=ws://127.0.0.1:1", "--thresholds", thresholds, "--duration", 3)
     assert watcher.wait() == 1
@@ -211,6 +216,7 @@ def test_a_wrong_or_missing_token_is_reported_at_once_as_a_mistake_on_this_side(
     assert watcher.errors == [f"robot-health connect: atlas: check this computer's settings: {cause}"]
 
 
+@pytest.mark.newest_python
 def test_the_right_token_from_a_file_connects_and_is_never_shown(
     robot_health: Start, calm: Path, thresholds: Path, tmp_path: Path
 ) -> None:
@@ -253,20 +259,21 @@ def test_the_right_token_from_a_file_connects_and_is_never_shown(
         ),
     ],
 )
-def test_a_wrong_address_is_one_line_and_code_2(robot_health: Start, urls: List[str], problem: str) -> None:
-    process = robot_health("connect", *urls)
+def test_a_wrong_address_is_one_line_and_code_2(robot_health_here: Start, urls: List[str], problem: str) -> None:
+    process = robot_health_here("connect", *urls)
     assert process.wait() == 2
     assert len(process.errors) == 1 and process.errors[0] == f"robot-health connect: {problem}"
 
 
-def test_a_wrong_configuration_is_named_with_file_and_line(robot_health: Start, tmp_path: Path) -> None:
+def test_a_wrong_configuration_is_named_with_file_and_line(robot_health_here: Start, tmp_path: Path) -> None:
     file = tmp_path / "wrong.yaml"
     file.write_text(THRESHOLDS.replace("warn_below", "warn_belw"))
-    process = robot_health("connect", "ws://127.0.0.1:1", "--thresholds", file)
+    process = robot_health_here("connect", "ws://127.0.0.1:1", "--thresholds", file)
     assert process.wait() == 2
     assert process.errors[0].startswith(f"{file}:5: ") and "warn_belw" in process.errors[0]
 
 
+@pytest.mark.newest_python
 def test_a_port_that_was_asked_for_and_is_taken_ends_the_run(robot_health: Start, calm: Path) -> None:
     port = port_of(start_robot(robot_health, calm))
     second = start_robot(robot_health, calm, port)
@@ -274,6 +281,7 @@ def test_a_port_that_was_asked_for_and_is_taken_ends_the_run(robot_health: Start
     assert f"port {port} of 127.0.0.1 cannot be opened" in second.errors[0]
 
 
+@pytest.mark.newest_python
 def test_an_address_that_others_can_reach_needs_a_token(robot_health: Start, calm: Path) -> None:
     process = robot_health("run", "--thresholds", calm, "--port", 0, "--host", "0.0.0.0")
     assert process.wait() == 2
@@ -302,22 +310,23 @@ def test_a_fleet_file_is_read_again_on_sighup(robot_health: Start, calm: Path, t
     assert watcher.text.count("connected to") == 1
 
 
-def test_neither_a_url_nor_a_fleet_is_wrong_usage(robot_health: Start) -> None:
-    process = robot_health("connect")
+def test_neither_a_url_nor_a_fleet_is_wrong_usage(robot_health_here: Start) -> None:
+    process = robot_health_here("connect")
     assert process.wait() == 2
     assert process.errors == [
         "robot-health connect: expected the URL of a robot, or --fleet FILE; see robot-health connect --help"
     ]
 
 
-def test_a_mistake_in_a_fleet_file_is_one_line_and_code_2(robot_health: Start, tmp_path: Path) -> None:
+def test_a_mistake_in_a_fleet_file_is_one_line_and_code_2(robot_health_here: Start, tmp_path: Path) -> None:
     file = tmp_path / "fleet.yaml"
     file.write_text("robots:\n  a b: {url: 'ws://x'}\n")
-    process = robot_health("connect", "--fleet", file)
+    process = robot_health_here("connect", "--fleet", file)
     assert process.wait() == 2
     assert process.errors[0].startswith(f"{file}:2: robots.a b: expected a name")
 
 
+@pytest.mark.newest_python
 def test_a_port_of_the_fleet_that_is_taken_is_wrong_usage(robot_health: Start, calm: Path) -> None:
     port = port_of(start_robot(robot_health, calm))
     watcher = robot_health("connect", "ws://127.0.0.1:1", "--port", port)

@@ -105,6 +105,7 @@ def test_beside_nothing_but_the_monitor_itself_there_is_nothing_to_watch(robot_h
     assert " in 3 s (/_simulated_sensors: published by this monitor" in line
 
 
+@pytest.mark.newest_python
 def test_progress_is_shown_on_a_terminal_and_an_interrupt_ends_the_listening(
     on_terminal: Any, robot: str, tmp_path: Path
 ) -> None:
@@ -203,8 +204,8 @@ def test_a_robot_that_does_not_answer_is_one_line(robot_health: Start) -> None:
         (["a:1", "--against", "/nowhere.yaml"], "/nowhere.yaml"),
     ],
 )
-def test_wrong_usage_is_one_line(robot_health: Start, arguments: List[str], problem: str) -> None:
-    process = robot_health("init", *arguments)
+def test_wrong_usage_is_one_line(robot_health_here: Start, arguments: List[str], problem: str) -> None:
+    process = robot_health_here("init", *arguments)
     assert process.wait() == 2, process.text
     (line,) = err(process)
     assert problem in line

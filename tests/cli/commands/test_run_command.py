@@ -103,6 +103,7 @@ def test_an_interrupt_while_it_starts_ends_it_with_code_0_too(robot_health: Star
     assert not process.lines
 
 
+@pytest.mark.newest_python
 def test_a_storm_of_interrupts_while_it_starts_ends_it_as_cleanly_as_one(robot_health: Start, tmp_path: Path) -> None:
     fifo = tmp_path / "token"
     os.mkfifo(fifo)
@@ -124,6 +125,7 @@ def test_a_storm_of_interrupts_ends_it_as_cleanly_as_one(robot_health: Start, ca
     assert not process.errors
 
 
+@pytest.mark.newest_python
 def test_a_pause_of_the_process_is_one_warning_and_no_alert(robot_health: Start, tmp_path: Path) -> None:
     file = tmp_path / "thresholds.yaml"
     file.write_text(
@@ -144,6 +146,7 @@ def test_a_pause_of_the_process_is_one_warning_and_no_alert(robot_health: Start,
     assert program.text.count("the monitor was stopped") == 1
 
 
+@pytest.mark.newest_python
 def test_a_duration_without_alerts_ends_with_code_0(robot_health: Start, calm: Path) -> None:
     process = robot_health("run", "--thresholds", calm, "--duration", "0.5")
     assert process.wait() == 0
@@ -155,6 +158,7 @@ def test_a_duration_with_alerts_ends_with_code_1(robot_health: Start, restless: 
     assert "battery_level WARN: " in process.text
 
 
+@pytest.mark.newest_python
 def test_an_interrupt_before_the_end_of_the_duration_is_no_judgement(robot_health: Start, restless: Path) -> None:
     process = robot_health("run", "--thresholds", restless, "--duration", "1000")
     process.wait_for_text("battery_level ERROR: ")
@@ -162,11 +166,13 @@ def test_an_interrupt_before_the_end_of_the_duration_is_no_judgement(robot_healt
     assert process.wait() == 0
 
 
+@pytest.mark.newest_python
 def test_the_robot_can_be_named(robot_health: Start, restless: Path) -> None:
     process = robot_health("run", "--thresholds", restless, "--json", "--robot", "bolt")
     assert json.loads(process.wait_for_line(lambda line: line.startswith("{")))["robot"] == "bolt"
 
 
+@pytest.mark.newest_python
 def test_source_host_reads_this_machine(robot_health: Start, tmp_path: Path) -> None:
     pytest.importorskip("psutil")
     file = tmp_path / "host.yaml"
@@ -177,6 +183,7 @@ def test_source_host_reads_this_machine(robot_health: Start, tmp_path: Path) -> 
     assert 0.0 <= transition["value"] <= 100.0
 
 
+@pytest.mark.newest_python
 def test_log_level_hides_the_log_but_no_alert(robot_health: Start, restless: Path) -> None:
     process = robot_health("run", "--thresholds", restless, "--log-level", "ERROR")
     process.wait_for_text("battery_level OK: ")
@@ -305,6 +312,7 @@ def path_without(library: str, folder: Path) -> str:
     return f"{folder}{os.pathsep}{Path(__file__).resolve().parents[3]}"
 
 
+@pytest.mark.newest_python
 def test_without_cbor2_clients_talk_json_and_one_that_requests_cbor_gets_one_line(
     robot_health: Start, restless: Path, tmp_path: Path, free_port: int
 ) -> None:
@@ -349,6 +357,7 @@ def test_without_aiohttp_it_monitors_and_says_what_is_missing(
     assert process.text.count("web page and rosbridge are off") == 1 and not process.errors
 
 
+@pytest.mark.newest_python
 def test_a_default_port_in_use_disables_only_the_server(robot_health: Start, restless: Path, tmp_path: Path) -> None:
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
@@ -366,6 +375,7 @@ def test_a_default_port_in_use_disables_only_the_server(robot_health: Start, res
         assert f"port {port} of 127.0.0.1 cannot be opened" in requested.errors[0]
 
 
+@pytest.mark.newest_python
 def test_the_token_file_of_the_configuration_protects_the_server(
     robot_health: Start, restless: Path, tmp_path: Path
 ) -> None:
@@ -386,21 +396,22 @@ def test_the_token_file_of_the_configuration_protects_the_server(
 
 @pytest.mark.parametrize("arguments", [["run"], ["connect", "ws://robot:9090"]])
 @pytest.mark.parametrize("token", [["--token", "s3cret"], ["--token=s3cret"]])
-def test_a_token_is_no_argument_and_is_not_repeated(robot_health: Start, arguments: Any, token: Any) -> None:
-    process = robot_health(*arguments, *token)
+def test_a_token_is_no_argument_and_is_not_repeated(robot_health_here: Start, arguments: Any, token: Any) -> None:
+    process = robot_health_here(*arguments, *token)
     assert process.wait() == 2
     assert len(process.lines) == 1 and "token-file or ROBOT_HEALTH_TOKEN" in process.errors[0]
     assert "s3cret" not in process.text
 
 
-def test_a_token_file_that_cannot_be_read_is_one_line_and_code_2(robot_health: Start, tmp_path: Path) -> None:
-    process = robot_health("run", "--token-file", tmp_path / "nowhere")
+def test_a_token_file_that_cannot_be_read_is_one_line_and_code_2(robot_health_here: Start, tmp_path: Path) -> None:
+    process = robot_health_here("run", "--token-file", tmp_path / "nowhere")
     assert process.wait() == 2
     assert [(line.stream, line.text) for line in process.lines] == [
         ("err", f"{tmp_path}/nowhere: token cannot be read: No such file or directory")
     ]
 
 
+@pytest.mark.newest_python
 def test_source_none_publishes_nothing(robot_health: Start, tmp_path: Path) -> None:
     file = tmp_path / "none.yaml"
     file.write_text("alert_system: {ros__parameters: {signals: {cpu_usage: {startup_grace_s: 0.5}}}}\n")
@@ -417,6 +428,7 @@ def test_it_runs_without_a_stdout(command: List[str], environment: Dict[str, str
     assert (done.returncode, done.stderr) == (1, b"")
 
 
+@pytest.mark.newest_python
 def test_a_character_that_the_output_does_not_know_costs_no_line(robot_health: Start, tmp_path: Path) -> None:
     file = tmp_path / "celsius.yaml"
     file.write_text(
@@ -443,8 +455,8 @@ def test_a_character_that_the_output_does_not_know_costs_no_line(robot_health: S
         (["run", "--thresholds", "nowhere.yaml"], "nowhere.yaml: cannot be read: No such file or directory"),
     ],
 )
-def test_wrong_usage_is_one_line_on_stderr_and_code_2(robot_health: Start, arguments: Any, line: str) -> None:
-    process = robot_health(*arguments)
+def test_wrong_usage_is_one_line_on_stderr_and_code_2(robot_health_here: Start, arguments: Any, line: str) -> None:
+    process = robot_health_here(*arguments)
     assert process.wait() == 2
     assert [(each.stream, each.text) for each in process.lines] == [("err", line)]
 
@@ -484,6 +496,7 @@ def test_sighup_reads_the_thresholds_again(robot_health: Start, calm: Path) -> N
     assert robot.wait() == 0
 
 
+@pytest.mark.newest_python
 def test_a_storm_of_sighups_ends_with_the_last_file_and_nothing_lost(robot_health: Start, calm: Path) -> None:
     robot = robot_health("run", "--thresholds", calm, "--port", 0)
     robot.wait_for_text("serving on")
@@ -499,6 +512,7 @@ def test_a_storm_of_sighups_ends_with_the_last_file_and_nothing_lost(robot_healt
     assert robot.wait() == 0
 
 
+@pytest.mark.newest_python
 def test_with_an_ops_yaml_alerts_are_stored_and_survive_a_restart(
     robot_health: Start, tmp_path: Path, free_port: int
 ) -> None:
@@ -520,19 +534,19 @@ def test_with_an_ops_yaml_alerts_are_stored_and_survive_a_restart(
 
 
 def test_a_wrong_ops_yaml_ends_it_before_it_has_started_anything(
-    robot_health: Start, calm: Path, tmp_path: Path
+    robot_health_here: Start, calm: Path, tmp_path: Path
 ) -> None:
     file = tmp_path / "ops.yaml"
     file.write_text("notify: {chat: {type: webhook}}\n")
-    process = robot_health("run", "--ops", file, "--thresholds", calm)
+    process = robot_health_here("run", "--ops", file, "--thresholds", calm)
     assert process.wait() == 2
     assert process.text == f"err: {file}:1: notify.chat: expected either url or url_file, got neither"
 
 
-def test_the_configuration_may_name_the_ops_yaml(robot_health: Start, tmp_path: Path) -> None:
+def test_the_configuration_may_name_the_ops_yaml(robot_health_here: Start, tmp_path: Path) -> None:
     file = tmp_path / "thresholds.yaml"
     file.write_text(f"alert_system: {{ros__parameters: {{ops: {tmp_path}/nowhere.yaml, signals: {{arm: {{}}}}}}}}\n")
-    process = robot_health("run", "--thresholds", file)
+    process = robot_health_here("run", "--thresholds", file)
     assert process.wait() == 2
     assert process.text == f"err: {tmp_path}/nowhere.yaml: cannot be read: No such file or directory"
 
@@ -565,6 +579,7 @@ def test_sighup_reads_the_token_again_and_a_revoked_one_is_refused_at_once(
     assert (watcher.wait(), robot.wait()) == (0, 0)
 
 
+@pytest.mark.newest_python
 def test_a_token_from_a_pipe_does_not_block_a_reload(robot_health: Start, calm: Path, tmp_path: Path) -> None:
     fifo = tmp_path / "token"
     os.mkfifo(fifo)

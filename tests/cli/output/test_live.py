@@ -35,6 +35,7 @@ def test_the_table_shows_value_unit_level_and_statistics_of_every_signal(on_term
     terminal.wait_until(lambda text: re.search(r"system_health [\d.]+", text) is not None)
 
 
+@pytest.mark.newest_python
 def test_alerts_scroll_by_above_one_single_table(on_terminal: Start, restless: Path) -> None:
     terminal = on_terminal("run", "--thresholds", restless, "--log-level", "ERROR")
     # A frame arrives in pieces; the table's last line is the end of it.
@@ -64,6 +65,7 @@ def test_only_the_word_of_the_level_is_coloured(on_terminal: Start, restless: Pa
     assert word_colours(terminal, row) == {"ERROR": "red"}
 
 
+@pytest.mark.newest_python
 def test_no_color_is_respected(on_terminal: Start, restless: Path) -> None:
     terminal = on_terminal("run", "--thresholds", restless, NO_COLOR="1")
     terminal.wait_until(lambda text: "battery_level ERROR: " in text)
@@ -90,6 +92,7 @@ def test_a_duration_leaves_the_terminal_as_cleanly(on_terminal: Start, restless:
     assert not terminal.screen.cursor.hidden
 
 
+@pytest.mark.newest_python
 def test_a_narrow_terminal_gets_a_narrow_table(on_terminal: Start, calm: Path) -> None:
     terminal = on_terminal("run", "--thresholds", calm, "--log-level", "ERROR", columns=40, lines=10)
     terminal.wait_until(lambda text: re.search(r"cpu_usage +OK +[\d.]+ %", text) is not None)
@@ -97,6 +100,7 @@ def test_a_narrow_terminal_gets_a_narrow_table(on_terminal: Start, calm: Path) -
     assert terminal.rows[1].split() == ["signal", "level", "value"]
 
 
+@pytest.mark.newest_python
 def test_a_terminal_with_few_lines_shows_the_worst_signals(on_terminal: Start, tmp_path: Path) -> None:
     names = [f"signal_{number:02}" for number in range(30)]
     quiet = "".join(f"      {name}: {{startup_grace_s: 1000.0}}\n" for name in names)
@@ -125,6 +129,7 @@ def test_a_window_that_changes_its_size_is_redrawn_at_once_and_once(on_terminal:
     assert terminal.text.count("battery_level") == 1
 
 
+@pytest.mark.newest_python
 def test_tmux_finds_no_full_clear_that_it_would_copy_into_its_history(on_terminal: Start, calm: Path) -> None:
     terminal = on_terminal("run", "--thresholds", calm, "--log-level", "ERROR")
     terminal.wait_until(lambda text: re.search(r"cpu_usage +OK +[\d.]+ %", text) is not None)
@@ -161,6 +166,7 @@ def test_a_terminal_that_is_not_read_stops_neither_the_monitoring_nor_the_end(
     assert terminal.wait_unread() == 0
 
 
+@pytest.mark.newest_python
 def test_a_terminal_paused_by_ctrl_s_is_restored_at_the_end(on_terminal: Start, calm: Path) -> None:
     terminal = on_terminal("run", "--thresholds", calm)
     terminal.wait_until(lambda text: re.search(r"cpu_usage +OK +[\d.]+ %", text) is not None)
@@ -170,6 +176,7 @@ def test_a_terminal_paused_by_ctrl_s_is_restored_at_the_end(on_terminal: Start, 
     assert not terminal.screen.cursor.hidden
 
 
+@pytest.mark.newest_python
 def test_a_robot_cannot_control_the_terminal(on_terminal: Start, tmp_path: Path) -> None:
     file = tmp_path / "hostile.yaml"
     file.write_text(
@@ -183,12 +190,14 @@ def test_a_robot_cannot_control_the_terminal(on_terminal: Start, tmp_path: Path)
     )
 
 
+@pytest.mark.newest_python
 def test_json_on_a_terminal_is_json(on_terminal: Start, restless: Path) -> None:
     terminal = on_terminal("run", "--thresholds", restless, "--json", columns=1000)
     terminal.wait_until(lambda text: '{"signal": "battery_level", "from_level": "OK", "to_level": "WARN"' in text)
     assert b"\x1b" not in terminal.bytes
 
 
+@pytest.mark.newest_python
 @pytest.mark.parametrize("variables", [{"TERM": "dumb"}, {"TERM": ""}])
 def test_a_terminal_that_cannot_move_its_cursor_gets_plain_lines(
     on_terminal: Start, restless: Path, variables: Any
@@ -207,6 +216,7 @@ def test_without_rich_there_are_plain_lines_and_a_hint(on_terminal: Start, restl
     assert b"\x1b" not in terminal.bytes
 
 
+@pytest.mark.newest_python
 def test_an_ascii_terminal_gets_a_table_without_bars(on_terminal: Start, calm: Path) -> None:
     terminal = on_terminal("run", "--thresholds", calm, PYTHONIOENCODING="ascii")
     terminal.wait_until(lambda text: re.search(r"cpu_usage +OK +[\d.]+ %", text) is not None)
@@ -276,6 +286,7 @@ def test_no_status_of_a_robot_controls_the_terminal_or_breaks_the_table(
     assert all(row.isprintable() for row in rows)
 
 
+@pytest.mark.newest_python
 @pytest.mark.parametrize("columns", [40, 80])
 def test_several_robots_have_a_row_each(on_terminal: Start, calm: Path, columns: int) -> None:
     urls = [f"robot{number}=ws://127.0.0.1:{number}" for number in (1, 2)]

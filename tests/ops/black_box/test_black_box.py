@@ -282,6 +282,7 @@ def test_an_old_recording_that_cannot_be_deleted_is_a_fault_and_others_are_writt
     robot.close()
 
 
+@pytest.mark.newest_python
 def test_the_names_that_are_kept_in_memory_are_bounded(tmp_path: Path) -> None:
     robot = RecordedRobot(tmp_path)
     box = robot.operations.black_box

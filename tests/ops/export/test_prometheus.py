@@ -29,6 +29,7 @@ from robot_health_monitor.ops.web.metrics import FLEET, FULL, Metrics
 ODD_NAMES = ['r"1\\', "ä|b", "x.y", "R\u2013 🤖", "{{ $labels.x }}", "@ROBOTS@", "null", "$(rm -rf)", "a: b # c"]
 
 
+@pytest.mark.newest_python
 @needs_promtool
 @needs_victoria_metrics
 @pytest.mark.parametrize("robots", [(), ODD_NAMES[:1], ODD_NAMES])
@@ -41,6 +42,7 @@ def test_prometheus_and_vmalert_accept_the_same_rules_whatever_robots_are_called
     assert vmalert_problem(tmp_path / "rules.yaml") == ""
 
 
+@pytest.mark.newest_python
 @needs_promtool
 @pytest.mark.parametrize("name", ODD_NAMES)
 def test_the_alerts_are_those_of_the_robots_that_are_named(tmp_path: Path, name: str) -> None:
@@ -63,6 +65,7 @@ def test_an_interval_at_which_prometheus_does_not_see_every_series_is_refused(in
         export_rules(interval_s=interval_s)
 
 
+@pytest.mark.newest_python
 @needs_promtool
 def test_labels_are_those_of_a_notification_and_the_summary_has_the_value(tmp_path: Path) -> None:
     labels = {"robot": "r1", "signal": "battery_level"}
@@ -251,6 +254,7 @@ def missed(folder: Path, scraped: Sequence[Scraped], expected: Mapping[int, Sequ
     return promtool(folder, "test", "rules", "test.yaml")
 
 
+@pytest.mark.newest_python
 @needs_promtool
 def test_a_monitor_that_hangs_or_is_down_is_an_alert(tmp_path: Path) -> None:
     scraped = [
@@ -272,6 +276,7 @@ def test_a_monitor_that_hangs_or_is_down_is_an_alert(tmp_path: Path) -> None:
     assert missed(tmp_path, scraped, expected) == ""
 
 
+@pytest.mark.newest_python
 @needs_promtool
 def test_a_robot_that_its_monitor_no_longer_reports_is_no_alert(tmp_path: Path) -> None:
     """It was taken out of the fleet file; then the monitor is stopped, for longer than Prometheus looks back."""
@@ -281,6 +286,7 @@ def test_a_robot_that_its_monitor_no_longer_reports_is_no_alert(tmp_path: Path) 
     assert missed(tmp_path, scraped, expected) == ""
 
 
+@pytest.mark.newest_python
 @needs_promtool
 @pytest.mark.parametrize(
     "scraped",
@@ -293,6 +299,7 @@ def test_a_robot_whose_monitor_is_no_longer_a_target_is_no_alert(tmp_path: Path,
     assert missed(tmp_path, [scraped], {second: [] for second in (40, *range(102, 500))}) == ""
 
 
+@pytest.mark.newest_python
 @needs_promtool
 def test_a_robot_that_another_monitor_watches_as_well_is_not_missed(tmp_path: Path) -> None:
     scraped = [
@@ -302,6 +309,7 @@ def test_a_robot_that_another_monitor_watches_as_well_is_not_missed(tmp_path: Pa
     assert missed(tmp_path, scraped, {99: [], 110: ["r2"], 200: ["r2"]}) == ""
 
 
+@pytest.mark.newest_python
 @needs_promtool
 def test_after_a_gap_of_prometheus_itself_a_monitor_that_is_down_is_still_missed(tmp_path: Path) -> None:
     """Its robots are those of the last scrape, not one that was taken out of the fleet file before."""

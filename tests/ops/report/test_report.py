@@ -223,6 +223,7 @@ def test_the_page_refers_to_nothing_outside() -> None:
     assert "innerHTML" not in page
 
 
+@pytest.mark.newest_python
 def test_a_day_of_ten_signals_is_smaller_than_2_mb() -> None:
     noise = random.Random(1)
     plots = []

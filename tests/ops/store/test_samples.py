@@ -127,6 +127,7 @@ def test_each_step_is_short(connection: sqlite3.Connection) -> None:
     assert max(steps) < 6_000
 
 
+@pytest.mark.newest_python
 def test_when_space_is_short_periods_are_merged_earlier_and_then_the_oldest_go(connection: sqlite3.Connection) -> None:
     store(connection, [part(10.0 * number, number % 7, signal=signal) for number in range(9_000) for signal in "ab"])
     upkeep, fine, oldest = SampleUpkeep(connection), [], []

@@ -110,6 +110,7 @@ JSON = st.recursive(
 )
 
 
+@pytest.mark.newest_python
 @settings(max_examples=examples(200))
 @given(JSON)
 def test_a_large_message_is_encoded_to_the_same_text(value: Any) -> None:
