@@ -318,7 +318,7 @@ def kilted(session: nox.Session) -> None:
 
 @nox.session(python=ROS2_PYTHON, venv_backend="venv", venv_params=ROS2_VENV, requires=["apt"])
 def packaging(session: nox.Session) -> None:
-    """The builds with colcon, catkin_make and pip, each in a separate workspace.
+    """The builds with colcon, catkin_make and pip, in workspaces away from the sources.
 
     In an environment of virtualenv, setuptools ignores where colcon installs the executables.
     """
@@ -331,6 +331,7 @@ def dist(session: nox.Session) -> None:
     """Builds the wheel and the source distribution of the last commit into dist/, and tries them."""
     set_up(session, {}, *DIST_TOOLS)
     session.run("python", "release/distributions.py", "dist")
+    session.env["BUILT_DISTRIBUTIONS"] = str(ROOT / "dist")
     run_pytest(session, "tests/distributions")
 
 

@@ -57,6 +57,10 @@ def built(folder: Path, repository: Path = ROOT, umask: int = 0o022, **variables
 
 @pytest.fixture(scope="module")
 def files(tmp_path_factory: pytest.TempPathFactory) -> List[Path]:
+    """Returns what the session `dist` has built, if it runs these tests."""
+    folder = os.environ.get("BUILT_DISTRIBUTIONS")
+    if folder:
+        return sorted(Path(folder).glob(f"{NAME}-{version()}*"))
     return built(tmp_path_factory.mktemp("first"))
 
 

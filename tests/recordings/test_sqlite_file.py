@@ -67,7 +67,7 @@ def test_a_file_that_is_cut_off_anywhere_is_read_as_far_as_possible(tmp_path: Pa
     data = database(tmp_path / "bag").read_bytes()
     cut = tmp_path / "cut.db3"
     most = 0
-    for size in [*range(0, len(data), 997), *range(len(data) - 4300, len(data), 13)]:
+    for size in [*range(0, len(data), 1997), *range(len(data) - 4300, len(data), 61)]:
         cut.write_bytes(data[:size])
         line = f"{cut}: ends at byte {size} of {len(data)}: read as far as possible"
         try:

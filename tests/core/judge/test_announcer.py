@@ -305,7 +305,7 @@ settings_of_signal = st.fixed_dictionaries(
 
 
 @pytest.mark.newest_python
-@settings(max_examples=examples(150), deadline=None)
+@settings(max_examples=examples(75), deadline=None)
 @given(settings_of_signal, steps)
 def test_beyond_61_in_a_minute_only_what_flapping_never_hides_is_announced(
     signal: Mapping[str, Any], sequence: List[Tuple[float, float, int]]
@@ -330,7 +330,7 @@ def test_beyond_61_in_a_minute_only_what_flapping_never_hides_is_announced(
 
 
 @pytest.mark.newest_python
-@settings(max_examples=examples(100), deadline=None)
+@settings(max_examples=examples(50), deadline=None)
 @given(settings_of_signal, st.lists(st.sampled_from((5.0, 15.0, 50.0)), min_size=65, max_size=200))
 def test_data_that_come_once_per_second_are_judged_as_before(signal: Mapping[str, Any], values: List[float]) -> None:
     signal = {**signal, "stale_after_s": 5.0}

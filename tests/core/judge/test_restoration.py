@@ -491,7 +491,7 @@ class Player:
 
 
 @pytest.mark.newest_python
-@settings(max_examples=examples(150))
+@settings(max_examples=examples(75))
 @given(
     st.lists(plain_trees, min_size=2, max_size=2),
     st.lists(plain_calls, max_size=30),
@@ -593,7 +593,7 @@ def test_a_storm_of_any_form_ends_within_a_minute(number: Any, first: Any, last:
 
 
 @pytest.mark.newest_python
-@settings(max_examples=examples(150))
+@settings(max_examples=examples(75))
 @given(
     st.sampled_from(places(full_state())), json_values, st.sampled_from(("a", "b", "link", "gone", "not a name\n", ""))
 )

@@ -168,7 +168,7 @@ NUMBERS = st.one_of(
 
 
 @pytest.mark.newest_python
-@settings(max_examples=examples(300))
+@settings(max_examples=examples(100))
 @given(
     st.lists(NUMBERS, min_size=1, max_size=30), st.sampled_from(["", "%", "degC", "V"]), st.floats(0.0, 1e6), st.data()
 )
