@@ -26,7 +26,7 @@ def wait_for_ticks(port: int, lasts_s: float) -> None:
     """Waits until every robot of a monitor that serves on this port has ticked for some time, by the robots' ticks."""
 
     def ticks_s() -> List[float]:
-        with urllib.request.urlopen(f"http://127.0.0.1:{port}/metrics", timeout=WAIT_S) as answer:
+        with urllib.request.urlopen(f"http://127.0.0.1:{port}/metrics?profile=fleet", timeout=WAIT_S) as answer:
             lines = answer.read().decode().splitlines()
         return [float(line.rpartition(" ")[2]) for line in lines if line.startswith(_TICK)]
 

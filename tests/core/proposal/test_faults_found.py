@@ -73,7 +73,10 @@ def alerts_after(listened_s: float, healthy_s: float) -> Dict[str, Lines]:
         robot.fault = fault
         bus.run_until(bus.now_s + FAULT_S)
         robot.fault = ""
-        bus.run_until(bus.now_s + RECOVERY_S)
+        until_s = bus.now_s + RECOVERY_S
+        while bus.now_s < until_s and set({each.signal: each.to_level for each in heard}.values()) - {Level.OK}:
+            bus.run_until(bus.now_s + 1.0)
+        bus.run_until(bus.now_s + 10.0)
         alerts[fault] = [(f"{each.signal} {each.to_level.name}", each.text) for each in heard]
         heard.clear()
     return alerts
