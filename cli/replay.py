@@ -7,9 +7,9 @@ import os
 import shutil
 import sys
 import time
-from contextlib import nullcontext
-from typing import Any, Counter, Dict, Iterator, List, Mapping, NamedTuple, Optional, Sequence, TextIO, Tuple
+from typing import Callable, Counter, Dict, Iterator, List, NamedTuple, Optional, Sequence, TextIO, Tuple
 
+from ..core.config.monitor_config import Section
 from ..core.config.signal_config import SignalConfig
 from ..core.config.yaml_file import YamlFile, read_yaml
 from ..core.judge.attachments import SavedMonitor
@@ -17,42 +17,24 @@ from ..core.judge.sources import is_source
 from ..core.nodes.outlets import json_line
 from ..core.port.local import LogLine
 from ..core.port.middleware import Severity
-from ..core.values.errors import ConfigError, Path
+from ..core.values.errors import ConfigError
 from ..core.values.formatting import count_text, duration_text, list_text, printable
 from ..core.values.model import Level, Transition
 from ..ops.report.plotted_signal import PlottedSignal
-from ..ops.report.report import MOST_ALERTS, Report, ReportedAlert, buckets_of, facts_of, render
+from ..ops.report.report import MOST_ALERTS, Report, ReportedAlert, buckets_of, render
+from ..ops.report.summaries import SHARES, SummaryRow, range_cells, table
 from ..recordings.judging import Differences, Judge, JudgedEvent, JudgedSample, SignalSummary
 from ..recordings.middleware import Player
 from ..recordings.reading import Recordings
 from .arguments import find_installed
 from .embedded import sections_of_nodes
 from .output.events import Entry
-from .output.lines import (
-    COLOURS,
-    ProgressLine,
-    badness,
-    below_causes,
-    coloured,
-    folded_name,
-    is_coloured,
-    is_terminal,
-    plain_line,
-    plain_table,
-    range_cells,
-    readable,
-    share_cells,
-    summary_sentence,
-)
+from .output.lines import COLOURS, ProgressLine, coloured, is_coloured, is_terminal, plain_line, plain_table, readable
 from .report_file import ReportFile
 from .testing.black_box_alert import attached_file, attached_states
 
-_MOST_NAMES = 6  # signals that are named in a sentence
-_NOT_RECORDED = "not recorded"
 _GAP = 2  # blanks between columns
-_NUMBERS = (
-    "samples", "bad", *(level.name for level in Level), "unknown", "alerts", "min", "mean", "max", "longest gap"
-)  # fmt: skip
+_NUMBERS = ("samples", "bad", *SHARES, "alerts", "min", "mean", "max", "longest gap")
 
 
 def replay(arguments: argparse.Namespace) -> bool:
@@ -65,7 +47,7 @@ def replay(arguments: argparse.Namespace) -> bool:
     configurations = _configurations(arguments)
     report = None
     if arguments.report:
-        inputs = [*arguments.recordings, *(each.file.file for each in configurations if each.file is not None)]
+        inputs = [*arguments.recordings, *(each.file.file for each in configurations)]
         report = ReportFile(arguments.report, inputs, arguments.force)
     with Recordings(arguments.recordings) as recordings:
         saved = None
@@ -80,9 +62,9 @@ class _Configuration(NamedTuple):
     """One thresholds file."""
 
     name: str
-    file: Optional[YamlFile]
-    path: Path
-    parameters: Mapping[str, Any]
+    file: YamlFile
+    section: Section
+    """That of alert_system."""
 
 
 class _Replay:
@@ -98,31 +80,31 @@ class _Replay:
         self._report_file = report_file
         self._several = len(configurations) > 1
         self._configurations = configurations
-        self._recordings = recordings
-        self._check_span()
         self._output = ReplayOutput(arguments.json)
         self._player = Player(
             recordings,
             namespace=arguments.namespace,
             from_s=arguments.from_s,
             to_s=arguments.to_s,
-            use_sim_time=arguments.use_sim_time or configurations[0].parameters.get("use_sim_time") is True,
+            use_sim_time=arguments.use_sim_time or configurations[0].section.tree.get("use_sim_time") is True,
             begin_ns=None if saved is None else round(saved.time_s * 1e9),
             on_log=self._on_log,
         )
         self._start_s = self._player.wall_s
-        self._plots: Dict[Tuple[str, str], PlottedSignal] = {}  # by configuration and signal; only for a report
+        self._plots: Dict[Tuple[str, str], PlottedSignal] = {}
+        """By configuration, empty if there is only one, and signal; only for a report."""
         self._shown: List[ReportedAlert] = []
         self._shown_levels: Counter[Level] = Counter()  # new levels of all transitions that were shown
         names = [configuration.name for configuration in configurations]
         self._differences = Differences(names, self._show) if self._several else None
         self._judge = Judge(self._player, self._on_event, self._plot if report_file else None)
         self._player.on_gap.append(self._on_gap)
-        for configuration in configurations:
-            file, path = configuration.file, configuration.path
-            with nullcontext() if file is None else file.located(path):
-                self._judge.add(configuration.name, configuration.parameters, saved)
-        self._require_recorded()
+        for name, file, section in configurations:
+            with file.located(section.path):
+                self._judge.add(name, section.tree, saved)
+        topics = list_text(sorted({channel.topic for channel in recordings.channels})) or "no topic"
+        hint = f"; the recordings have {topics}; is a --namespace missing?"
+        self._require("is recorded", lambda summary: summary.recorded, hint)
         self._buckets = buckets_of(sum(summary.recorded for summary in self._judge.summaries))
 
     def run(self) -> bool:
@@ -130,7 +112,7 @@ class _Replay:
             self._judge.run(output.progress)
             if self._differences is not None:
                 self._differences.flush()
-        self._require_judged()
+        self._require("was judged", lambda summary: not summary.missing)
         summaries = self._summaries()
         missing = {summary.config.name: summary.missing for summary in summaries if summary.missing}
         problems = self._player.problems
@@ -139,18 +121,17 @@ class _Replay:
             problems.append(f"not judged: {reasons}")
         for problem in problems:
             output.warn(f"WARN: {problem}")
-        cells = ((effects, row(summary, self._several)) for summary, effects in folded(summaries))
-        rows = [[folded_name(name, effects), *others] for effects, (name, *others) in cells]
-        head = header(self._several)
+        rows = [row(summary, self._several) for summary in summaries]
+        heads = ["signal", *(["file"] if self._several else []), *_NUMBERS]
         number, noun = sum(self._shown_levels.values()), "difference"
         if not self._several:  # else OK counts: an alert may end at another time
             number, noun = sum(summary.alerts for summary in summaries), "alert"
         verdict = count_text(number, noun) if number else f"no {noun}s"
         if missing:
             verdict += f"; {count_text(len(missing), 'signal')} not judged"
-        output.table(head, rows, verdict)
+        output.table(table(heads, rows), verdict)
         if self._report_file is not None:
-            self._report_file.write(self._page(summaries, verdict, problems))
+            self._report_file.write(self._page(rows, verdict, problems))
         if self._arguments.fail_on == "never":
             return False
         fail_on = Level[self._arguments.fail_on.upper()]
@@ -165,16 +146,6 @@ class _Replay:
         found = self._judge.summaries
         names = list(dict.fromkeys(summary.config.name for summary in found))
         return sorted(found, key=lambda summary: names.index(summary.config.name))
-
-    def _check_span(self) -> None:
-        span = self._recordings.span_ns
-        length_s = 0.0 if span is None else (span[1] - span[0]) / 1e9
-        if self._arguments.from_s > length_s:
-            raise ConfigError(
-                f"--from {self._arguments.from_s:g}: expected at most the length of the recordings ({length_s:.3f} s)"
-            )
-        if self._arguments.to_s < self._arguments.from_s:
-            raise ConfigError(f"--to {self._arguments.to_s:g}: expected at least --from {self._arguments.from_s:g}")
 
     # While the recordings are played
 
@@ -218,92 +189,67 @@ class _Replay:
     def _plot_of(self, file: str, signal: str) -> Optional[PlottedSignal]:
         """Returns the plot of a signal, which begins here; None if it is not of the configuration."""
         config = self._judge.config_of(file, signal)
-        if (file, signal) not in self._plots and config is not None:
-            shown_file, span_s = file if self._several else "", self._player.end_s - self._start_s
-            self._plots[file, signal] = PlottedSignal(config, shown_file, self._start_s, span_s, self._buckets)
-        return self._plots.get((file, signal))
+        key = file if self._several else "", signal
+        if key not in self._plots and config is not None:
+            span_s = self._player.end_s - self._start_s
+            self._plots[key] = PlottedSignal(config, key[0], self._start_s, span_s, self._buckets)
+        return self._plots.get(key)
 
-    def _page(self, summaries: List[SignalSummary], verdict: str, problems: List[str]) -> str:
-        end_s = self._player.wall_s
-        with_effects = folded(worst_first(summaries))
-        summaries = [summary for summary, _ in with_effects]
-        plots = [self._plots.get((summary.file, summary.config.name)) for summary in summaries]
+    def _page(self, rows: List[SummaryRow], verdict: str, problems: List[str]) -> str:
         names = list_text([os.path.basename(os.path.abspath(name)) for name in self._arguments.recordings])
-        judged_by = f"judged by {' and '.join(each.name for each in self._configurations)}; "
         return render(
             Report(
                 title=f"Replay of {names}",
-                facts=facts_of(self._start_s, end_s, judged_by),
-                summary=sentence(summaries, end_s - self._start_s),
+                done="judged",
                 verdict=verdict,
                 problems=problems,
                 start_s=self._start_s,
-                end_s=end_s,
-                utc_offset_s=float(time.localtime(self._start_s).tm_gmtoff),
-                header=header(self._several),
-                rows=[row(summary, self._several) for summary in summaries],
-                signals=[plot for plot in plots if plot is not None],
+                end_s=self._player.wall_s,
+                columns=_NUMBERS,
+                rows=worst_first(rows),
+                plots=self._plots,
                 alerts=self._shown,
                 all_alerts=sum(self._shown_levels.values()),
-                effects=[effects for _, effects in with_effects],
+                judged_by=" and ".join(each.name for each in self._configurations),
             )
         )
 
-    # Whether there was something to judge
-
-    def _require_recorded(self) -> None:
-        """Raises ConfigError if no signal of a configuration is recorded."""
-        topics = {channel.topic for channel in self._recordings.channels}
-        for summaries in self._by_configuration():
-            if any(summary.recorded for summary in summaries):
-                continue
-            wanted = list_text(list(dict.fromkeys(summary.topic for summary in summaries)))
-            if not topics:
-                reason = "the recordings have no topics with ROS messages"
-            elif topics.isdisjoint(summary.topic for summary in summaries):
-                reason = f"expected one of {wanted}, got {list_text(sorted(topics))}; is a --namespace missing?"
-            else:
-                reason = list_text([summary.missing for summary in summaries])
-            raise ConfigError(f"no signal is recorded: {reason}")
-
-    def _require_judged(self) -> None:
-        """Raises ConfigError if no signal of a configuration had a sample."""
-        for summaries in self._by_configuration():
-            if all(summary.missing for summary in summaries):
-                reasons = list_text([f"{summary.config.name} ({summary.missing})" for summary in summaries])
-                raise ConfigError(f"no signal was judged: {reasons}")
-
-    def _by_configuration(self) -> List[List[SignalSummary]]:
-        found = [each for each in self._judge.summaries if not is_source(each.config.name)]
-        return [[each for each in found if each.file == configuration.name] for configuration in self._configurations]
+    def _require(self, done: str, is_done: Callable[[SignalSummary], bool], hint: str = "") -> None:
+        """Raises ConfigError if no signal of a configuration is recorded, or was judged."""
+        for configuration in self._configurations:
+            summaries = [each for each in self._judge.summaries if each.file == configuration.name]
+            signals = [each for each in summaries if not is_source(each.config.name)]
+            if not any(map(is_done, signals)):
+                reasons = list_text([f"{summary.config.name} ({summary.missing})" for summary in signals])
+                raise ConfigError(f"no signal {done}: {reasons}{hint}")
 
 
 def _configurations(arguments: argparse.Namespace) -> List[_Configuration]:
     first = arguments.thresholds or find_installed("config/thresholds.yaml")
-    found = [_read(arguments, None if first is None else os.fspath(first))]
+    if first is None:
+        raise ConfigError("no thresholds.yaml is installed; expected --thresholds FILE")
+    configurations = [_read(arguments, os.fspath(first))]
     if arguments.against:
         second = _read(arguments, arguments.against)
-        found.append(second._replace(name=f"{second.name} (2)") if second.name == found[0].name else second)
-    return found
+        is_same = second.name == configurations[0].name
+        configurations.append(second._replace(name=f"{second.name} (2)") if is_same else second)
+    return configurations
 
 
 def _attached(file: YamlFile) -> _Configuration:
     """Returns the configuration that a black box has attached."""
-    section = sections_of_nodes(file)["alert_system"]
     folder, name = os.path.split(file.file)
-    return _Configuration(f"{name} in {os.path.basename(folder)}", file, section.path, section.tree)
+    return _Configuration(f"{name} in {os.path.basename(folder)}", file, sections_of_nodes(file)["alert_system"])
 
 
-def _read(arguments: argparse.Namespace, name: Optional[str]) -> _Configuration:
+def _read(arguments: argparse.Namespace, name: str) -> _Configuration:
     file_name = os.path.basename(os.path.abspath(arguments.recordings[0]))
     robot = arguments.namespace.strip("/") or printable(file_name).strip() or "recorded"  # any bytes but / are a name
-    if name is None:
-        return _Configuration("the defaults", None, (), {"robot_name": robot})
     file = read_yaml(name)
     section = sections_of_nodes(file)["alert_system"]
     # The host that replays is not the robot.
-    parameters = {**section.tree, "robot_name": section.tree.get("robot_name") or robot}
-    return _Configuration(name, file, section.path, parameters)
+    tree = {**section.tree, "robot_name": section.tree.get("robot_name") or robot}
+    return _Configuration(name, file, section._replace(tree=tree))
 
 
 class ReplayOutput:
@@ -355,12 +301,12 @@ class ReplayOutput:
         """Writes a line to stderr."""
         self._write(printable(text), stream=sys.stderr)
 
-    def table(self, head: Sequence[str], rows: Sequence[Sequence[str]], last_line: str) -> None:
+    def table(self, rows: Sequence[Sequence[str]], last_line: str) -> None:
         """Writes the table, on a terminal in parts that fit, with a line below it."""
         stream = sys.stderr if self._as_json else sys.stdout
-        lines = [[printable(readable(cell, stream)) for cell in cells] for cells in (head, *rows)]
+        lines = [[printable(readable(cell, stream)) for cell in cells] for cells in rows]
         widths = [_GAP + max(map(len, column)) for column in zip(*lines)]
-        texts = len(head) - len(_NUMBERS)
+        texts = len(widths) - len(_NUMBERS)
         width = shutil.get_terminal_size().columns if is_terminal(stream) else sys.maxsize
         shown = []
         for numbers in _parts(widths[texts:], width - sum(widths[:texts])):
@@ -384,49 +330,29 @@ class ReplayOutput:
             raise self._error
 
 
-def header(several_files: bool) -> List[str]:
-    """Returns the heads of the columns; with `several_files` there is one for the configuration."""
-    return ["signal", *(["file"] if several_files else []), *_NUMBERS]
+def row(summary: SignalSummary, several_files: bool) -> SummaryRow:
+    """Returns what the table and the report show of one signal; with `several_files`, also its configuration."""
+    statistics, name = summary.statistics, summary.config.name
+    figures = {**dict.fromkeys(_NUMBERS, ""), "samples": "not recorded"}
+    if summary.recorded:
+        samples, bad = (["-"] * 2) if is_source(name) else map(str, (statistics.samples, statistics.bad_samples))
+        gap_s = statistics.longest_gap_s
+        figures = {
+            "samples": samples,
+            "bad": bad,
+            **range_cells(summary.config, statistics.min, statistics.mean, statistics.max),
+            "longest gap": "-" if gap_s is None else duration_text(gap_s),
+        }
+    file = summary.file if several_files else ""
+    return SummaryRow(name, file, summary.cause, summary.shares, summary.unknown, summary.alerts, figures)
 
 
-def row(summary: SignalSummary, several_files: bool) -> List[str]:
-    """Returns the cells of one signal, in the order of `header`."""
-    names = [summary.config.name, *([summary.file] if several_files else [])]
-    if not summary.recorded:
-        return [*names, _NOT_RECORDED, *[""] * (len(_NUMBERS) - 1)]
-    statistics = summary.statistics
-    range_texts = range_cells(summary.config, statistics.min, statistics.mean, statistics.max)
-    gap = "-" if statistics.longest_gap_s is None else duration_text(statistics.longest_gap_s)
-    counts = ["-", "-"] if is_source(names[0]) else [str(statistics.samples), str(statistics.bad_samples)]
-    return [
-        *names, *counts, *share_cells(summary.shares, summary.unknown),
-        str(summary.alerts), *range_texts, gap,
-    ]  # fmt: skip
-
-
-def folded(summaries: Sequence[SignalSummary]) -> List[Tuple[SignalSummary, int]]:
-    """Returns the summaries with effects below their cause, and how many follow each: -1 for an effect."""
-    return below_causes(summaries, lambda each: (each.file, each.config.name), lambda each: each.cause)
-
-
-def worst_first(summaries: Sequence[SignalSummary]) -> List[SignalSummary]:
-    """Returns the summaries in the order of badness; those of one signal stay together."""
+def worst_first(rows: Sequence[SummaryRow]) -> List[SummaryRow]:
+    """Returns the rows in the order of badness; those of one signal, which follow each other, stay together."""
     worst: Dict[str, Tuple[float, ...]] = {}
-    for summary in summaries:
-        name = summary.config.name
-        # One that was not judged is worse than one that was OK.
-        worst[name] = max(badness(summary.shares, summary.alerts, bool(summary.missing)), worst.get(name, ()))
-    return sorted(summaries, key=lambda summary: worst[summary.config.name], reverse=True)
-
-
-def sentence(summaries: Sequence[SignalSummary], duration_s: float) -> str:
-    """Returns what was judged, for how long, and which signal was worst: the first of the summaries."""
-    judged_ones = (summary.config.name for summary in summaries if not summary.missing)
-    names = [name for name in dict.fromkeys(judged_ones) if not is_source(name)]
-    several = f" ({len(names)} signals)" if len(names) > _MOST_NAMES else ""
-    worst = summaries[0]
-    what = f"{list_text(names, _MOST_NAMES)}{several}"
-    return summary_sentence(what, len(names), "judged", duration_s, worst.config.name, worst.shares)
+    for each in rows:
+        worst[each.signal] = max(each.badness, worst.get(each.signal, ()))
+    return sorted(rows, key=lambda each: worst[each.signal], reverse=True)
 
 
 def _parts(widths: Sequence[int], room: int) -> Iterator[slice]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import heapq
 import itertools
-import json
 import os
 import re
 import sqlite3
@@ -17,6 +16,7 @@ from typing import Any, Iterable, Iterator, List, Tuple
 from ...core.values.errors import ConfigError, ServiceError
 from ...core.values.formatting import count_text, duration_text, number_text, printable
 from ...core.values.model import Level
+from ...ops.report.summaries import SHARES, table
 from ...ops.store import queries
 from ...ops.store import samples as stored_samples
 from ...ops.store.notes import notes_of
@@ -32,19 +32,16 @@ from ..history.history_entries import (  # fmt: skip
     Listing,
     NotedAlert,
     alert_listing,
-    entry_json,
+    entry_fields,
     entry_lines,
     entry_rows,
-    outage_cells,
+    summary_row,
     time_text,
 )
 from ..history.history_file import DEFAULT_FILE, history_file, reading_history
-from ..output.lines import below_causes, folded_name, is_coloured, plain_table, share_cells
+from ..output.lines import is_coloured, plain_table
 
-_SUMMARY_HEAD = (
-    "robot", "signal", *(level.name for level in Level), "unknown", "available", "alerts", "longest outage",
-    "recovery",
-)  # fmt: skip
+_SUMMARY_HEADS = ("robot", "signal", *SHARES, "available", "alerts", "longest outage", "recovery")
 _SUMMARY_FIELDS = (
     "robot", "signal", "duration_s", "unknown", "alerts", "longest_outage_s", "availability", "mean_time_to_recover_s",
 )  # fmt: skip
@@ -75,7 +72,7 @@ def add_arguments(parser: Parser) -> None:
     meaning = "per 10 s (after two days: 5 min): smallest, largest, mean and last value, samples, worst level"
     add(content, "--samples", meaning)
     add(content, "--report FILE", "write a page with plots, one HTML file")
-    add(content, "--alert ID", "one transition, with a plot of its samples", type=alert_id)
+    add(content, "--alert ID", "one transition, with its samples", type=alert_id)
     add(parser, "--force", "let --report replace any file, except those that are read")
     form = parser.add_mutually_exclusive_group()
     add(form, "--json", "one JSON object per line")
@@ -131,7 +128,7 @@ def _transitions(connection: sqlite3.Connection, arguments: argparse.Namespace) 
 
     is_lit = is_coloured(sys.stdout)
     return Listing(
-        json=map(entry_json, merged(silences)),
+        json=map(entry_fields, merged(silences)),
         head=CSV_HEAD,
         rows=(row for entry in merged(silences) for row in entry_rows(entry)),
         lines=(line for entry in merged(silences, others) for line in entry_lines(entry, is_lit)),
@@ -173,29 +170,22 @@ def _summary(connection: sqlite3.Connection, arguments: argparse.Namespace) -> L
     fields = [{name: getattr(summary, name) for name in _SUMMARY_FIELDS} for summary in summaries]
     lines = []
     if summaries:
-        folded = below_causes(summaries, lambda each: (each.robot, each.signal), lambda each: each.cause)
-        rows = [_summary_cells(summary, folded_name(summary.signal, effects)) for summary, effects in folded]
+        rows = table(_SUMMARY_HEADS, list(map(summary_row, summaries)))
         begin_s = end_s - max(summary.duration_s for summary in summaries)
-        lines = [f"{time_text(begin_s)} to {time_text(end_s)}", *plain_table([_SUMMARY_HEAD, *rows], 2)]
+        lines = [f"{time_text(begin_s)} to {time_text(end_s)}", *plain_table(rows, 2)]
     return Listing(
-        json=(json.dumps({**each, "shares": share}) for each, share in zip(fields, shares)),
+        json=({**each, "shares": share} for each, share in zip(fields, shares)),
         head=[*_SUMMARY_FIELDS, *Level.__members__],
         rows=({**each, **share} for each, share in zip(fields, shares)),
         lines=lines,
     )
 
 
-def _summary_cells(summary: SignalSummary, name: str) -> List[str]:
-    available, outage, recovery = outage_cells(summary)
-    shares = share_cells(summary.shares, summary.unknown)
-    return [summary.robot, name, *shares, available, str(summary.alerts), outage, recovery]
-
-
 def _samples(connection: sqlite3.Connection, arguments: argparse.Namespace) -> Listing:
     found = stored_samples.read(connection, robot=arguments.robot, signal=arguments.signal, since_s=arguments.since_s)
     chosen = (each for each in found if arguments.level in (None, each.level))
     return Listing(
-        json=(json.dumps(samples_fields(each)) for each in chosen),
+        json=map(samples_fields, chosen),
         head=SAMPLES_FIELDS,
         rows=map(samples_fields, chosen),
         lines=_samples_lines(chosen),

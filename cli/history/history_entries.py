@@ -6,15 +6,15 @@ import argparse
 import csv
 import json
 import math
-import shutil
 import sqlite3
 import sys
-from typing import Dict, Iterable, Iterator, List, Mapping, NamedTuple, Optional, Sequence, TextIO, Tuple, Union
+from typing import Any, Dict, Iterable, Iterator, List, Mapping, NamedTuple, Sequence, TextIO, Tuple, Union
 
 from ...core.nodes.outlets import json_line
 from ...core.values.errors import ConfigError
 from ...core.values.formatting import count_text, duration_text, list_text, number_text, printable, with_hint
 from ...core.values.model import Level
+from ...ops.report.summaries import SummaryRow, share_text
 from ...ops.store import queries
 from ...ops.store.notes import Note, notes_of
 from ...ops.store.queries import MonitorEvent
@@ -22,7 +22,7 @@ from ...ops.store.rows import StoredTransition
 from ...ops.store.silences import SilenceEvent
 from ...ops.store.summary import SignalSummary
 from ...runtime.times import DATE_TIME, iso_time, local_time
-from ..output.lines import COLOURS, coloured, is_coloured, readable, share_text
+from ..output.lines import COLOURS, coloured, is_coloured, readable
 
 CSV_HEAD = (
     "id", "time", "robot", "signal", "from_level", "to_level", "value", "statistic", "bound", "repeat", "fingerprint",
@@ -30,11 +30,6 @@ CSV_HEAD = (
 )  # fmt: skip
 _MOST_NAMES = 3
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")
-
-
-_PLOT_COLUMNS = 100
-_LEAST_PLOT_COLUMNS = 10
-_PLOT_ROWS = 12
 
 
 class NotedAlert(NamedTuple):
@@ -52,7 +47,7 @@ class NotedAlert(NamedTuple):
 class Listing(NamedTuple):
     """What a command shows, in each of its forms, of which one is written."""
 
-    json: Iterable[str]
+    json: Iterable[Mapping[str, Any]]
     head: Sequence[str]
     """Names of the columns of `rows`; others are left out."""
     rows: Iterable[Mapping[str, object]]
@@ -63,7 +58,7 @@ class Listing(NamedTuple):
     def write(self, stream: TextIO, form: str) -> None:
         """Writes the form `json`, `csv` or `lines`."""
         if form == "json":
-            stream.writelines(f"{line}\n" for line in self.json)
+            stream.writelines(f"{json.dumps(each)}\n" for each in self.json)
         elif form == "csv":
             writer = csv.DictWriter(stream, self.head, "", "ignore", lineterminator="\n")
             writer.writeheader()
@@ -112,42 +107,50 @@ def effects_text(effects: Sequence[str]) -> str:
     return f"{len(effects)} affected: {list_text(effects, _MOST_NAMES)}"
 
 
-def outage_cells(summary: SignalSummary) -> Tuple[str, str, str]:
-    """Returns availability, longest outage and mean time to recover of a signal, as texts."""
-    available, recover_s = summary.availability, summary.mean_time_to_recover_s
-    return (
-        "-" if available is None else share_text(available),
-        duration_text(summary.longest_outage_s) if summary.longest_outage_s > 0.0 else "none",
-        "-" if recover_s is None else duration_text(recover_s),
-    )
+def summary_row(summary: SignalSummary, **figures: str) -> SummaryRow:
+    """Returns what a table shows of a signal, with `figures` of its samples."""
+    available, outage_s, recover_s = summary.availability, summary.longest_outage_s, summary.mean_time_to_recover_s
+    figures["available"] = "-" if available is None else share_text(available)
+    figures["longest outage"] = duration_text(outage_s) if outage_s > 0.0 else "none"
+    figures["recovery"] = "-" if recover_s is None else duration_text(recover_s)
+    shares, unknown = summary.shares, summary.unknown
+    return SummaryRow(summary.signal, summary.robot, summary.cause, shares, unknown, summary.alerts, figures)
 
 
-def entry_json(entry: Union[NotedAlert, SilenceEvent], **more: object) -> str:
-    """Returns an entry as one JSON object; `more`: further fields of an alert."""
+def entry_fields(entry: Union[NotedAlert, SilenceEvent], **more: object) -> Dict[str, Any]:
+    """Returns an entry as the fields of a JSON object; `more`: further fields of an alert."""
     if isinstance(entry, NotedAlert):
         alert = entry.transition
         notes = [{"time": iso_time(note.wall_s), "author": note.author, "text": note.text} for note in entry.notes]
         own = {"id": alert.id, "alert_id": alert.alert_id, "time": iso_time(alert.wall_s), "effects": alert.effects}
-        return json_line(alert, **own, notes=notes, **more)
-    fields = {"id": entry.silence.id, "time": iso_time(entry.wall_s), **_silence_fields(entry)}
-    every = entry.silence.every
-    rule = {"every": every, "timezone": entry.silence.timezone} if every else {}
-    return json.dumps({**fields, "until_resolved": entry.silence.until_resolved, **rule})
+        fields: Dict[str, Any] = json.loads(json_line(alert, **own, notes=notes, **more))
+        return fields
+    silence = entry.silence
+    author, reason = _author_and_reason(entry)
+    return {
+        "id": silence.id,
+        "time": iso_time(entry.wall_s),
+        "text": _silence_text(entry),
+        "event": f"silence {entry.kind}",
+        "matchers": silence.matchers,
+        "author": author,
+        "reason": reason,
+        "until": None if silence.until_s is None else iso_time(silence.until_s),
+        "until_resolved": silence.until_resolved,
+        **({"every": silence.every, "timezone": silence.timezone} if silence.every else {}),
+    }
 
 
-def entry_rows(entry: Union[NotedAlert, SilenceEvent]) -> Iterator[Dict[str, object]]:
+def entry_rows(entry: Union[NotedAlert, SilenceEvent]) -> Iterator[Dict[str, Any]]:
     """Yields the rows of an entry, with columns of `CSV_HEAD` and others."""
-    if isinstance(entry, NotedAlert):
-        alert = entry.transition
-        levels = {"from_level": alert.from_level.name, "to_level": alert.to_level.name}
-        own = {"event": "alert", "effects": ", ".join(alert.effects)}
-        yield {**alert._asdict(), "time": iso_time(alert.wall_s), **levels, **own}
-        for note in entry.notes:
-            names = {"id": alert.id, "robot": alert.robot, "signal": alert.signal}
-            time = iso_time(note.wall_s)
-            yield {**names, "time": time, "event": "note", "author": note.author, "text": note.text}
-    else:
-        yield {"id": entry.silence.id, "time": iso_time(entry.wall_s), **_silence_fields(entry)}
+    fields = entry_fields(entry)
+    if not isinstance(entry, NotedAlert):
+        yield fields
+        return
+    value, effects = entry.transition.value, ", ".join(fields["effects"])
+    yield {**fields, "event": "alert", "value": value, "effects": effects}
+    for note in fields["notes"]:
+        yield {**{name: fields[name] for name in ("id", "robot", "signal")}, "event": "note", **note}
 
 
 def csv_cell(value: object) -> object:
@@ -172,19 +175,6 @@ def _author_and_reason(event: SilenceEvent) -> Tuple[str, str]:
     silence = event.silence
     is_begin = event.kind == "added"
     return (silence.author, silence.reason) if is_begin else (silence.ended_by, silence.ended_reason)
-
-
-def _silence_fields(event: SilenceEvent) -> Dict[str, object]:
-    author, reason = _author_and_reason(event)
-    until_s = event.silence.until_s
-    return {
-        "text": _silence_text(event),
-        "event": f"silence {event.kind}",
-        "matchers": event.silence.matchers,
-        "author": author,
-        "reason": reason,
-        "until": None if until_s is None else iso_time(until_s),
-    }
 
 
 def event_text(event: Union[MonitorEvent, SilenceEvent]) -> str:
@@ -212,12 +202,9 @@ def alert_listing(connection: sqlite3.Connection, arguments: argparse.Namespace)
     line, *notes = entry_lines(alert, is_coloured(sys.stdout))
     lines = [line, *(f"  {name}: {printable(value)}" for name, value in _details(transition, samples))]
     lines += [f"  {each}" for each in notes]
-    if samples:
-        width = min(shutil.get_terminal_size().columns, _PLOT_COLUMNS)
-        bound = transition.bound if transition.statistic in ("last", "mean", "min", "max", "forecast") else None
-        lines += text_plot(samples, bound, width)
+    lines += [f"  {local_time(time_s)} {number_text(value)}" for time_s, value in samples]
     head = ("time", "value")
-    return Listing([entry_json(alert, evidence=evidence)], head, [dict(zip(head, each)) for each in times], lines)
+    return Listing([entry_fields(alert, evidence=evidence)], head, [dict(zip(head, each)) for each in times], lines)
 
 
 def _details(transition: StoredTransition, samples: Sequence[object]) -> List[Tuple[str, str]]:
@@ -231,52 +218,3 @@ def _details(transition: StoredTransition, samples: Sequence[object]) -> List[Tu
     never_known = transition.from_level is Level.OK and lasted_s <= 0.0
     level = "unknown" if never_known else f"{transition.from_level.name} for {duration_text(lasted_s)}"
     return [("level before", level), ("bound", bound), ("window", f"{count}; {statistics}" if statistics else count)]
-
-
-def text_plot(samples: Sequence[Tuple[float, float]], bound: Optional[float], width: int) -> List[str]:
-    """Returns a plot: `*` for samples, `-` for the bound, `x` below the axis for values that are no numbers.
-
-    Every column shows the range of its samples (wall time in s since 1970, and value), so that no extreme is lost.
-    Lines have at most `width` characters.
-    """
-    values = [value for _, value in samples if math.isfinite(value)]
-    if not values:
-        return ["no samples that are numbers"]
-    shown = values if bound is None else [*values, bound]
-    low, high = min(shown), max(shown)
-    bound_row = None if bound is None else _plot_row(bound, low, high)
-    labels = {0: number_text(high), _PLOT_ROWS - 1: number_text(low)}
-    if bound is not None and bound_row is not None:
-        labels[bound_row] = number_text(bound)
-    margin = max(map(len, labels.values()))
-    columns = max(_LEAST_PLOT_COLUMNS, width - margin - 2)
-    grid = [["-" if row == bound_row else " "] * columns for row in range(_PLOT_ROWS)]
-    bad = [" "] * columns
-    first_s, last_s = samples[0][0], samples[-1][0]
-    span_s = last_s - first_s
-    found: Dict[int, List[float]] = {}
-    for time_s, value in samples:
-        share = (time_s - first_s) / span_s if span_s > 0.0 else 0.0
-        found.setdefault(round(min(max(share, 0.0), 1.0) * (columns - 1)), []).append(value)
-    for column, of_column in found.items():
-        numbers = [value for value in of_column if math.isfinite(value)]
-        if len(numbers) < len(of_column):
-            bad[column] = "x"
-        if numbers:
-            for row in range(_plot_row(max(numbers), low, high), _plot_row(min(numbers), low, high) + 1):
-                grid[row][column] = "*"
-    lines = [f"{labels.get(row, ''):>{margin}} |{''.join(cells)}".rstrip() for row, cells in enumerate(grid)]
-    axis = " " * margin + " +"
-    lines.append(axis + "".join("-" if mark == " " else mark for mark in bad))
-    begin, end = local_time(first_s, "%H:%M:%S"), local_time(last_s, "%H:%M:%S")
-    has_room = columns > len(begin) + len(end)
-    lines.append(" " * len(axis) + begin + (end.rjust(columns - len(begin)) if has_room else ""))
-    return lines
-
-
-def _plot_row(value: float, low: float, high: float) -> int:
-    """Returns the row of a value, 0 at the top. It halves before it subtracts: the range may exceed a float's."""
-    if high <= low:
-        return _PLOT_ROWS // 2
-    share = (value / 2.0 - low / 2.0) / (high / 2.0 - low / 2.0)
-    return _PLOT_ROWS - 1 - round(share * (_PLOT_ROWS - 1))

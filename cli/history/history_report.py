@@ -5,9 +5,8 @@ from __future__ import annotations
 import argparse
 import math
 import sqlite3
-import time
 from dataclasses import replace
-from typing import Any, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 
 from ...core.config.kept_settings import read_kept
 from ...core.config.signal_config import SignalConfig, read_signal, template_name
@@ -15,22 +14,21 @@ from ...core.values.errors import ConfigError
 from ...core.values.formatting import count_text, duration_text, list_text
 from ...core.values.model import Level
 from ...ops.report.plotted_signal import PlottedSignal
-from ...ops.report.report import MOST_ALERTS, Report, ReportedAlert, buckets_of, facts_of, render
+from ...ops.report.report import MOST_ALERTS, Report, ReportedAlert, buckets_of, render
+from ...ops.report.summaries import SHARES, range_cells
 from ...ops.store import queries, samples
 from ...ops.store.notes import notes_of
 from ...ops.store.silences import silence_events
 from ...ops.store.summary import SignalSummary
-from ..output.lines import badness, below_causes, range_cells, share_cells, summary_sentence
-from .history_entries import event_text, note_text, outage_cells
+from .history_entries import event_text, note_text, summary_row
 
 MOST_PLOTS = 200
 """Most signals that have a plot; all are in the table."""
 MOST_EVENTS = 1000
 """Most events of the monitor and of silences."""
 
-_NUMBERS = (
-    "samples", "bad", *(level.name for level in Level), "unknown", "available", "alerts", "min", "mean", "max",
-    "longest outage", "recovery",
+_COLUMNS = (
+    "samples", "bad", *SHARES, "available", "alerts", "min", "mean", "max", "longest outage", "recovery",
 )  # fmt: skip
 _MOST_NAMES = 6
 
@@ -39,49 +37,39 @@ def history_page(
     connection: sqlite3.Connection, arguments: argparse.Namespace, summaries: Sequence[SignalSummary], end_s: float
 ) -> str:
     """Returns the page for the signals that are summarized, until a time in s since 1970."""
-    by_badness = sorted(summaries, key=lambda each: badness(each.shares, each.alerts, each.unknown), reverse=True)
-    folded = below_causes(by_badness, lambda each: (each.robot, each.signal), lambda each: each.cause)
-    summaries = [summary for summary, _ in folded]
     start_s = end_s - max(summary.duration_s for summary in summaries)
     robots = list(dict.fromkeys(sorted(summary.robot for summary in summaries)))
     several = len(robots) > 1
     problems: List[str] = []
     signals = {robot: _signals_of(connection, robot, end_s, problems) for robot in robots}
-    plotted = summaries[:MOST_PLOTS]
-    if len(plotted) < len(summaries):
+    if len(summaries) > MOST_PLOTS:
         problems.append(
             f"only the {MOST_PLOTS} worst of {len(summaries):,} signals have a plot; --robot and --signal choose others"
         )
-    plots, rows = [], []
-    for place, summary in enumerate(summaries):
-        config = _config_of(signals[summary.robot], summary.signal)
+    plots: Dict[Tuple[str, str], PlottedSignal] = {}
+    rows = []
+    for summary in sorted(summaries, key=lambda each: summary_row(each).badness, reverse=True):
         group = summary.robot if several else ""
-        plot = PlottedSignal(config, group, start_s, end_s - start_s, buckets_of(len(plotted)))
-        counts, values = _add_samples(connection, summary, (start_s, end_s), plot)
-        available, outage, recovery = outage_cells(summary)
-        rows.append([
-            summary.signal, *([group] if several else []), *counts, *share_cells(summary.shares, summary.unknown),
-            available, str(summary.alerts), *values, outage, recovery,
-        ])  # fmt: skip
-        if place < MOST_PLOTS:
+        config = _config_of(signals[summary.robot], summary.signal)
+        plot = PlottedSignal(config, group, start_s, end_s - start_s, buckets_of(min(len(summaries), MOST_PLOTS)))
+        figures = _add_samples(connection, summary, (start_s, end_s), plot)
+        rows.append(summary_row(summary, **figures)._replace(group=group))
+        if len(plots) < MOST_PLOTS:
             for wall_s, level in summary.levels:
                 plot.add_level(wall_s, "" if level is None else level.name)
-            plots.append(plot)
+            plots[group, summary.signal] = plot
     alerts, changes, count = _alerts(connection, arguments, start_s, several)
     return render(
         Report(
             title=f"History of {list_text(robots, _MOST_NAMES)}",
-            facts=facts_of(start_s, end_s),
-            summary=_sentence(summaries, end_s - start_s),
+            done="watched",
             verdict=count_text(count, "alert") if count else "no alerts",
             problems=problems,
             start_s=start_s,
             end_s=end_s,
-            utc_offset_s=float(time.localtime(start_s).tm_gmtoff),
-            header=["signal", *(["robot"] if several else []), *_NUMBERS],
+            columns=_COLUMNS,
             rows=rows,
-            effects=[effects for _, effects in folded],
-            signals=plots,
+            plots=plots,
             alerts=alerts,
             all_alerts=changes,
             group="robot",
@@ -92,8 +80,8 @@ def history_page(
 
 def _add_samples(
     connection: sqlite3.Connection, summary: SignalSummary, period_s: Tuple[float, float], plot: PlottedSignal
-) -> Tuple[List[str], List[str]]:
-    """Adds the stored samples of a signal to its plot; returns the cells of their numbers, and those of their range."""
+) -> Dict[str, str]:
+    """Adds the stored samples of a signal to its plot; returns the cells of their numbers and of their range."""
     good = bad = weight = 0
     least, most, total = math.inf, -math.inf, 0.0
     names = (summary.robot, summary.signal)  # with a `*` in them they match others, too
@@ -107,7 +95,7 @@ def _add_samples(
                 least, most = min(least, each.least), max(most, each.most)
                 total, weight = total + each.mean * each.good, weight + each.good
     values: Tuple[Optional[float], ...] = (least, total / weight, most) if weight else (None, None, None)
-    return [str(good + bad), str(bad)], range_cells(plot.config, *values)
+    return {"samples": str(good + bad), "bad": str(bad), **range_cells(plot.config, *values)}
 
 
 def _signals_of(
@@ -166,14 +154,3 @@ def _events(
             f"only the first {MOST_EVENTS:,} of {len(found):,} events of the monitor and silences are shown"
         )
     return found[:MOST_EVENTS]
-
-
-def _sentence(summaries: Sequence[SignalSummary], duration_s: float) -> str:
-    """Returns what was watched, for how long, and which signal was worst: the first of the summaries."""
-    robots = len({summary.robot for summary in summaries})
-    of_robots = f" of {count_text(robots, 'robot')}" if robots > 1 else ""
-    worst = summaries[0]
-    name = f"{worst.robot}: {worst.signal}" if robots > 1 else worst.signal
-    known = " as far as it is known" if any(summary.unknown for summary in summaries) else ""
-    what = f"{count_text(len(summaries), 'signal')}{of_robots}"
-    return summary_sentence(what, len(summaries), "watched", duration_s, name, worst.shares, known)

@@ -5,15 +5,13 @@ from __future__ import annotations
 import os
 import sys
 import time
-from typing import TYPE_CHECKING, Callable, Dict, List, Mapping, Optional, Sequence, TextIO, Tuple, TypeVar, Union
+from typing import TYPE_CHECKING, List, Sequence, TextIO, Union
 
-from ...core.config.signal_config import SignalConfig
-from ...core.judge.wording import judged_unit
 from ...core.nodes.outlets import json_line
 from ...core.port.local import LogLine
 from ...core.port.middleware import Severity
 from ...core.values.errors import ServiceError
-from ...core.values.formatting import duration_text, number_text, printable, with_degree_sign, with_hint, with_unit
+from ...core.values.formatting import printable, with_degree_sign, with_hint
 from ...core.values.model import Level, Transition
 from ...runtime.times import DATE_TIME, local_time
 from .events import Entry
@@ -25,7 +23,6 @@ if TYPE_CHECKING:
 
 
 _REFRESH_S = 0.1
-_WORST_FIRST = sorted((level for level in Level if level is not Level.OK), key=lambda level: -level.severity)
 
 
 class OutputError(ServiceError):
@@ -171,71 +168,3 @@ def plain_table(rows: Sequence[Sequence[str]], texts: int) -> List[str]:
         for line in lines
     )
     return ["  ".join(cells).rstrip() for cells in aligned]
-
-
-Summary = TypeVar("Summary")
-
-
-def below_causes(
-    summaries: Sequence[Summary], key: Callable[[Summary], Tuple[str, str]], cause: Callable[[Summary], str]
-) -> List[Tuple[Summary, int]]:
-    """Returns summaries with each effect below its cause, and how many effects follow each: -1 for an effect.
-
-    `key` returns group and name of a summary, `cause` the name of its cause in the group; empty: none.
-    """
-    effects: Dict[Tuple[str, str], List[Summary]] = {key(each): [] for each in summaries if not cause(each)}
-    others = [each for each in summaries if (key(each)[0], cause(each)) not in effects]
-    for each in summaries:
-        effects.get((key(each)[0], cause(each)), []).append(each)
-    ordered: List[Tuple[Summary, int]] = []
-    for each in others:
-        own = effects.get(key(each), [])
-        ordered += [(each, len(own)), *((effect, -1) for effect in own)]
-    return ordered
-
-
-def folded_name(name: str, effects: int) -> str:
-    """Returns a name in a table whose effects are below their cause, as `below_causes` counts them."""
-    return f"  {name}" if effects < 0 else f"{name} (+ {effects} affected)" if effects else name
-
-
-def share_text(share: float) -> str:
-    """Returns a share, 0 to 1, in %. Only exactly 0 and exactly 1 are shown as 0 % and 100 %."""
-    if share <= 0.0 or share >= 1.0:
-        return "0 %" if share <= 0.0 else "100 %"
-    return f"{min(max(share * 100.0, 0.1), 99.9):.1f} %"
-
-
-def share_cells(shares: Mapping[Level, float], unknown: float) -> List[str]:
-    """Returns the shares of the levels, in their order, and of the time in which the level is not known."""
-    return [share_text(share) for share in (*(shares.get(level, 0.0) for level in Level), unknown)]
-
-
-def badness(shares: Mapping[Level, float], *others: float) -> Tuple[float, ...]:
-    """Returns the shares of the levels, the worst first, and `others`: the greater, the worse."""
-    return (*(shares.get(level, 0.0) for level in _WORST_FIRST), *others)
-
-
-def summary_sentence(
-    what: str, count: int, done: str, duration_s: float, worst: str, shares: Mapping[Level, float], known: str = ""
-) -> str:
-    """Returns what was `done` with `what`, for how long, and which of `count` signals was the worst, with its shares.
-
-    `known` is added if all were OK.
-    """
-    begin = f"{what} {'was' if count == 1 else 'were'} {done} over {duration_text(duration_s)}."
-    parts = [f"{level.name} for {share_text(shares[level])}" for level in _WORST_FIRST if shares.get(level)]
-    if parts:
-        return f"{begin} The worst is {worst}: {', '.join(parts)} of the time."
-    return f"{begin} {'It was' if count == 1 else 'All were'} OK{known}."
-
-
-def range_cells(
-    config: SignalConfig, smallest: Optional[float], mean: Optional[float], largest: Optional[float]
-) -> List[str]:
-    """Returns the cells min, mean and max: values of the statistic, or the levels of a driver, which have no mean."""
-    if config.is_status and not config.is_template:
-        ends = ["-" if value is None else Level(int(value)).name for value in (smallest, largest)]
-        return [ends[0], "-", ends[1]]
-    unit = judged_unit(config)
-    return ["-" if value is None else with_unit(number_text(value), unit) for value in (smallest, mean, largest)]

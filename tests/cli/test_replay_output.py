@@ -8,8 +8,8 @@ from typing import Any, Callable, List, Mapping, Optional
 
 from harness.recorded import values, write_bag
 
-from robot_health_monitor.cli.output.lines import plain_table, range_cells
-from robot_health_monitor.cli.replay import header, row, sentence, worst_first
+from robot_health_monitor.cli.output.lines import plain_table
+from robot_health_monitor.cli.replay import row, worst_first
 from robot_health_monitor.core.config.signal_config import read_signal
 from robot_health_monitor.core.values.model import Level
 from robot_health_monitor.recordings.judging import SignalStatistics, SignalSummary
@@ -102,9 +102,14 @@ def summary(
     return SignalSummary("a.yaml", config, "/battery", recorded, "", statistics, shares or {}, unknown, 2)
 
 
+HEADS = (
+    "signal", "samples", "bad", "OK", "WARN", "ERROR", "STALE", "unknown", "alerts", "min", "mean", "max", "longest gap"
+)  # fmt: skip
+
+
 def cells(found: SignalSummary) -> Mapping[str, str]:
     """Returns the cells by their heads."""
-    return dict(zip(header(False), row(found, False)))
+    return dict(zip(HEADS, row(found, False).cells(HEADS)))
 
 
 def test_a_row_has_the_figures_of_a_signal() -> None:
@@ -114,14 +119,6 @@ def test_a_row_has_the_figures_of_a_signal() -> None:
         "STALE": "0 %", "unknown": "12.5 %", "alerts": "2",
         "min": "10 %", "mean": "30 %", "max": "60 %", "longest gap": "11 min 40 s",
     }  # fmt: skip
-
-
-def test_levels_of_drivers_have_names_and_no_mean() -> None:
-    drivers = {"topic": "/diagnostics", "type": "diagnostic_msgs/DiagnosticArray", "field": 'status["*"]'}
-    template = read_signal("drivers", drivers)
-    assert range_cells(replace(template, name="drivers[left]"), 0.0, 0.25, 2.0) == ["OK", "-", "ERROR"]
-    assert range_cells(template, 3.0, 4.0, 5.0) == ["3", "4", "5"]  # the number of its elements
-    assert range_cells(replace(template, name="drivers[left]"), None, None, None) == ["-"] * 3
 
 
 def test_a_share_is_0_or_100_only_if_it_is() -> None:
@@ -138,20 +135,18 @@ def test_a_signal_without_samples_has_no_figures() -> None:
 
 
 def test_a_signal_that_is_not_recorded_says_so() -> None:
-    found = row(summary(recorded=False), False)
+    found = row(summary(recorded=False), False).cells(HEADS)
     assert found[:2] == ["battery", "not recorded"]
     assert set(found[2:]) == {""}
-    assert len(found) == len(header(False))
 
 
 def test_with_two_configurations_a_row_names_its_own() -> None:
-    assert header(True)[:3] == ["signal", "file", "samples"]
-    assert row(summary(), True)[:3] == ["battery", "a.yaml", "3"]
+    assert row(summary(), True).cells(["signal", "file", "samples"]) == ["battery", "a.yaml", "3"]
+    assert row(summary(), False).group == ""
 
 
 def test_columns_of_a_plain_table_are_aligned() -> None:
-    head = header(False)
-    lines = plain_table([head, ["a", *["1"] * 12], ["long\x1b_name", "not recorded", *[""] * 11]], 1)
+    lines = plain_table([HEADS, ["a", *["1"] * 12], ["long\x1b_name", "not recorded", *[""] * 11]], 1)
     assert lines == [
         "signal           samples  bad  OK  WARN  ERROR  STALE  unknown  alerts  min  mean  max  longest gap",
         "a                      1    1   1     1      1      1        1       1    1     1    1            1",
@@ -171,24 +166,14 @@ def test_the_worst_signal_is_first() -> None:
         named("warm", OK=0.1, WARN=0.9),
         named("hot", OK=0.99, ERROR=0.01),
         named("gone", OK=0.5, STALE=0.5),
-        replace(named("missing"), missing="/missing is not recorded"),
+        replace(named("missing"), unknown=1.0),
         named("hotter", OK=0.9, ERROR=0.1),
         replace(named("fine", OK=1.0), file="b.yaml"),
         replace(named("warm", OK=1.0), file="b.yaml"),
     ]
-    order = [(each.config.name, each.file) for each in worst_first(found)]
+    found.sort(key=lambda each: each.config.name)
+    order = [(each.signal, each.group) for each in worst_first([row(each, True) for each in found])]
     assert order == [
         ("hotter", "a.yaml"), ("hot", "a.yaml"), ("gone", "a.yaml"), ("warm", "a.yaml"), ("warm", "b.yaml"),
         ("missing", "a.yaml"), ("fine", "a.yaml"), ("fine", "b.yaml"),
     ]  # fmt: skip
-
-
-def test_a_sentence_names_the_signals_the_time_and_the_worst() -> None:
-    two = [named("hot", OK=0.75, ERROR=0.05, WARN=0.2), named("fine", OK=1.0)]
-    assert sentence(two, 4000.0) == (
-        "hot, fine were judged over 1 h 6 min. The worst is hot: ERROR for 5.0 %, WARN for 20.0 % of the time."
-    )
-    missing = replace(named("gps"), missing="/gps is not recorded")
-    assert sentence([missing, two[1]], 60.0) == "fine was judged over 60 s. It was OK."
-    many = [named(f"s{number}", OK=1.0) for number in range(9)]
-    assert sentence(many, 60.0) == "s0, s1, s2, s3, s4, s5, ... (9 signals) were judged over 60 s. All were OK."

@@ -303,15 +303,15 @@ def test_where_no_signal_is_recorded_nothing_helps(
     other = write_bag(tmp_path / "test.bag", values("/robot1/battery", [5.0]))
     assert main(["replay", other, *options, "--report", str(report)]) == 2
     assert capsys.readouterr().err == (
-        "robot-health replay: no signal is recorded: expected one of /battery, got /robot1/battery; "
-        "is a --namespace missing?\n"
+        "robot-health replay: no signal is recorded: battery (/battery is not recorded; /robot1/battery exists); "
+        "the recordings have /robot1/battery; is a --namespace missing?\n"
     )
     number = ROS1.types["std_msgs/msg/Int32"](data=5)
     wrong = write_bag(tmp_path / "wrong.bag", [Recorded(0.0, "/battery", number)])
     assert main(["replay", wrong, *options]) == 2
     assert capsys.readouterr().err == (
-        "robot-health replay: no signal is recorded: "
-        "/battery is recorded as std_msgs/Int32, configured as std_msgs/Float32\n"
+        "robot-health replay: no signal is recorded: battery (/battery is recorded as std_msgs/Int32, configured as "
+        "std_msgs/Float32); the recordings have /battery; is a --namespace missing?\n"
     )
     late = write_bag(tmp_path / "late.bag", [*values("/battery", [5.0]), *values("/other", [0.0] * 3, start_s=1.0)])
     assert main(["replay", late, *options, "--from", "1"]) == 2
@@ -326,7 +326,10 @@ def test_a_second_configuration_without_a_recorded_signal_is_an_error(
     other.write_text(THRESHOLDS.replace("battery:", "voltage:"), encoding="utf-8")
     command = ["replay", bag(tmp_path, FALLING), "--thresholds", thresholds, "--against", str(other)]
     assert main([*command, "--allow-missing"]) == 2
-    assert "no signal is recorded: expected one of /voltage, got /battery" in capsys.readouterr().err
+    assert (
+        "no signal is recorded: voltage (/voltage is not recorded); the recordings have /battery;"
+        in capsys.readouterr().err
+    )
 
 
 def unreadable(folder: Path, kind: str) -> str:
@@ -381,8 +384,8 @@ def test_messages_that_cannot_be_decoded_are_reported(
     ("arguments", "expected"),
     [
         (["missing.bag"], "missing.bag"),
-        (["{bag}", "--from", "100"], "--from 100: expected at most the length of the recordings (3.000 s)"),
-        (["{bag}", "--from", "2", "--to", "1"], "--to 1: expected at least --from 2"),
+        (["{bag}", "--from", "100"], "no signal was judged: battery (/battery has no samples)"),
+        (["{bag}", "--from", "2", "--to", "1"], "no signal was judged: battery (/battery has no samples)"),
         (["{bag}", "--from", "soon"], "expected a number of seconds, 0 or more, got 'soon'"),
         (["{bag}", "--report", "/nowhere/report.html"], "there is no such folder"),
         (["{bag}", "--report", "/dev/null"], "is not a file"),

@@ -11,7 +11,7 @@ import pytest
 from harness.transitions import transition
 
 from robot_health_monitor.cli.output.events import Entry
-from robot_health_monitor.cli.output.lines import JsonLines, PlainLines, below_causes, folded_name, plain_line, readable
+from robot_health_monitor.cli.output.lines import JsonLines, PlainLines, plain_line, readable
 from robot_health_monitor.core.port.local import LogLine
 from robot_health_monitor.core.port.middleware import Severity
 
@@ -92,17 +92,3 @@ def test_transitions_and_the_log_go_to_different_streams(tmp_path: Path) -> None
     assert json.loads((tmp_path / "stream").read_text())["signal"] == "battery_level"
     logged = (tmp_path / "log").read_text()
     assert "disk slow" in logged and "battery_level" not in logged
-
-
-def test_effects_are_below_their_cause_of_the_same_group() -> None:
-    rows = [
-        ("r1", "left", "/scan"),
-        ("r1", "/scan", ""),
-        ("r2", "left", "/scan"),
-        ("r1", "gps", ""),
-        ("r1", "right", "/scan"),
-    ]
-    ordered = below_causes(rows, lambda row: row[:2], lambda row: row[2])
-    assert [(group, folded_name(name, effects)) for (group, name, _), effects in ordered] == [
-        ("r1", "/scan (+ 2 affected)"), ("r1", "  left"), ("r1", "  right"), ("r2", "left"), ("r1", "gps"),
-    ]  # fmt: skip

@@ -16,6 +16,7 @@ from robot_health_monitor.core.values.model import Level, Status, Transition
 from robot_health_monitor.ops.plot import plot_script, plot_style
 from robot_health_monitor.ops.report.plotted_signal import PlottedSignal
 from robot_health_monitor.ops.report.report import Report, ReportedAlert, render
+from robot_health_monitor.ops.report.summaries import SummaryRow
 
 pytestmark = pytest.mark.newest_python
 
@@ -255,8 +256,8 @@ def test_the_report_draws_its_plots_under_its_own_policy(tmp_path: Path, width: 
     page = tmp_path / "report.html"
     alerts = [ReportedAlert(START_S + 80.0, "", transition)]
     report = Report(
-        "Replay", [], "", "1 alert", [], START_S, START_S + 99.0, 0.0, ["signal", "samples"], [["battery", "100"]],
-        [plotted], alerts, 1,
+        "Replay", "judged", "1 alert", [], START_S, START_S + 99.0, ["alerts"],
+        [SummaryRow("battery", "", "", {}, 0.0, 1, {})], {("", "battery"): plotted}, alerts, 1,
     )  # fmt: skip
     page.write_text(render(report), encoding="utf-8")
     shown = show(page, width)

@@ -8,7 +8,8 @@ import hashlib
 import json
 import random
 import re
-from typing import Any, Dict, Optional, Sequence
+import time
+from typing import Any, Dict, Iterator, Optional, Sequence
 
 import pytest
 
@@ -16,6 +17,7 @@ from robot_health_monitor.core.config.signal_config import read_signal
 from robot_health_monitor.core.values.model import Forecast, Level, Status, Transition
 from robot_health_monitor.ops.report.plotted_signal import MOST_LEVELS, PlottedSignal
 from robot_health_monitor.ops.report.report import MOST_ALERTS, Report, ReportedAlert, buckets_of, render
+from robot_health_monitor.ops.report.summaries import SummaryRow
 
 START_S = 1_700_000_000.0
 """2023-11-14 22:13:20 UTC."""
@@ -40,13 +42,28 @@ def battery(**config: Any) -> PlottedSignal:
 
 def report(signals: Sequence[PlottedSignal] = (), alerts: Sequence[ReportedAlert] = (), **others: Any) -> Report:
     """Returns a report of 9 s."""
-    rows = [[signal.config.name, "10"] for signal in signals]
+    rows = [row(signal.config.name, signal.file) for signal in signals] or [row("battery")]
+    plots = {(signal.file, signal.config.name): signal for signal in signals}
     made = Report(
-        "Replay of test.bag", ["9 s"], "battery was judged over 9 s.", "1 alert", [], START_S, START_S + 9.0, 3600.0,
-        ["signal", "samples"], rows,
-        signals, alerts, len(alerts),
+        "Replay of test.bag", "judged", "1 alert", [], START_S, START_S + 9.0, ["samples"], rows, plots, alerts,
+        len(alerts),
     )  # fmt: skip
     return made._replace(**others)
+
+
+def row(name: str, file: str = "", cause: str = "", **figures: str) -> SummaryRow:
+    """Returns the row of a signal that was always OK."""
+    return SummaryRow(name, file, cause, {Level.OK: 1.0}, 0.0, 0, {"samples": "10", **figures})
+
+
+@pytest.fixture(autouse=True)
+def an_hour_ahead(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Sets the local time zone to one hour ahead of UTC."""
+    monkeypatch.setenv("TZ", "UTC-1")
+    time.tzset()
+    yield
+    monkeypatch.undo()
+    time.tzset()
 
 
 def data_of(page: str) -> Dict[str, Any]:
@@ -151,7 +168,7 @@ def test_times_are_local_to_the_machine_that_replayed() -> None:
 
 
 def test_a_signal_that_is_not_plotted_has_a_row_without_a_link() -> None:
-    page = render(report([battery()], rows=[["battery", "10"], ["gps", "not recorded"]]))
+    page = render(report([battery()], rows=[row("battery"), row("gps", samples="not recorded")]))
     assert '<a href="#signal-0">battery</a>' in page
     assert '<td class="name">gps</td><td class="number" data-head="samples">not recorded</td>' in page
 
@@ -164,8 +181,6 @@ def test_two_configurations_have_a_plot_each() -> None:
         report(
             plots,
             [ReportedAlert(START_S, "b.yaml", transition())],
-            header=["signal", "file", "samples"],
-            rows=[["battery", "a.yaml", "10"], ["battery", "b.yaml", "10"]],
         )
     )
     first, second = data_of(page)["signals"]
@@ -187,11 +202,10 @@ def test_texts_from_outside_are_escaped_everywhere() -> None:
             [plotted],
             [ReportedAlert(START_S, HOSTILE, transition(text=HOSTILE))],
             title=HOSTILE,
-            facts=[HOSTILE],
+            judged_by=HOSTILE,
             verdict=HOSTILE,
             problems=[HOSTILE],
-            header=["signal", HOSTILE],
-            rows=[["battery", HOSTILE]],
+            rows=[row("battery", HOSTILE, samples=HOSTILE), row(HOSTILE, "other")],
         )
     )
     assert "<script>alert" not in page
@@ -263,8 +277,13 @@ def test_a_page_without_alerts_and_signals() -> None:
 
 
 def test_the_page_begins_with_a_sentence() -> None:
-    page = render(report(summary="battery was judged over 9 s. The worst is <battery>."))
-    assert page.index("The worst is &lt;battery&gt;.") < page.index('class="verdict"') < page.index('class="facts"')
+    worst = row("<battery>")._replace(shares={Level.ERROR: 1.0})
+    page = render(report(rows=[worst]))
+    assert (
+        page.index("1 signal was judged over 9 s. The worst is &lt;battery&gt;: ")
+        < page.index('class="verdict"')
+        < page.index('class="facts"')
+    )
 
 
 @pytest.mark.parametrize(
@@ -280,7 +299,7 @@ def test_the_page_begins_with_a_sentence() -> None:
     ],
 )
 def test_a_share_that_is_not_zero_has_a_colour(head: str, text: str, expected: str) -> None:
-    page = render(report(header=["signal", head], rows=[["battery", text]]))
+    page = render(report(columns=[head], rows=[row("battery", **{head: text})]))
     assert f'<td class="{expected}" data-head="{head}">{text}</td>' in page
 
 
@@ -288,7 +307,7 @@ def test_degrees_have_their_sign_in_cells_rules_plots_and_alerts() -> None:
     line = "battery WARN: 85 degC is above 80 degC"
     signal = battery(unit="degC", hysteresis=2.0)
     alerts = [ReportedAlert(START_S, "", transition(text=line))]
-    page = render(report([signal], alerts, header=["signal", "max"], rows=[["battery", "85 degC"]]))
+    page = render(report([signal], alerts, columns=["max"], rows=[row("battery", max="85 degC")]))
     assert '<td class="number" data-head="max">85 °C</td>' in page
     assert "hysteresis 2 °C" in page
     assert data_of(page)["signals"][0]["unit"] == "°C"
@@ -306,8 +325,8 @@ def test_rules_are_words() -> None:
 
 def test_effects_are_listed_with_their_alert_and_marked_in_the_table() -> None:
     alert = ReportedAlert(START_S, "", transition(), effects=["left", "<b>"])
-    rows = [["/scan", "-"], ["left", "10"], ["right", "10"], ["gps", "10"]]
-    page = render(report([], [alert], rows=rows, effects=[2, -1, -1, 0]))
+    rows = [row("left", cause="/scan"), row("/scan"), row("gps"), row("right", cause="/scan")]
+    page = render(report([], [alert], rows=rows))
     assert "<details><summary>2 affected</summary>left, &lt;b&gt;</details>" in page
     kinds = re.findall(r'<tr([^>]*)><td class="name">(?:<[^>]*>)?([^<]*)', page)
     assert kinds == [

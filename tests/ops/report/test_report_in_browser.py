@@ -10,22 +10,28 @@ from harness.driven_browser import open_browser
 from robot_health_monitor.core.config.signal_config import read_signal
 from robot_health_monitor.ops.report.plotted_signal import PlottedSignal
 from robot_health_monitor.ops.report.report import Report, render
+from robot_health_monitor.ops.report.summaries import SHARES, SummaryRow
 
-HEADER = [
-    "signal", "samples", "bad", "OK", "WARN", "ERROR", "STALE", "unknown", "alerts", "min", "mean", "max", "longest gap"
-]  # fmt: skip
-ROW = [
-    "4000", "12", "70.4 %", "29.6 %", "0 %", "12.5 %", "3.1 %", "2", "-35.04 degC", "65.12 degC", "85.97 degC",
-    "1 h 6 min",
-]  # fmt: skip
+COLUMNS = ["samples", "bad", *SHARES, "alerts", "min", "mean", "max", "longest gap"]
+FIGURES = {
+    "samples": "4000", "bad": "12", "OK": "70.4 %", "WARN": "29.6 %", "ERROR": "0 %", "STALE": "12.5 %",
+    "unknown": "3.1 %", "alerts": "2", "min": "-35.04 degC", "mean": "65.12 degC", "max": "85.97 degC",
+    "longest gap": "1 h 6 min",
+}  # fmt: skip
 NAMES = ("battery_level", "left_gripper_motor_temperature_behind_the_gearbox", "gps")
+
+
+def row(name: str, cause: str = "", robot: str = "", **figures: str) -> SummaryRow:
+    """Returns the row of a signal."""
+    return SummaryRow(name, robot, cause, {}, 0.0, 0, {**FIGURES, **figures})
 
 
 def page(folder: Path) -> Path:
     """Writes a report of three signals."""
-    rows = [[name, *ROW] for name in NAMES[:-1]] + [["gps", "not recorded", *[""] * (len(ROW) - 1)]]
-    plots = [PlottedSignal(read_signal(name, {"warn_above": 80.0}), "", 0.0, 9.0, 16) for name in NAMES]
-    made = Report("Replay of night.bag", ["a"], "One.", "2 alerts", [], 0.0, 9.0, 0.0, HEADER, rows, plots, [], 0)
+    missing = {**dict.fromkeys(FIGURES, ""), "samples": "not recorded"}
+    rows = [*map(row, NAMES[:-1]), row("gps", **missing)]
+    plots = {("", name): PlottedSignal(read_signal(name, {"warn_above": 80.0}), "", 0.0, 9.0, 16) for name in NAMES}
+    made = Report("Replay of night.bag", "judged", "2 alerts", [], 0.0, 9.0, COLUMNS, rows, plots, [], 0)
     path = folder / "report.html"
     path.write_text(render(made), encoding="utf-8")
     return path
@@ -53,22 +59,19 @@ def test_the_table_is_not_clipped_and_its_shares_have_colours(tmp_path: Path) ->
         assert "data-head" in browser.run(head) or "WARN" in browser.run(head)
 
 
-HISTORY_HEADER = [
-    "signal", "robot", "samples", "bad", "OK", "WARN", "ERROR", "STALE", "unknown", "available", "alerts", "min",
-    "mean", "max", "longest outage", "recovery",
-]  # fmt: skip
-HISTORY_ROW = [
-    "warehouse-robot-12", "1728000", "1234", "70.4 %", "29.6 %", "10.5 %", "12.5 %", "33.1 %", "70.4 %", "1234",
-    "-35.04 degC", "65.12 degC", "85.97 degC", "1 h 6 min", "18 min 10 s",
-]  # fmt: skip
+HISTORY_COLUMNS = [*COLUMNS[:-5], "available", *COLUMNS[-5:-1], "longest outage", "recovery"]
+HISTORY = {
+    "samples": "1728000", "bad": "1234", "ERROR": "10.5 %", "unknown": "33.1 %", "available": "70.4 %",
+    "alerts": "1234", "longest outage": "1 h 6 min", "recovery": "18 min 10 s",
+}  # fmt: skip
 
 
 @pytest.mark.newest_python
 def test_a_history_of_several_robots_fits_a_laptop_and_breaks_no_names(tmp_path: Path) -> None:
     names = ["battery_level", "drivers[motor_driver: left]", "left_gripper_motor_temperature_behind_the_gearbox"]
-    rows = [[name, *HISTORY_ROW] for name in names]
-    plots = [PlottedSignal(read_signal("a", {}), "warehouse-robot-12", 0.0, 9.0, 16)]
-    made = Report("History", ["a"], "", "", [], 0.0, 9.0, 0.0, HISTORY_HEADER, rows, plots, [], 0, "robot")
+    rows = [row(name, robot="warehouse-robot-12", **HISTORY) for name in names]
+    plots = {("", "a"): PlottedSignal(read_signal("a", {}), "warehouse-robot-12", 0.0, 9.0, 16)}
+    made = Report("History", "watched", "", [], 0.0, 9.0, HISTORY_COLUMNS, rows, plots, [], 0, "robot")
     path = tmp_path / "report.html"
     path.write_text(render(made), encoding="utf-8")
     with open_browser() as browser:
@@ -85,8 +88,8 @@ def test_a_history_of_several_robots_fits_a_laptop_and_breaks_no_names(tmp_path:
 
 @pytest.mark.newest_python
 def test_effects_are_folded_below_their_cause(tmp_path: Path) -> None:
-    rows = [["/scan", *ROW], ["left", *ROW], ["right", *ROW], ["gps", *ROW]]
-    made = Report("A", [], "One.", "1 alert", [], 0.0, 9.0, 0.0, HEADER, rows, [], [], 0, effects=[2, -1, -1, 0])
+    rows = [row("/scan"), row("left", "/scan"), row("right", "/scan"), row("gps")]
+    made = Report("A", "judged", "1 alert", [], 0.0, 9.0, COLUMNS, rows, {}, [], 0)
     path = tmp_path / "report.html"
     path.write_text(render(made), encoding="utf-8")
     rows_shown = "[...document.querySelectorAll('.signals tbody tr')].filter(e => e.offsetHeight)"

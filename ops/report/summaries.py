@@ -1,0 +1,110 @@
+"""The summary of a signal, of a replay or of a history: a row of a table or of a report."""
+
+from __future__ import annotations
+
+from typing import Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+
+from ...core.config.signal_config import SignalConfig
+from ...core.judge.sources import is_source
+from ...core.judge.wording import judged_unit
+from ...core.values.formatting import count_text, duration_text, number_text, with_unit
+from ...core.values.model import Level
+
+SHARES = (*(level.name for level in Level), "unknown")
+"""Heads of the columns with shares of time."""
+_WORST_FIRST = sorted((level for level in Level if level is not Level.OK), key=lambda level: -level.severity)
+
+
+class SummaryRow(NamedTuple):
+    """What is shown of one signal."""
+
+    signal: str
+    group: str
+    """The name of its configuration or robot; empty if there is only one."""
+    cause: str
+    """The name of the alert of which it was an effect, if it was not announced itself; empty if it was none."""
+    shares: Mapping[Level, float]
+    """Share of time per announced level, 0 to 1; levels that did not occur may be missing."""
+    unknown: float
+    """Share of time in which the level is not known, 0 to 1."""
+    alerts: int
+    figures: Mapping[str, str]
+    """Further cells by the heads of their columns; they come before those that follow from the other fields."""
+
+    @property
+    def badness(self) -> Tuple[float, ...]:
+        """The shares of the levels, the worst first, and what else is bad: the greater, the worse."""
+        return (*(self.shares.get(level, 0.0) for level in _WORST_FIRST), self.alerts, self.unknown)
+
+    def cells(self, heads: Sequence[str], effects: int = 0) -> List[str]:
+        """Returns the cells of these columns; with `effects`, as `folded` counts them, the name shows that."""
+        name = f"  {self.signal}" if effects < 0 else f"{self.signal} (+ {effects} affected)"
+        shares = (*(self.shares.get(level, 0.0) for level in Level), self.unknown)
+        texts = {
+            "signal": name if effects else self.signal,
+            "file": self.group,
+            "robot": self.group,
+            **dict(zip(SHARES, map(share_text, shares))),
+            "alerts": str(self.alerts),
+            **self.figures,
+        }
+        return [texts[head] for head in heads]
+
+
+def folded(rows: Sequence[SummaryRow]) -> List[Tuple[SummaryRow, int]]:
+    """Returns rows with each effect below its cause, and how many effects follow each: -1 for an effect."""
+    effects: Dict[Tuple[str, str], List[SummaryRow]] = {(row.group, row.signal): [] for row in rows if not row.cause}
+    others = [row for row in rows if (row.group, row.cause) not in effects]
+    for row in rows:
+        effects.get((row.group, row.cause), []).append(row)
+    ordered: List[Tuple[SummaryRow, int]] = []
+    for row in others:
+        own = effects.get((row.group, row.signal), [])
+        ordered += [(row, len(own)), *((effect, -1) for effect in own)]
+    return ordered
+
+
+def table(heads: Sequence[str], rows: Sequence[SummaryRow]) -> List[List[str]]:
+    """Returns the cells of a table with its heads; effects are indented below their cause."""
+    return [list(heads), *(row.cells(heads, effects) for row, effects in folded(rows))]
+
+
+def sentence(rows: Sequence[SummaryRow], done: str, noun: str, duration_s: float) -> str:
+    """Returns what was `done` with these signals, for how long, and which was the worst: the first of the rows.
+
+    `noun` is for one of several groups.
+    """
+    signals = [row for row in rows if row.unknown < 1.0 and not is_source(row.signal)]
+    groups = {row.group for row in rows}
+    of_groups = f" of {count_text(len(groups), noun)}" if len(groups) > 1 else ""
+    was = "was" if len(signals) == 1 else "were"
+    begin = f"{count_text(len(signals), 'signal')}{of_groups} {was} {done} over {duration_text(duration_s)}."
+    worst = rows[0]
+    parts = [f"{level.name} for {share_text(worst.shares[level])}" for level in _WORST_FIRST if worst.shares.get(level)]
+    if parts:
+        name = f"{worst.group}: {worst.signal}" if of_groups else worst.signal
+        return f"{begin} The worst is {name}: {', '.join(parts)} of the time."
+    known = " as far as it is known" if any(row.unknown for row in rows) else ""
+    return f"{begin} {'It was' if len(signals) == 1 else 'All were'} OK{known}."
+
+
+def share_text(share: float) -> str:
+    """Returns a share, 0 to 1, in %. Only exactly 0 and exactly 1 are shown as 0 % and 100 %."""
+    if share <= 0.0 or share >= 1.0:
+        return "0 %" if share <= 0.0 else "100 %"
+    return f"{min(max(share * 100.0, 0.1), 99.9):.1f} %"
+
+
+def range_cells(
+    config: SignalConfig, smallest: Optional[float], mean: Optional[float], largest: Optional[float]
+) -> Dict[str, str]:
+    """Returns the cells min, mean and max: values of the statistic, or the levels of a driver, which have no mean."""
+    unit = judged_unit(config)
+    is_level = config.is_status and not config.is_template
+
+    def text(value: Optional[float]) -> str:
+        if value is None:
+            return "-"
+        return Level(int(value)).name if is_level else with_unit(number_text(value), unit)
+
+    return {"min": text(smallest), "mean": text(None if is_level else mean), "max": text(largest)}
