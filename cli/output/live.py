@@ -11,8 +11,7 @@ import os
 import re
 import signal
 import time
-from collections import deque
-from typing import Deque, Dict, List, Optional, Sequence, TextIO, Tuple
+from typing import List, Optional, Sequence, TextIO, Tuple
 
 from rich.cells import cell_len
 from rich.console import Console
@@ -23,7 +22,7 @@ from ...core.values.formatting import printable, with_degree_sign
 from ...core.values.model import Level, Transition
 from .events import Entry
 from .lines import Monitors, Output, dropped_line, plain_line
-from .tables import STYLE_OF_LEVEL, TREND_SAMPLES, View, fleet_view, robot_view, short_bounds, table_lines
+from .tables import STYLE_OF_LEVEL, View, draw, fleet_view, robot_view
 
 _STYLE_OF_SEVERITY = {Severity.WARN: STYLE_OF_LEVEL[Level.WARN], Severity.ERROR: "red", Severity.FATAL: "bold red"}
 _STYLING = re.compile("\x1b\\[[0-9;]*m")
@@ -53,7 +52,6 @@ class LiveView(Output):
         self._frame: List[Tuple[str, int]] = []
         """The lines of the table as it stands on the terminal, and their widths in cells."""
         self._view: Optional[View] = None
-        self._trends: Dict[str, Deque[float]] = {}
         self._started_s = time.monotonic()
         self._drawn_s = float("-inf")
         self._has_news = False
@@ -81,7 +79,7 @@ class LiveView(Output):
         if due or self._has_news:
             self._has_news = False
             if len(shown.robots) == 1:
-                self._view = self._view_of_one(shown, due)
+                self._view = self._view_of_one(shown)
             else:
                 self._view = fleet_view(shown, self._size()[1], self._shown)
             self.wake()
@@ -95,29 +93,15 @@ class LiveView(Output):
         self._suspending = False
         self.wake()
 
-    def _view_of_one(self, shown: Monitors, due: bool) -> View:
-        """Returns what is shown of the only robot; notes its values if that is `due`."""
+    def _view_of_one(self, shown: Monitors) -> View:
+        """Returns what is shown of the only robot."""
         (robot,) = shown.robots
         system = robot.alert_system
-        monitor = system.monitor
-        configs = monitor.configs()
-        if due:
-            # The number of a template's elements has no trend.
-            with_values = (name for name, config in configs.items() if not config.is_template)
-            trends = {name: self._trends.get(name, deque(maxlen=TREND_SAMPLES)) for name in with_values}
-            for name, trend in trends.items():
-                value = monitor.shown_value(name)
-                trend.append(float("nan") if value is None else value)
-            self._trends = trends
-        known = (system.announcements.status(name) for name in monitor.signals())
+        known = (system.announcements.status(name) for name in system.monitor.signals())
+        statuses = [each for each in known if each is not None]
         # Before the first call there are none, but the report says that they are waiting.
-        statuses = [status for status in known if status is not None] or monitor.report(robot.now_s).statuses.values()
-        signals = []
-        for status in statuses:
-            config = configs.get(status.name)
-            bounds = "" if config is None else short_bounds(config)
-            signals.append((status, bounds, tuple(self._trends.get(status.name, ()))))
-        return robot_view(system.robot, signals, shown.system_health, self._shown, self._utf8)
+        statuses = statuses or list(system.monitor.report(robot.now_s).statuses.values())
+        return robot_view(system.robot, statuses, system.monitor.configs(), self._shown)
 
     # In the writer's thread
 
@@ -151,9 +135,8 @@ class LiveView(Output):
         if view is None:
             return []
         with self._console.capture() as table:
-            title = self._title(view, width)
-            for line in (title, *table_lines(view, width, max(2, height - 2), self._shown)):
-                self._console.print(line, no_wrap=True, overflow="ellipsis")
+            self._console.print(self._title(view, width), no_wrap=True, overflow="ellipsis")
+            draw(view, self._console, max(2, height - 2), self._shown)
         return [(line, cell_len(_STYLING.sub("", line))) for line in table.get().rstrip().split("\n")]
 
     def _shown(self, text: str) -> str:
@@ -174,8 +157,7 @@ class LiveView(Output):
 
     def _title(self, view: View, width: int) -> Text:
         minutes, seconds = divmod(int(time.monotonic() - self._started_s), 60)
-        title = view.title.copy().append(view.further if width >= 60 else "", style="not bold")
-        title.append(f"   {minutes // 60}:{minutes % 60:02}:{seconds:02}", style="not bold dim")
+        title = view.title.copy().append(f"   {minutes // 60}:{minutes % 60:02}:{seconds:02}", style="not bold dim")
         return title.append("   Ctrl-C ends" if width >= 60 else "", style="not bold dim")
 
     def _entry_text(self, entry: Entry) -> Text:

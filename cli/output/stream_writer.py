@@ -46,7 +46,7 @@ class StreamWriter(Generic[Item]):
         self._render = render
         self._first = first
         self._last = last
-        self._file = _file_of(stream)
+        self._file = -1
         self._items: BoundedQueue[Item] = BoundedQueue(MOST_ITEMS)
         self._woken = False
         self._busy = False
@@ -67,6 +67,8 @@ class StreamWriter(Generic[Item]):
 
     def start(self) -> None:
         """Begins writing."""
+        self._stream.flush()
+        self._file = self._stream.fileno()
         self._thread = threading.Thread(target=self._run, name="output", daemon=True)
         self._thread.start()
 
@@ -94,18 +96,12 @@ class StreamWriter(Generic[Item]):
         with self._changed:
             self._closing = True
             self._changed.notify_all()
-        self._join(self._thread)
+        join_unless_blocked(self._thread, self._file, _CLOSE_S)
         if self._thread.is_alive() and self._stream.isatty():
             self._resume_terminal()
-            self._join(self._thread)
+            join_unless_blocked(self._thread, self._file, _CLOSE_S)
         self._abandoned = self._thread.is_alive()
         return not self._abandoned
-
-    def _join(self, thread: threading.Thread) -> None:
-        if self._file is None:
-            thread.join(_CLOSE_S)
-        else:
-            join_unless_blocked(thread, self._file, _CLOSE_S)
 
     def _run(self) -> None:
         self._write(self._first)
@@ -122,7 +118,7 @@ class StreamWriter(Generic[Item]):
             if items or woken:
                 self._write(self._render(tuple(items), dropped))
             elif not closing:
-                self.reader_is_gone = self._file is not None and _is_hung_up(self._file)
+                self.reader_is_gone = _is_hung_up(self._file)
             if closing:
                 self._write(self._last)
                 break
@@ -133,10 +129,6 @@ class StreamWriter(Generic[Item]):
 
     def _write(self, text: str) -> None:
         """Writes all of a text, however long that takes; gives up when the reader is gone or at the end."""
-        if self._file is None:
-            self._stream.write(text)
-            self._stream.flush()
-            return
         data = text.encode(self._stream.encoding or "utf-8", "backslashreplace")
         while data and not self.reader_is_gone:
             try:
@@ -177,20 +169,8 @@ def _write_error(line: str) -> None:
         os.write(2, f"{line}\n".encode("utf-8", "backslashreplace"))
 
 
-def _file_of(stream: TextIO) -> Optional[int]:
-    """Returns the stream's file descriptor; None: it has none."""
-    try:
-        stream.flush()
-        return stream.fileno()
-    except (OSError, ValueError):
-        return None
-
-
 def _is_hung_up(file: int) -> bool:
     """Returns whether a pipe has no reader, or a terminal was closed."""
     watch = select.poll()
-    try:
-        watch.register(file, 0)
-        return len(watch.poll(0)) > 0
-    except (OSError, ValueError):
-        return False
+    watch.register(file, 0)
+    return len(watch.poll(0)) > 0

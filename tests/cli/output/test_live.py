@@ -7,14 +7,9 @@ import os
 import re
 import signal
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any, Callable, Dict, List
 
 import pytest
-
-from robot_health_monitor.cli.output.live import LiveView
-from robot_health_monitor.core.nodes import AlertSystem
-from robot_health_monitor.core.port.local import LocalBus
 
 Start = Callable[..., Any]
 
@@ -26,13 +21,12 @@ def _needs_rich() -> None:
 
 def test_the_table_shows_value_unit_level_and_statistics_of_every_signal(on_terminal: Start, calm: Path) -> None:
     terminal = on_terminal("run", "--thresholds", calm, columns=120)
-    terminal.wait_until(lambda text: re.search(r"cpu_usage +OK +[\d.]+ % .*[▁▂▃▄▅▆▇█]", text) is not None)
+    terminal.wait_until(lambda text: re.search(r"cpu_usage +OK +[\d.]+ % +[\d.]+ ", text) is not None)
     table = terminal.rows[-5:]
     assert re.match(r"atlas is OK ", table[0])
-    assert table[1].split() == ["signal", "level", "value", "bounds", "trend", "mean", "min", "max"]
-    assert re.match(r"battery_level  OK +[\d.]+ % +WARN < 20  [▁▂▃▄▅▆▇█ ]+ +[\d.]+ +[\d.]+ +100", table[2])
-    assert re.match(r"temperature +OK +[\d.]+ °C +[▁▂▃▄▅▆▇█ ]+ +[\d.]+ +[\d.]+ +[\d.]+", table[3])
-    terminal.wait_until(lambda text: re.search(r"system_health [\d.]+", text) is not None)
+    assert table[1].split() == ["signal", "level", "value", "bounds", "mean", "min", "max"]
+    assert re.match(r"battery_level  OK +[\d.]+ % +WARN below 20 % +[\d.]+ +[\d.]+ +100", table[2])
+    assert re.match(r"temperature +OK +[\d.]+ °C +[\d.]+ +[\d.]+ +[\d.]+", table[3])
 
 
 @pytest.mark.newest_python
@@ -120,9 +114,9 @@ def test_a_terminal_with_few_lines_shows_the_worst_signals(on_terminal: Start, t
 def test_a_window_that_changes_its_size_is_redrawn_at_once_and_once(on_terminal: Start, calm: Path) -> None:
     terminal = on_terminal("run", "--thresholds", calm, "--log-level", "ERROR")
     terminal.wait_until(lambda text: re.search(r"cpu_usage +OK +[\d.]+ %", text) is not None)
-    assert "trend" in terminal.text
+    assert "bounds" in terminal.text
     terminal.resize(40, 12)
-    terminal.wait_until(lambda text: "trend" not in text and "cpu_usage" in text)
+    terminal.wait_until(lambda text: "bounds" not in text and "cpu_usage" in text)
     assert terminal.text.count("battery_level") == 1
     terminal.resize(120, 30)
     terminal.wait_until(lambda text: "mean" in text and "cpu_usage" in text)
@@ -217,7 +211,7 @@ def test_without_rich_there_are_plain_lines_and_a_hint(on_terminal: Start, restl
 
 
 @pytest.mark.newest_python
-def test_an_ascii_terminal_gets_a_table_without_bars(on_terminal: Start, calm: Path) -> None:
+def test_an_ascii_terminal_gets_ascii(on_terminal: Start, calm: Path) -> None:
     terminal = on_terminal("run", "--thresholds", calm, PYTHONIOENCODING="ascii")
     terminal.wait_until(lambda text: re.search(r"cpu_usage +OK +[\d.]+ %", text) is not None)
     assert terminal.bytes.isascii()
@@ -234,7 +228,7 @@ def draw(statuses: List[Any], width: int, monkeypatch: pytest.MonkeyPatch) -> Li
 
     monkeypatch.setattr(live.LiveView, "_size", lambda view: (width, 40))
     view = live.LiveView(Terminal())
-    view._view = live.robot_view("atlas", [(status, "", ()) for status in statuses], None, view._shown)
+    view._view = live.robot_view("atlas", statuses, {}, view._shown)
     text = view._render((), 0)
     return re.sub("\x1b\\[[0-9;?]*[A-Za-z]", "", text).replace("\r", "").split("\n")
 
@@ -276,18 +270,18 @@ def test_the_reason_of_an_alarm_is_shown_in_full(width: int, monkeypatch: pytest
     assert max(map(len, rows)) <= width
 
 
-@pytest.mark.parametrize("width", [20, 30, 60, 80, 120])
+@pytest.mark.parametrize("width", [60, 80, 120])
 def test_no_status_of_a_robot_controls_the_terminal_or_breaks_the_table(
     width: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     hostile = "x\x1b[2J\x9b2J\n\u202e[bold]"
     rows = draw([status(hostile, 2, hostile, unit=hostile, mean=hostile, state="firing")], width, monkeypatch)
-    assert len(rows) == (4 if width < 40 else 3)
+    assert len(rows) == 3
     assert all(row.isprintable() for row in rows)
 
 
 @pytest.mark.newest_python
-@pytest.mark.parametrize("columns", [40, 80])
+@pytest.mark.parametrize("columns", [60, 80])
 def test_several_robots_have_a_row_each(on_terminal: Start, calm: Path, columns: int) -> None:
     urls = [f"robot{number}=ws://127.0.0.1:{number}" for number in (1, 2)]
     terminal = on_terminal("connect", *urls, "--thresholds", calm, "--log-level", "ERROR", columns=columns, lines=14)
@@ -298,16 +292,3 @@ def test_several_robots_have_a_row_each(on_terminal: Start, calm: Path, columns:
     assert reason.split(":")[1] in terminal.text
     terminal.resize(120, 14)
     terminal.wait_until(lambda text: len(re.findall(rf"^robot[12] +ERROR .*{reason}", text, re.MULTILINE)) == 2)
-
-
-def test_the_number_of_elements_has_no_trend() -> None:
-    bus = LocalBus(0.0)
-    cells = {"topic": "battery", "type": "sensor_msgs/BatteryState", "field": "cell_voltage[*]"}
-    system = AlertSystem(bus.node("alert_system", parameters={"robot_name": "r", "signals": {"cells": cells}}))
-    robot = bus.node("robot")
-    robot.advertise("battery", "sensor_msgs/BatteryState")
-    robot.publish("battery", {"cell_voltage": [3.5]})
-    shown = SimpleNamespace(robots=[SimpleNamespace(alert_system=system, now_s=0.0)], system_health=None)
-    view = LiveView(Terminal())
-    rows = view._view_of_one(shown, due=True).rows  # type: ignore[arg-type]
-    assert [(row.cells[0], row.more[1]) for row in rows] == [("cells", ""), ("cells[0]", "▄")]

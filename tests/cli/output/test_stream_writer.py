@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import os
 import pty
 import select
@@ -190,15 +189,6 @@ def test_a_terminal_paused_by_ctrl_s_is_resumed_at_the_end_and_restored() -> Non
         assert writer.close()
         assert "restored" in read_until(outside, "restored")
     os.close(outside)
-
-
-def test_a_stream_without_a_file_descriptor_is_written_too() -> None:
-    stream = io.StringIO()
-    writer = StreamWriter(stream, render)
-    writer.start()
-    writer.put("one")
-    assert writer.close()
-    assert stream.getvalue() == "one\n"
 
 
 def test_a_character_that_the_encoding_lacks_is_escaped(pipe: Tuple[int, TextIO]) -> None:
