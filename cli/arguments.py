@@ -15,7 +15,7 @@ import importlib
 import sys
 import textwrap
 from pathlib import Path
-from typing import Any, Callable, Mapping, NoReturn, Optional, Sequence, Tuple
+from typing import Any, Callable, Collection, Mapping, NoReturn, Optional, Sequence, Tuple
 
 from ..core.values.names import is_namespace
 from ..core.values.version import package_version
@@ -105,15 +105,14 @@ def parse(argv: Optional[Sequence[str]] = None) -> argparse.Namespace:
             at all requests help.
     """
     words = sys.argv[1:] if argv is None else list(argv)
-    return _parser()[0].parse_args(words or ["--help"])
+    return _parser(words)[0].parse_args(words or ["--help"])
 
 
 def complete_parser() -> argparse.ArgumentParser:
     """Returns the parser with the arguments of every command, for completion in a shell: shtab reads it."""
-    parser, commands = _parser()
+    parser, commands = _parser(COMMANDS)
     commands.help = "command"
     for name, command in commands.choices.items():
-        command.add_arguments()
         command.description = COMMANDS[name]
         for action in command._actions:
             if action.metavar in ("BAG", "FILE", "FOLDER", "PATH", "RECORDING"):
@@ -121,8 +120,8 @@ def complete_parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _parser() -> Tuple[Parser, Any]:
-    """Returns the parser, and argparse's action with those of the commands."""
+def _parser(used: Collection[str]) -> Tuple[Parser, Any]:
+    """Returns the parser, and argparse's action with those of the commands; only the `used` ones have arguments."""
     parser = Parser(
         prog="robot-health",
         usage="robot-health [-h] [--version] COMMAND ...",
@@ -139,10 +138,14 @@ def _parser() -> Tuple[Parser, Any]:
         metavar="COMMAND",
         required=True,
         help=argparse.SUPPRESS,
-        parser_class=_CommandParser,
+        parser_class=Parser,
     )
     for name, line in COMMANDS.items():
-        commands.add_parser(name, command=name, help=line, epilog=exit_codes_text(name))
+        command = commands.add_parser(name, help=line, epilog=exit_codes_text(name))
+        if name in used:
+            module = importlib.import_module(f".commands.{name}_command", __package__)
+            module.add_arguments(command)
+            command.set_defaults(run=module.run)
     return parser, commands
 
 
@@ -152,26 +155,6 @@ def _groups_text() -> str:
         [f"{title}:", *(f"  {name:<9}{line}" for name, line in group.items())] for title, group in _GROUPS.items()
     )
     return "\n\n".join("\n".join(lines) for lines in groups)
-
-
-class _CommandParser(Parser):
-    """The parser of one command, which gets its arguments from the command's module once it is used."""
-
-    def __init__(self, command: str, **options: Any) -> None:
-        super().__init__(**options)
-        self._command = command
-
-    def add_arguments(self) -> None:
-        """Adds the arguments, once."""
-        if self._command:
-            module = importlib.import_module(f".commands.{self._command}_command", __package__)
-            module.add_arguments(self)
-            self.set_defaults(run=module.run)
-            self._command = ""
-
-    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        self.add_arguments()
-        return super().parse_known_args(args, namespace)
 
 
 def add(parser: Any, usage: str, meaning: str, **details: Any) -> None:

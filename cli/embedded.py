@@ -5,28 +5,24 @@ from __future__ import annotations
 import asyncio
 import time
 from functools import partial
-from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence
 
-from ..core.config.monitor_config import Section, find_section, list_sections, refuse_second_section
-from ..core.config.parameters import Parameter
+from ..core.config.monitor_config import MonitorConfig, Section, find_section, list_sections, refuse_second_section
 from ..core.config.yaml_file import YamlFile, read_yaml
 from ..core.nodes import Aggregator, AlertSystem, BatterySensor
-from ..core.nodes.aggregator import AGGREGATOR_PARAMETERS, has_inputs
+from ..core.nodes.aggregator import has_inputs
 from ..core.nodes.outlets import Outlet
 from ..core.port.local import LocalBus, LocalMiddleware, LogLine
 from ..core.port.middleware import NOTHING_CHANGED, Severity
 from ..core.sensors.computer import Computer
 from ..core.sensors.configuration import METRICS
 from ..core.values.errors import ConfigError
-from ..core.values.faults import Fault, Faults
 from ..runtime.event_loops import run_in_daemon_thread
 from ..runtime.threads import DetachedCalls
 
 NODES = ("alert_system", "aggregator", "battery_sensor")
 """The nodes that run here, by their names in a configuration file."""
-_KEPT_PERIODS = 3
-"""A system_health is shown for this many periods after it was published."""
-_PUBLISH_RATE: Parameter = next(parameter for parameter in AGGREGATOR_PARAMETERS if parameter.name == "publish_rate")
+_NO_SECTIONS = dict.fromkeys(NODES, Section((), {}))
 
 
 class EmbeddedMonitor:
@@ -57,7 +53,7 @@ class EmbeddedMonitor:
         self._nodes: List[Any] = []
         self._middlewares: Dict[str, LocalMiddleware] = {}
         self._file = file
-        self._sections = {} if file is None else sections_of_nodes(file)
+        self._sections = _NO_SECTIONS if file is None else sections_of_nodes(file)
         self._robot = robot
         self._source = source
         outlets = {} if outlet is None else {"output": outlet}
@@ -65,7 +61,15 @@ class EmbeddedMonitor:
             "alert_system", lambda node: start_alert_system(node, outlets, log_alerts=outlet is None)
         )
         self.alert_systems: Sequence[AlertSystem] = (self.alert_system,)
-        if has_inputs({**self._section("aggregator").tree, "sensors": source}):
+        self.robots = (self,)
+        """The one robot."""
+        self.faults = self._middlewares["alert_system"].faults
+        """The faults that alert_system reports."""
+        self.log = self._middlewares["alert_system"].log
+        """Logs a line of alert_system."""
+        self.process_faults = dict
+        """Returns nothing: all faults are those of alert_system."""
+        if has_inputs({**self._sections["aggregator"].tree, "sensors": source}):
             self._start("aggregator", Aggregator)
         if source != "none":
             computer = Computer(background=DetachedCalls("sources"))
@@ -73,15 +77,6 @@ class EmbeddedMonitor:
             self._start("battery_sensor", lambda node: BatterySensor(node, computer))
         self.on_change: List[Any] = []
         """Called when robots are added or removed: never, there is one for the whole run."""
-        self._health: Optional[Tuple[float, float]] = None
-        listener = self.bus.node("output")
-        listener.subscribe("system_health", "std_msgs/Float32", self._note_health, field="data")
-        self._nodes.append(listener)
-
-    @property
-    def robots(self) -> Sequence[EmbeddedMonitor]:
-        """The one robot."""
-        return (self,)
 
     @property
     def now_s(self) -> float:
@@ -89,28 +84,13 @@ class EmbeddedMonitor:
         return self.bus.now_s
 
     @property
-    def faults(self) -> Faults:
-        """The faults that alert_system reports."""
-        return self._middlewares["alert_system"].faults
-
-    def process_faults(self) -> Mapping[str, Fault]:
-        """Returns nothing: all faults are those of alert_system."""
-        return {}
+    def server_config(self) -> MonitorConfig:
+        """The configuration with parameters of the server."""
+        return self.alert_system.monitor.config
 
     def parameters(self) -> Mapping[str, Mapping[str, Any]]:
         """Returns the parameters that were given, nested, by the full name of their node."""
         return {node.name: node.given_parameters() for node in self.bus.nodes}
-
-    @property
-    def system_health(self) -> Optional[float]:
-        """The latest system_health, None once it is not published any more."""
-        if self._health is None:
-            return None
-        value, published_s = self._health
-        aggregator = self._middlewares.get("aggregator")
-        given = {} if aggregator is None else aggregator.given_parameters()
-        rate_hz = given.get(_PUBLISH_RATE.name, _PUBLISH_RATE.default)
-        return value if self.bus.now_s - published_s <= _KEPT_PERIODS / float(rate_hz) else None
 
     async def run(self) -> None:
         """Runs the timers of the nodes in real time until it is cancelled."""
@@ -121,10 +101,6 @@ class EmbeddedMonitor:
         if self._file is None:
             return NOTHING_CHANGED
         return self._use_file(await run_in_daemon_thread(partial(read_yaml, self._file.file)))
-
-    def log(self, severity: Severity, text: str) -> None:
-        """Logs a line of alert_system."""
-        self._middlewares["alert_system"].log(severity, text)
 
     def close(self) -> None:
         """Ends the nodes."""
@@ -140,18 +116,12 @@ class EmbeddedMonitor:
                 texts[name] = middleware.set_parameters(self._parameters(name))
             except ConfigError as error:
                 texts[name] = ""
-                located = file.locate(error.below(self._section(name).path))
+                located = file.locate(error.below(self._sections[name].path))
                 middleware.log(Severity.ERROR, f"not reloaded, the old configuration stays in force: {located}")
         changes = {name: text for name, text in texts.items() if text not in ("", NOTHING_CHANGED)}
         if not changes:
             return "" if "" in texts.values() else NOTHING_CHANGED
         return "; ".join(text if name == "alert_system" else f"{name}: {text}" for name, text in changes.items())
-
-    def _note_health(self, value: float, now_s: float) -> None:
-        self._health = value, now_s
-
-    def _section(self, node: str) -> Section:
-        return self._sections.get(node, Section((), {}))
 
     def _start(self, name: str, make: Callable[[LocalMiddleware], Any]) -> Any:
         middleware = self.bus.node(name, parameters=self._parameters(name))
@@ -160,7 +130,7 @@ class EmbeddedMonitor:
         except ConfigError as error:
             middleware.close()
             self.close()
-            path = self._section(name).path
+            path = self._sections[name].path
             if self._file is None or not path:
                 raise
             raise self._file.locate(error.below(path)) from None
@@ -169,11 +139,11 @@ class EmbeddedMonitor:
         return node
 
     def _parameters(self, name: str) -> Mapping[str, Any]:
-        parameters: Dict[str, Any] = dict(self._section(name).tree)
+        parameters: Dict[str, Any] = dict(self._sections[name].tree)
+        # One robot: the file need not name it three times.
+        parameters.setdefault("robot_name", self._sections["alert_system"].tree.get("robot_name", ""))
         if self._robot:
             parameters["robot_name"] = self._robot
-        elif "alert_system" in self._sections:  # one robot: the file need not name it three times
-            parameters = {"robot_name": self._sections["alert_system"].tree.get("robot_name", ""), **parameters}
         if name == "battery_sensor" and self._source:
             for metric in METRICS:
                 section = parameters.get(metric, {})
@@ -191,7 +161,7 @@ async def run_timers(bus: LocalBus) -> None:
 
 
 def sections_of_nodes(file: YamlFile) -> Dict[str, Section]:
-    """Returns the sections of a file by their nodes.
+    """Returns the sections of a file by their nodes; those of `NODES` that it does not have are empty.
 
     Raises ConfigError if alert_system has no section, or one of `NODES` has several.
     """
@@ -201,4 +171,4 @@ def sections_of_nodes(file: YamlFile) -> Dict[str, Section]:
             refuse_second_section(listed, node)
         alert_system = find_section(file.tree, "alert_system")
     by_node = {section.node: section for section in listed if section != alert_system}
-    return {**by_node, "alert_system": alert_system}
+    return {**_NO_SECTIONS, **by_node, "alert_system": alert_system}

@@ -5,15 +5,13 @@ Exit codes: SUCCESS when ended by a signal or by ROS, USAGE also without ROS, FA
 
 from __future__ import annotations
 
-import os
 import sys
-import traceback
 from contextlib import ExitStack, closing
 from functools import partial
 from typing import TYPE_CHECKING, Any, Callable, Mapping, Optional, Sequence, Union
 
 from ..runtime.interrupts import Interrupts
-from .exit_codes import ExitCode
+from .exit_codes import ExitCode, internal_error_text
 from .service_manager import ServiceManager
 from .standard_streams import StandardStreams
 
@@ -63,9 +61,7 @@ def run(executable: str, open_process: OpenProcess, *, ros: str, patience_s: Opt
             _print_error(executable, f"needs {ros}: no Python module {missing}; without ROS, use robot-health run")
             return ExitCode.USAGE
         except Exception as error:
-            place = traceback.extract_tb(error.__traceback__)[-1]
-            where = f"{os.path.basename(place.filename)}:{place.lineno}"
-            _print_error(executable, f"internal error: {type(error).__name__}: {error} ({where})")
+            _print_error(executable, internal_error_text(error))
             return ExitCode.FAILED
 
 

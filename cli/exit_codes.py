@@ -1,8 +1,9 @@
-"""The exit codes of `robot-health`."""
+"""The exit codes of `robot-health`, and the text of an error that is a bug."""
 
 from __future__ import annotations
 
 import enum
+import os
 from typing import Mapping
 
 
@@ -27,6 +28,15 @@ _ALERTS: Mapping[str, str] = {
 }
 """When a command ends with `ALERTS`; the empty name stands for any command."""
 _FAILED: Mapping[str, str] = {"notify": "a target or the command itself failed"}
+
+
+def internal_error_text(error: BaseException) -> str:
+    """Returns file, line and text of an error that is a bug, for a report of it."""
+    import traceback
+
+    frames = traceback.extract_tb(error.__traceback__)
+    place = f"{os.path.basename(frames[-1].filename)}:{frames[-1].lineno}: " if frames else ""
+    return f"internal error: {place}{type(error).__name__}: {error}"
 
 
 def exit_codes_text(command: str = "") -> str:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import re
 import time
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any, Callable, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
 
@@ -48,8 +49,8 @@ StartAlertSystem = Callable[..., AlertSystem]
 class Fleet:
     """All robots of one process."""
 
-    system_health: Optional[float] = None
-    """Not defined for several robots."""
+    server_config = None
+    """No robot has parameters of the server."""
     alert_system_pattern = "/*/alert_system"
     """The full names of the alert_systems on `bus`; `*` as in file names."""
 
@@ -144,28 +145,23 @@ class Fleet:
         known = {robot.name: robot for robot in self.robots}
         wanted = {new.name: new for new in settings}
         changes: Dict[str, List[str]] = {}
-        ended = [robot for name, robot in known.items() if name not in wanted]
-        removed = [robot.name for robot in ended]
-        replaced = []
-        for name, new in wanted.items():
-            if name not in known or known[name].settings == new:
-                continue
-            try:
-                changes.setdefault(known[name].change(new), []).append(name)
-            except ConfigError:
-                ended.append(known[name])
-                replaced.append(name)
+        kept: Dict[str, Robot] = {}
+        for name in filter(known.__contains__, wanted):
+            with suppress(ConfigError):  # it is started anew
+                if known[name].settings != wanted[name]:
+                    changes.setdefault(known[name].change(wanted[name]), []).append(name)
+                kept[name] = known[name]
+        ended = [robot for robot in self.robots if robot.name not in kept]
         for robot in ended:
             robot.end()
             self.robots.remove(robot)
-            del known[robot.name]
         added = []
         for name, new in wanted.items():
-            if name not in known:
-                added.append(self._create(new, log_details=is_only))
-                self.robots.append(added[-1])
-        places = {name: place for place, name in enumerate(wanted)}
-        self.robots.sort(key=lambda robot: places[robot.name])
+            if name not in kept:
+                kept[name] = self._create(new, log_details=is_only)
+                added.append(kept[name])
+                self.robots.append(kept[name])
+        self.robots = [kept[name] for name in wanted]
         if len(added) <= _MOST_NAMES and not is_only:
             for robot in added:
                 robot.log_summary()
@@ -174,8 +170,11 @@ class Fleet:
         if added or ended:
             for callback in self.on_change:
                 self.faults.guard("change of the fleet", callback, added, ended)
-        new_names = [robot.name for robot in added if robot.name not in replaced]
-        named = (("added", new_names), ("removed", removed), ("started anew", replaced))
+        named = (
+            ("added", [robot.name for robot in added if robot.name not in known]),
+            ("removed", [robot.name for robot in ended if robot.name not in wanted]),
+            ("started anew", [robot.name for robot in ended if robot.name in wanted]),
+        )
         texts = [f"{change} {_names_text(names)}" for change, names in named if names]
         texts += [f"{_names_text(names)}: {change}" for change, names in changes.items()]
         return "; ".join(texts) or NOTHING_CHANGED

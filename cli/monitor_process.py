@@ -13,8 +13,9 @@ import asyncio
 import logging
 import sys
 import time
+from dataclasses import replace
 from functools import partial
-from typing import Any, Awaitable, Callable, List, Optional, Sequence, Tuple
+from typing import Awaitable, Callable, List, Optional, Sequence, Tuple
 
 from ..core.port.local import LogLine
 from ..core.port.middleware import NOTHING_CHANGED, Severity
@@ -31,18 +32,13 @@ from .operations import Operations, read_config
 from .output.events import Events, LibraryLog
 from .output.lines import JsonLines, Monitors, Output, OutputError, PlainLines, is_terminal
 from .service_manager import ServiceManager
-from .serving import ServerSettings, serve, stop_serving
+from .serving import ServerSettings, serve, server_settings, stop_serving
 
 Reload = Callable[[], Awaitable[str]]
 """Reads the configuration of a part again and applies what differs; returns what changed, in one line.
 
 Returns `NOTHING_CHANGED` if nothing did, and an empty text if it has been logged. Raises ConfigError if the new
 configuration cannot be used: the old one stays in force.
-"""
-ReadSettings = Callable[[Optional[ServerOptions]], Optional[ServerSettings]]
-"""Returns the settings of the server for the section `server` of an ops.yaml, None if no server is wanted.
-
-Reads the token. Raises ConfigError if a file cannot be used.
 """
 
 _SHOW_PERIOD_S = 0.1
@@ -64,12 +60,15 @@ class MonitorProcess:
         ops_file: str,
         name: str,
         least: Severity = Severity.INFO,
+        server: ServerOptions,
+        origins: Sequence[str] = (),
         serves: bool = True,
     ) -> None:
         """Opens what `ops_file` configures; raises ConfigError, and opens nothing, if it cannot be used.
 
-        `name` is shown before warnings of the process. Log lines less severe than `least` are left out. `serves` is
-        whether there is a server in any case.
+        `name` is shown before warnings of the process. Log lines less severe than `least` are left out. `server` is
+        what the command line says of the server, `origins` are those that may connect; `serves` is whether there is one
+        in any case.
         """
         self.operations = Operations(read_config(ops_file))
         history = self.operations.history
@@ -77,7 +76,8 @@ class MonitorProcess:
             history.keeps_samples = False  # no page could show them, and collecting them costs as much as judging
         self.events = Events(output.put, least, silence_of=self.operations.silence_text)
         """Receives what the monitors log and announce."""
-        self.tokens = TokenFiles(self.warn)
+        self._tokens = TokenFiles(self.warn)
+        self._arguments, self._origins, self._serves = server, origins, serves
         self._ops_file = ops_file
         self._name = name
         self._output = output
@@ -97,28 +97,30 @@ class MonitorProcess:
         """Shows a warning about the process."""
         self.events.on_log(LogLine(time.monotonic(), self._name, Severity.WARN, text))
 
-    def run(
-        self,
-        monitors: Monitors,
-        read_settings: ReadSettings,
-        *,
-        requires_server: bool,
-        duration_s: Optional[float] = None,
-    ) -> ExitCode:
+    def read_settings(self, monitors: Monitors, section: Optional[ServerOptions]) -> Optional[ServerSettings]:
+        """Returns the settings of the server for the section `server` of an ops.yaml, None if no server is wanted.
+
+        Reads the token. Raises ConfigError if a file cannot be used.
+        """
+        if not self._serves and section is None:
+            return None
+        return server_settings(monitors.server_config, section, self._arguments, self._origins, tokens=self._tokens)
+
+    def run(self, monitors: Monitors, duration_s: Optional[float] = None) -> ExitCode:
         """Serves and shows `monitors` until an interrupt, the end of the duration or the loss of the reader.
 
         Closes `monitors` and the output. The output never delays the monitors: if it cannot be written, that is a
         fault and monitoring goes on. Only the end of a duration tells whether there were alerts.
 
-        Raises ConfigError before any output if the server cannot be started as configured (with `requires_server`,
-        also if its port is taken), and OutputError if the duration has passed and the output is incomplete.
+        Raises ConfigError before any output if the server cannot be started as configured (also if its port is taken,
+        where the command line names it), and OutputError if the duration has passed and the output is incomplete.
         """
         library_log = LibraryLog(self.events)
         logging.getLogger().addHandler(library_log)
         logging.captureWarnings(True)
         try:
-            self.settings = read_settings(self.operations.config.server)
-            completed = asyncio.run(self._run(monitors, read_settings, requires_server, duration_s))
+            self.settings = self.read_settings(monitors, self.operations.config.server)
+            completed = asyncio.run(self._run(monitors, duration_s))
         finally:
             monitors.close()
             self._output.close()
@@ -128,75 +130,54 @@ class MonitorProcess:
             raise OutputError(self._output.problem)
         return ExitCode.ALERTS if completed and self.events.alerts else ExitCode.SUCCESS
 
-    async def _run(
-        self, monitors: Monitors, read_settings: ReadSettings, requires_server: bool, duration_s: Optional[float]
-    ) -> bool:
+    async def _run(self, monitors: Monitors, duration_s: Optional[float]) -> bool:
         """Returns whether the whole duration has passed."""
         loop = asyncio.get_running_loop()
-        stop, hangup = asyncio.Event(), asyncio.Event()
-        interrupts, server, service_manager = self._interrupts, None, ServiceManager()
-        interrupts.on_interrupt(lambda: loop.call_soon_threadsafe(stop.set))
+        interrupts, output, server, service_manager = self._interrupts, self._output, None, ServiceManager()
+        interrupts.defer()
         try:
             if self.settings is not None:
-                server = await serve(monitors, self.settings, self.operations, required=requires_server)
-            self._output.start()
+                required = self._arguments.port is not None
+                server = await serve(monitors, self.settings, self.operations, required=required)
+            output.start()
             running = asyncio.ensure_future(monitors.run())
-            stopped: asyncio.Future[Any] = asyncio.ensure_future(stop.wait())
-            parts: List[Reload] = [monitors.reload, partial(self.reload_ops, read_settings)]
-
-            async def reload_at_hangups() -> None:
-                while True:
-                    await hangup.wait()
-                    hangup.clear()
-                    await reload_all(parts, monitors.log)
-
-            reloading = asyncio.ensure_future(reload_at_hangups())
-            interrupts.on_hangup(lambda: loop.call_soon_threadsafe(hangup.set))
+            reloading: asyncio.Future[None] = asyncio.ensure_future(asyncio.sleep(0.0))
             service_manager.ready()
+            end_s = float("inf") if duration_s is None else loop.time() + duration_s
             try:
-                return await self._show(monitors, running, stopped, service_manager, duration_s)
+                while not (interrupts.came or output.reader_is_gone):
+                    self._show(monitors, service_manager)
+                    if loop.time() >= end_s:
+                        return True
+                    if interrupts.hung_up and reloading.done():
+                        interrupts.hung_up = False
+                        parts: List[Reload] = [monitors.reload, partial(self.reload_ops, monitors)]
+                        reloading = asyncio.ensure_future(reload_all(parts, monitors.log))
+                    await asyncio.wait({running}, timeout=min(_SHOW_PERIOD_S, end_s - loop.time()))
+                    if running.done():
+                        running.result()  # raises: otherwise it would go on
+                        return False
+                return False
             finally:
                 service_manager.stopping()
-                for task in (running, stopped, reloading):
-                    task.cancel()
-                await asyncio.wait({running, stopped}, timeout=_END_S)
+                reloading.cancel()
+                running.cancel()
+                await asyncio.wait({running}, timeout=_END_S)
         finally:
             if server is not None:
                 await stop_serving(server)
-            interrupts.on_hangup(bool)
-            interrupts.on_interrupt(bool)  # does nothing: the end is under way
 
-    async def _show(
-        self,
-        monitors: Monitors,
-        running: asyncio.Future[Any],
-        stopped: asyncio.Future[Any],
-        service_manager: ServiceManager,
-        duration_s: Optional[float],
-    ) -> bool:
-        """Shows the monitors until one of the futures is done; returns whether the whole duration has passed."""
-        loop = asyncio.get_running_loop()
-        end_s = float("inf") if duration_s is None else loop.time() + duration_s
-        while not self._output.reader_is_gone:
-            self._output.show(monitors)
-            if service_manager.watchdog_period_s is not None:
-                # One robot's failure must not restart the monitors of the others.
-                service_manager.alive(min((system.tick_age_s for system in monitors.alert_systems), default=0.0))
-            if self._output.problem:
-                monitors.faults.report(_FAULT, self._output.problem, Level.WARN)
-            else:
-                monitors.faults.clear(_FAULT)
-            if loop.time() >= end_s:
-                return True
-            wait_s = min(_SHOW_PERIOD_S, end_s - loop.time())
-            done, _ = await asyncio.wait({running, stopped}, timeout=wait_s, return_when=asyncio.FIRST_COMPLETED)
-            if running in done:
-                running.result()  # raises: otherwise it would go on
-            if done:
-                return False
-        return False
+    def _show(self, monitors: Monitors, service_manager: ServiceManager) -> None:
+        self._output.show(monitors)
+        if service_manager.watchdog_period_s is not None:
+            # One robot's failure must not restart the monitors of the others.
+            service_manager.alive(min((system.tick_age_s for system in monitors.alert_systems), default=0.0))
+        if self._output.problem:
+            monitors.faults.report(_FAULT, self._output.problem, Level.WARN)
+        else:
+            monitors.faults.clear(_FAULT)
 
-    async def reload_ops(self, read_settings: ReadSettings) -> str:
+    async def reload_ops(self, monitors: Monitors) -> str:
         """Reads ops.yaml and the server's token, then applies what differs; see `Reload`.
 
         A revoked token is refused at once, and new targets are notified.
@@ -204,7 +185,7 @@ class MonitorProcess:
 
         def read() -> Tuple[OpsConfig, Optional[ServerSettings]]:
             config = read_config(self._ops_file) if self._ops_file else self.operations.config
-            return config, read_settings(config.server)
+            return config, self.read_settings(monitors, config.server)
 
         config, settings = await run_in_daemon_thread(read)
         texts = self._use_settings(settings)
@@ -213,17 +194,12 @@ class MonitorProcess:
 
     def _use_settings(self, new: Optional[ServerSettings]) -> List[str]:
         old, server, texts = self.settings, self.operations.server, []
-        if old is None or new is None or server is None:
-            self.settings = new
-            return [] if old == new else ["server: takes effect after a restart"]
-        if new.token != old.token:
+        if old is not None and new is not None and server is not None and new.token != old.token:
             server.use_token(new.token)
             texts.append("server: the token changed, every client has to present the new one")
+            old = replace(old, token=new.token)
         self.settings = new
-        others = [name for name, value in vars(new).items() if name != "token" and value != getattr(old, name)]
-        if others:
-            texts.append(f"server: {', '.join(others)} takes effect after a restart")
-        return texts
+        return texts if old == new else [*texts, "server: takes effect after a restart"]
 
 
 async def reload_all(parts: Sequence[Reload], log: Callable[[Severity, str], object]) -> None:

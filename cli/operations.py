@@ -21,7 +21,6 @@ from ..core.nodes.self_monitor import EMPTY_REPORT, SelfReport
 from ..core.port.middleware import Middleware, Severity
 from ..core.values.errors import ConfigError, ServiceError
 from ..core.values.faults import Faults
-from ..core.values.model import Transition
 from ..ops.configuration import OpsConfig, read_ops
 from ..ops.notify import Notifier
 from ..ops.store.active_silences import Silences
@@ -115,7 +114,7 @@ class Operations:
                 outlets or {},
                 history=history,
                 silence_of=partial(self.silence_text, name),
-                black_box_of=_no_black_box if black_box is None else black_box.of_alert,
+                black_box_of=(lambda transition: "") if black_box is None else black_box.of_alert,
                 self_report=replace(
                     self_report,
                     pending_notifications=lambda: self.notifier.waiting,
@@ -220,10 +219,6 @@ class Operations:
 def read_config(file: str) -> OpsConfig:
     """Reads an ops.yaml; an empty path is an empty one. Raises ConfigError if it cannot be used."""
     return read_ops(read_yaml(file)) if file else OpsConfig()
-
-
-def _no_black_box(transition: Transition) -> str:
-    return ""
 
 
 def configured_ops(parameters: Mapping[str, object]) -> str:

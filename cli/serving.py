@@ -52,33 +52,30 @@ class ServerSettings(ServerOptions):
     """Origins of web pages that may connect, besides those of this machine."""
 
 
-def merged_settings(*sources: ServerOptions, token: str, origins: Sequence[str] = ()) -> ServerSettings:
-    """Returns each value from the first of `sources` that sets it, otherwise the default."""
-    values: Dict[str, Any] = {}
-    for source in reversed(sources):
-        values.update((name, value) for name, value in vars(source).items() if value not in (None, "", ()))
-    values.pop("token_file", None)
-    return ServerSettings(**values, token=token, origins=origins)
-
-
-def node_settings(
-    config: MonitorConfig,
+def server_settings(
+    config: Optional[MonitorConfig],
     options: Optional[ServerOptions],
     arguments: Optional[ServerOptions] = None,
     origins: Sequence[str] = (),
     *,
     tokens: TokenFiles,
 ) -> ServerSettings:
-    """Returns the settings of the server of one alert_system.
+    """Returns the settings of a server: each value from the first source that sets it, otherwise the default.
 
-    The command line comes first, then the parameters `rosbridge_...`, then `options`, the section `server` of ops.yaml.
-    Raises ConfigError if the token file cannot be used.
+    The command line comes first, then the parameters `rosbridge_...` of the alert_system, then `options`, the section
+    `server` of ops.yaml. Without a `config`, for several robots, the token comes from a file alone: the variable has
+    that of the robots. Raises ConfigError if the token file cannot be used.
     """
-    address = config.rosbridge_address if config.rosbridge_address != DEFAULT_ADDRESS else ""
-    parameters = ServerOptions(config.rosbridge_port or None, address, config.rosbridge_token_file)
-    sources = (arguments or ServerOptions(), parameters, options or ServerOptions())
-    token_file = next((source.token_file for source in sources if source.token_file), "")
-    return merged_settings(*sources, token=tokens.find_own(token_file), origins=origins)
+    values: Dict[str, Any] = {}
+    parameters = ServerOptions()
+    if config is not None:
+        address = config.rosbridge_address if config.rosbridge_address != DEFAULT_ADDRESS else ""
+        parameters = ServerOptions(config.rosbridge_port or None, address, config.rosbridge_token_file)
+    for source in (options or ServerOptions(), parameters, arguments or ServerOptions()):
+        values.update((name, value) for name, value in vars(source).items() if value not in (None, "", ()))
+    file = values.pop("token_file", "")
+    token = "" if config is None and not file else tokens.find_own(file)
+    return ServerSettings(**values, token=token, origins=origins)
 
 
 def _make_server(
@@ -230,7 +227,7 @@ def serve_in_thread(
         from ..rosbridge.server import ServerThread
 
         tokens = TokenFiles(lambda text: middleware.log(Severity.WARN, text))
-        settings = node_settings(alert_system.monitor.config, operations.config.server, tokens=tokens)
+        settings = server_settings(alert_system.monitor.config, operations.config.server, tokens=tokens)
         node = create_node()
         given = {middleware.name: middleware.given_parameters()}
         server, web = _make_server(

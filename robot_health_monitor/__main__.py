@@ -10,7 +10,7 @@ import os
 import sys
 from typing import Optional, Sequence
 
-from .cli.exit_codes import ExitCode
+from .cli.exit_codes import ExitCode, internal_error_text
 from .runtime.interrupts import Interrupts
 
 
@@ -36,7 +36,7 @@ def main(argv: Optional[Sequence[str]] = None) -> int:
             return _fail(f"the output cannot be written: {error.strerror or error}")
         except Exception as error:
             _abandon_stdout()
-            return _fail(f"internal error: {_place_of(error)}{type(error).__name__}: {error}")
+            return _fail(internal_error_text(error))
 
 
 def _run_command(argv: Optional[Sequence[str]], interrupts: Interrupts) -> int:
@@ -88,14 +88,6 @@ def _write_error(text: str) -> None:
         sys.stderr.flush()
     except OSError:
         pass  # the exit code is all that is left
-
-
-def _place_of(error: BaseException) -> str:
-    """Returns file and line of the code that raised an error, for a report of the bug."""
-    import traceback
-
-    frames = traceback.extract_tb(error.__traceback__)
-    return f"{os.path.basename(frames[-1].filename)}:{frames[-1].lineno}: " if frames else ""
 
 
 if __name__ == "__main__":

@@ -7,8 +7,8 @@ imports ends the process cleanly too.
 runtime        use
 =============  ==========================================================================================
 plain Python   nothing: the first signal raises KeyboardInterrupt in the main thread
-asyncio        call `on_interrupt` with a function that stops the loop
-rospy, rclpy   call `defer()`: signals only set `came`, since neither survives an exception at any point
+asyncio,       call `defer()`: signals only set `came`, since none of them survives an exception at any point
+rospy, rclpy
 =============  ==========================================================================================
 
 SIGHUP ends a process as usual, unless it calls `take_hangups()`: then it means "read the configuration again".
@@ -36,9 +36,9 @@ class Interrupts:
         """
         self.came = False
         """Whether a signal has come."""
-        self._on_interrupt: Optional[Callable[[], object]] = None
-        self._on_hangup: Optional[Callable[[], object]] = None
-        self._hangup_came = False
+        self.hung_up = False
+        """Whether SIGHUP has come, after `take_hangups`; set it back."""
+        self._is_deferred = False
         self._patience_s = patience_s
         self._before: List[Any] = []
 
@@ -62,25 +62,14 @@ class Interrupts:
         for number, handler in self._before:
             signal.signal(number, handler)
 
-    def on_interrupt(self, callback: Callable[[], object]) -> None:
-        """From now on every signal calls a function, in the main thread."""
-        self._on_interrupt = callback
-
     def defer(self) -> None:
         """From now on signals only set `came`; see `check` and `wait_until`."""
-        self._on_interrupt = bool  # does nothing
+        self._is_deferred = True
 
     def take_hangups(self) -> None:
-        """From now on SIGHUP calls the function of `on_hangup`; one that comes before that is called is kept for it."""
+        """From now on SIGHUP only sets `hung_up`."""
         with contextlib.suppress(ValueError):  # not the main thread, which signals do not reach
             self._before.append((signal.SIGHUP, signal.signal(signal.SIGHUP, self._handle_hangup)))
-
-    def on_hangup(self, callback: Callable[[], object]) -> None:
-        """From now on SIGHUP calls a function, in the main thread; after `take_hangups`."""
-        self._on_hangup = callback
-        if self._hangup_came:
-            self._hangup_came = False
-            callback()
 
     def check(self) -> None:
         """Raises KeyboardInterrupt if a signal has come."""
@@ -98,13 +87,8 @@ class Interrupts:
         first, self.came = not self.came, True
         if first and self._patience_s is not None:
             signal.setitimer(signal.ITIMER_REAL, self._patience_s)
-        if self._on_interrupt is not None:
-            self._on_interrupt()
-        elif first:
+        if first and not self._is_deferred:
             raise KeyboardInterrupt
 
     def _handle_hangup(self, number: int, frame: object) -> None:
-        if self._on_hangup is None:
-            self._hangup_came = True
-        else:
-            self._on_hangup()
+        self.hung_up = True

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import difflib
+import importlib
 import os
 import re
 import sys
@@ -22,7 +23,7 @@ from ...core.config.monitor_config import (
 from ...core.config.remarks import remarks_of
 from ...core.config.yaml_file import YamlFile, read_yaml
 from ...core.messages.standard_messages import MESSAGES, PACKAGES, messages
-from ...core.nodes import Aggregator, AlertSystem, BatterySensor
+from ...core.nodes import Aggregator, BatterySensor
 from ...core.port.local import LocalBus
 from ...core.port.middleware import Middleware
 from ...core.values.errors import ConfigError, Problems
@@ -35,12 +36,10 @@ from ..arguments import Parser, add
 from ..exit_codes import ExitCode
 from ..fleet_configuration import is_fleet_file, read_entries
 
-_NODES: Mapping[str, Callable[[Middleware], Any]] = {
-    "alert_system": AlertSystem,
-    "aggregator": Aggregator,
-    "battery_sensor": BatterySensor,
-}
-"""The nodes that a thresholds.yaml is for. A node that starts on a bus without others checks its parameters."""
+_OTHERS: Mapping[str, Callable[[Middleware], Any]] = {"aggregator": Aggregator, "battery_sensor": BatterySensor}
+"""Nodes that check their parameters where they start, on a bus without others."""
+_NODES = ("alert_system", *_OTHERS)
+"""The nodes that a thresholds.yaml is for."""
 
 _ALIKE = 0.8
 """Similarity (difflib) from which a name counts as misspelt; battery_sensor and temperature_sensor differ."""
@@ -129,18 +128,15 @@ def _check_thresholds(file: YamlFile, problems: Problems, remarks: List[ConfigEr
             by_node["alert_system"].append(find_section(file.tree, "alert_system"))
     config = MonitorConfig({})
     unknown_types: Dict[str, None] = {}
-    for name, start in _NODES.items():
+    for section in by_node["alert_system"]:
+        with problems:
+            unknown_types.update(_check_sources(section, problems))
+            config = read_monitor(section)
+            remarks += _remarks(file, section, config)
+    for name, start in _OTHERS.items():
         for section in by_node[name]:
-            with problems:
-                if name == "alert_system":
-                    unknown_types.update(_check_sources(section, problems))
-                    config = read_monitor(section)
-                    remarks += _remarks(file, section, config)
-                else:
-                    try:
-                        start(LocalBus().node(name, parameters=section.tree)).close()
-                    except ConfigError as error:
-                        raise error.below(section.path) from None
+            with problems, file.located(section.path):
+                start(LocalBus().node(name, parameters=section.tree)).close()
     unused = sorted({section.node for section in by_node.get("", []) if section not in by_node["alert_system"]})
     bounds = sum(len(signal.bounds) for signal in config.signals.values())
     signals = f"{count_text(len(config.signals), 'signal')} ({', '.join(config.signals)})"
@@ -194,19 +190,11 @@ def known_definitions() -> List[Any]:
     Each has `message_class(type_name)` and `field_getter(topic, type_name, field)`, which raise ConfigError if the type
     or the field is unknown.
     """
-    version = os.environ.get("ROS_VERSION", "")
     try:
-        if version == "1":
-            from ...ros1 import messages as ros1_messages
-
-            return [ros1_messages, messages]
-        if version == "2":
-            from ...ros2 import messages as ros2_messages
-
-            return [ros2_messages, messages]
-    except ImportError:
-        pass  # only the environment of ROS is there
-    return [messages]
+        of_ros = importlib.import_module(f"...ros{os.environ.get('ROS_VERSION', '')}.messages", __package__)
+        return [of_ros, messages]
+    except ImportError:  # none is sourced, or only its environment is there
+        return [messages]
 
 
 def check_field(definitions: Sequence[Any], topic: str, type_name: str, field: str, key: str = "field") -> bool:
@@ -224,13 +212,11 @@ def check_field(definitions: Sequence[Any], topic: str, type_name: str, field: s
         except ConfigError as error:
             raise ConfigError(error.problem, (key,)) from None
         return True
-    split = split_type_name(type_name)
-    if split is None or split[0] not in PACKAGES:
+    if type_name.partition("/")[0] not in PACKAGES:
         return False
-    spelling = "/".join(split)
-    close = difflib.get_close_matches(spelling, MESSAGES, n=1)
+    close = difflib.get_close_matches(type_name, MESSAGES, n=1)
     hint = f"; did you mean {close[0]}?" if close else ""
-    raise ConfigError(f"expected a message type, got {spelling}, which does not exist{hint}", ("type",))
+    raise ConfigError(f"expected a message type, got {type_name}, which does not exist{hint}", ("type",))
 
 
 def _looks_like_ops(tree: Mapping[str, Any]) -> bool:

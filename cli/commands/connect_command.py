@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import gc
 import time
-from typing import TYPE_CHECKING, Optional, Sequence
+from typing import TYPE_CHECKING, Sequence
 
 from ...core.port.middleware import Severity
 from ...ops.configuration import ServerOptions
@@ -14,7 +14,6 @@ from ...runtime.libraries import ROSBRIDGE, libraries
 from ..arguments import Parser, add, add_monitoring_options, add_robot_server, find_installed, port
 from ..fleet_configuration import FleetReader, Options, read_addresses
 from ..monitor_process import MonitorProcess, choose_output
-from ..serving import ServerSettings, merged_settings
 
 if TYPE_CHECKING:
     from ..fleet import Robot
@@ -87,6 +86,7 @@ def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
         ops_file=arguments.ops,
         name="connect",
         least=Severity[arguments.log_level],
+        server=ServerOptions(arguments.port, arguments.host),
         serves=arguments.port is not None,
     ) as process:
         operations = process.operations
@@ -107,17 +107,7 @@ def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
         fleet.on_change.append(end_removed)
         operations.show_faults(fleet.faults, fleet.log)
 
-        def read_settings(section: Optional[ServerOptions]) -> Optional[ServerSettings]:
-            if arguments.port is None and section is None:
-                return None
-            section = section or ServerOptions()
-            # The robots' token is never the one that this server requires: that comes from the ops.yaml alone.
-            token = process.tokens.find_own(section.token_file) if section.token_file else ""
-            return merged_settings(ServerOptions(arguments.port, arguments.host), section, token=token)
-
-        code = process.run(
-            fleet, read_settings, requires_server=arguments.port is not None, duration_s=arguments.duration
-        )
+        code = process.run(fleet, arguments.duration)
     if arguments.duration is not None and not interrupts.came:
         fleet.check_own_faults()
     return code

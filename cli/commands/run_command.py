@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from typing import Optional
 
 from ...core.config.yaml_file import read_yaml
 from ...core.port.middleware import Severity
@@ -13,7 +12,6 @@ from ..arguments import Parser, add, add_monitoring_options, add_token_file, fin
 from ..embedded import EmbeddedMonitor, sections_of_nodes
 from ..monitor_process import MonitorProcess, choose_output
 from ..operations import configured_ops
-from ..serving import ServerSettings, node_settings
 
 
 def add_arguments(parser: Parser) -> None:
@@ -63,6 +61,8 @@ def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
         ops_file=arguments.ops or configured_ops(parameters),
         name="rosbridge",
         least=Severity[arguments.log_level],
+        server=options,
+        origins=arguments.origin,
     ) as process:
         monitor = EmbeddedMonitor(
             thresholds,
@@ -73,10 +73,4 @@ def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
             start_alert_system=process.operations.start_only,
         )
 
-        def read_settings(section: Optional[ServerOptions]) -> ServerSettings:
-            config = monitor.alert_system.monitor.config
-            return node_settings(config, section, options, arguments.origin, tokens=process.tokens)
-
-        return process.run(
-            monitor, read_settings, requires_server=arguments.port is not None, duration_s=arguments.duration
-        )
+        return process.run(monitor, arguments.duration)

@@ -10,7 +10,7 @@ import time
 from typing import Any, Dict, List, Sequence
 
 from ...core.judge.sources import is_source
-from ...core.values.formatting import printable
+from ...core.values.formatting import count_text, list_text, printable
 from ...ops.store.matchers import parse_matchers
 from ...ops.store.queries import configuration
 from ...ops.store.recurrence import parse_recurrence
@@ -173,11 +173,8 @@ def _state(each: Silence, now_s: float) -> str:
 
 
 def _open_text(alerts: Sequence[Alert]) -> str:
-    if not alerts:
-        return "no open alert matches now"
-    names = [f"{robot} {signal}" for robot, signal in alerts[:_MOST_NAMED]]
-    more = [f"{len(alerts) - _MOST_NAMED} more"] if len(alerts) > _MOST_NAMED else []
-    return f"{len(alerts)} open alert{'s' if len(alerts) > 1 else ''}: {', '.join(names + more)}"
+    names = list_text([f"{robot} {signal}" for robot, signal in alerts], _MOST_NAMED)
+    return f"{count_text(len(alerts), 'open alert')}: {names}" if alerts else "no open alert matches now"
 
 
 def _as_json(each: Silence, now_s: float, is_open: int, alerts: int) -> Dict[str, Any]:

@@ -73,7 +73,8 @@ def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
         found = _recorded_alerts(path)
         if number is None and len(found) > 1:
             sys.stderr.write(f"{printable(path)}: has {len(found)} alerts; choose one with --number N:\n")
-            sys.stderr.writelines(f"{place:>5}  {printable(each.line)}\n" for place, each in enumerate(found, 1))
+            for place, each in enumerate(found, 1):
+                sys.stderr.write(f"{place:>5}  {printable(each.transition.text)}\n")
             return ExitCode.USAGE
         if number is not None and not 1 <= number <= len(found):
             raise ConfigError(f"--number {number}: expected 1 to {len(found)}", file=path)
@@ -106,9 +107,9 @@ def _in_black_box(alert: PastAlert, ops: Optional[str]) -> Optional[PastAlert]:
     except (ConfigError, ServiceError):
         return None
     for each in found:
-        is_same = (each.signal, each.to_level) == (alert.signal, alert.to_level)
+        is_same = (each.signal, each.transition.to_level) == (alert.signal, alert.transition.to_level)
         if is_same and abs(each.wall_s - alert.wall_s) <= TICK_PERIOD_S:
-            return each._replace(title=alert.title, line=alert.line)
+            return each._replace(title=alert.title, transition=alert.transition)
     return None
 
 

@@ -13,7 +13,7 @@ import sqlite3
 import textwrap
 from itertools import groupby
 from statistics import median
-from typing import Any, Dict, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Dict, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Tuple, Union
 
 from ...core.config.kept_settings import read_kept, settings_of
 from ...core.config.monitor_config import MonitorConfig, load_config
@@ -22,7 +22,7 @@ from ...core.judge.continuity import MAX_EVIDENCE
 from ...core.nodes.alert_system import TICK_PERIOD_S
 from ...core.values.errors import ConfigError
 from ...core.values.formatting import count_text, duration_text, list_text, number_text, printable
-from ...core.values.model import Level
+from ...core.values.model import Level, Transition
 from ...ops.store import queries
 from ...ops.store.rows import StoredTransition
 from ..history.history_entries import time_text
@@ -48,15 +48,11 @@ class PastAlert(NamedTuple):
 
     title: str
     """As in `alert 41 of r3`."""
-    line: str
-    """The alert line."""
+    transition: Union[Transition, StoredTransition]
     wall_s: float
     """When it came, in s since 1970."""
     settings: Mapping[str, Mapping[str, Any]]
     """Of its signal and of those that it depends on, as in a thresholds.yaml."""
-    signal: str
-    from_level: Level
-    to_level: Level
     time_s: float
     samples: Mapping[str, Samples]
     """Those until the alert, of its signal and of those that it depends on, by their names."""
@@ -64,6 +60,11 @@ class PastAlert(NamedTuple):
     """What else may have led to it, and how that would have been recorded."""
     black_box: str = ""
     """Name of the file that has recorded it; empty if none has."""
+
+    @property
+    def signal(self) -> str:
+        """Its name."""
+        return self.transition.signal
 
 
 class AlertTest(NamedTuple):
@@ -192,18 +193,18 @@ def _run(config: MonitorConfig, alert: PastAlert, series: _Series) -> Optional[_
     for each in occurred:
         if each.signal == alert.signal:
             is_near = abs(each.at_s - series.at_s) <= TICK_PERIOD_S + series.interval_s + TIME_TOLERANCE_S
-            if each.level is alert.to_level and is_near:
-                found.append((before is alert.from_level, each))
+            if each.level is alert.transition.to_level and is_near:
+                found.append((before is alert.transition.from_level, each))
             before = each.level
     if not found:
         return None
     is_same, again = max(found, key=lambda pair: (pair[0], pair[1].at_s))
     steps = math.ceil(again.at_s / series.interval_s - TIME_TOLERANCE_S) + 1
-    remark = "" if is_same else f"the level before was {alert.from_level.name}, for which earlier samples are missing"
+    missing = f"the level before was {alert.transition.from_level.name}, for which earlier samples are missing"
     return series._replace(
         values={name: values[:steps] for name, values in series.values.items()},
         alerts=[each for each in occurred if each.at_s <= again.at_s],
-        remark=remark,
+        remark="" if is_same else missing,
     )
 
 
@@ -235,7 +236,7 @@ def _readable_number(value: float) -> float:
 
 
 def _lines(alert: PastAlert, found: _Series, thresholds: Optional[str]) -> Iterator[str]:
-    yield printable(f"# {alert.title[:1].upper()}{alert.title[1:]}, {time_text(alert.wall_s)}: {alert.line}")
+    yield printable(f"# {alert.title[:1].upper()}{alert.title[1:]}, {time_text(alert.wall_s)}: {alert.transition.text}")
     if found.remark:
         yield printable(f"# Not as it was: {found.remark}")
     if thresholds is None:
@@ -246,7 +247,7 @@ def _lines(alert: PastAlert, found: _Series, thresholds: Optional[str]) -> Itera
     else:
         yield f"thresholds: {_quoted(thresholds)}"
     yield "tests:"
-    yield f"  - name: {_quoted(f'{alert.title}: {alert.signal} {alert.to_level.name}')}"
+    yield f"  - name: {_quoted(f'{alert.title}: {alert.signal} {alert.transition.to_level.name}')}"
     yield f"    interval_s: {_number(found.interval_s)}"
     yield "    input:"
     for name, series in found.values.items():
@@ -311,12 +312,9 @@ def history_alert(connection: sqlite3.Connection, number: int) -> PastAlert:
         recorder = f"its black box {transition.black_box} has it: name its folder by --ops, or the file itself"
     return PastAlert(
         title=f"alert {transition.id} of {transition.robot}",
-        line=transition.text,
+        transition=transition,
         wall_s=transition.wall_s,
         settings=settings,
-        signal=transition.signal,
-        from_level=transition.from_level,
-        to_level=transition.to_level,
         time_s=transition.wall_s,
         samples={transition.signal: samples},
         missing=f"{_missing(transition, signal, samples)}; {recorder}",

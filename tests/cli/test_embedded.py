@@ -49,32 +49,6 @@ def clock() -> Clock:
     return Clock()
 
 
-def test_a_system_health_published_every_ten_seconds_is_always_shown(clock: Clock, tmp_path: Path) -> None:
-    file = configuration(
-        tmp_path,
-        "alert_system: {ros__parameters: {signals: {cpu_usage: {}}}}\n"
-        "aggregator: {ros__parameters: {publish_rate: 0.1}}\n",
-    )
-    monitor = EmbeddedMonitor(clock=clock, file=file)
-    assert monitor.system_health is None
-    clock.run_until(monitor, START_S + 11.0)
-    for second in range(11, 60):
-        clock.run_until(monitor, START_S + second)
-        assert monitor.system_health is not None, second
-
-
-def test_a_system_health_that_is_no_longer_published_is_no_longer_shown(clock: Clock) -> None:
-    monitor = EmbeddedMonitor(clock=clock, source="none")
-    outside = monitor.bus.node("outside")
-    outside.advertise("system_health", "std_msgs/Float32")
-    outside.publish("system_health", {"data": 64.0})
-    assert monitor.system_health == 64.0
-    clock.run_until(monitor, START_S + 3.0)
-    assert monitor.system_health == 64.0
-    clock.run_until(monitor, START_S + 4.0)
-    assert monitor.system_health is None
-
-
 def test_durations_are_monotonic_and_stamps_are_wall_time(clock: Clock) -> None:
     wall_s = [1_000.0]
     monitor = EmbeddedMonitor(clock=clock, source="none", wall_time_s=lambda: wall_s[0])

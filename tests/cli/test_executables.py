@@ -175,7 +175,7 @@ def fail_with(error: BaseException) -> Callable[..., Any]:
     ("error", "code", "line"),
     [
         (ModuleNotFoundError("no", name="rclpy"), ExitCode.USAGE, "no Python module rclpy"),
-        (KeyError("surprise"), ExitCode.FAILED, "internal error: KeyError: 'surprise'"),
+        (KeyError("surprise"), ExitCode.FAILED, ": KeyError: 'surprise'"),
     ],
 )
 def test_what_goes_wrong_at_the_start_is_one_line(

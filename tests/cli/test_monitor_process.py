@@ -32,7 +32,6 @@ class Watched:
 
     robots = ()
     alert_systems = ()
-    system_health = None
 
     def __init__(self) -> None:
         self.faults = Faults()
@@ -77,17 +76,14 @@ class Output:
 
 
 class Interrupts:
-    """SIGINT and SIGHUP, as calls."""
+    """SIGINT and SIGHUP, as they are noticed."""
 
     def __init__(self) -> None:
-        self.interrupt: Callable[[], object] = lambda: None
-        self.hang_up: Callable[[], object] = lambda: None
+        self.came = False
+        self.hung_up = False
 
-    def on_interrupt(self, callback: Callable[[], object]) -> None:
-        self.interrupt = callback
-
-    def on_hangup(self, callback: Callable[[], object]) -> None:
-        self.hang_up = callback
+    def defer(self) -> None:
+        """Does nothing: no signal comes."""
 
 
 class Session:
@@ -96,14 +92,15 @@ class Session:
     def __init__(self, ops_file: str = "") -> None:
         self.watched, self.output, self.interrupts = Watched(), Output(), Interrupts()
         stubs: Any = self.output, self.interrupts
-        self.process = MonitorProcess(*stubs, ops_file=ops_file, name="test")
-        self.read_settings: Callable[[Optional[ServerOptions]], Optional[ServerSettings]] = lambda options: None
+        self.process = MonitorProcess(
+            *stubs, ops_file=ops_file, name="test", server=ServerOptions(port=0), serves=False
+        )
 
     def run(self, work: Callable[[], Awaitable[Any]] = endless, duration_s: Optional[float] = None) -> ExitCode:
         self.watched.work = work
         watched: Any = self.watched
         with self.process:
-            return self.process.run(watched, self.read_settings, requires_server=True, duration_s=duration_s)
+            return self.process.run(watched, duration_s)
 
     def assert_closed(self) -> None:
         assert self.watched.closed
@@ -128,7 +125,7 @@ def test_an_interrupt_ends_it_without_a_judgement() -> None:
 
     async def work() -> None:
         session.process.events.on_transition(transition())
-        session.interrupts.interrupt()
+        session.interrupts.came = True
         await endless()
 
     assert session.run(work, 1000.0) is ExitCode.SUCCESS
@@ -139,10 +136,10 @@ def test_a_hangup_reloads_the_configuration() -> None:
     session = Session()
 
     async def work() -> None:
-        session.interrupts.hang_up()
+        session.interrupts.hung_up = True
         while not session.watched.reloads:
             await asyncio.sleep(0)
-        session.interrupts.interrupt()
+        session.interrupts.came = True
         await endless()
 
     assert session.run(work, 1000.0) is ExitCode.SUCCESS
@@ -167,13 +164,13 @@ def test_an_error_of_the_work_closes_everything_and_comes_out() -> None:
     session.assert_closed()
 
 
-def test_an_error_at_the_start_comes_before_any_output() -> None:
+def test_an_error_at_the_start_comes_before_any_output(monkeypatch: pytest.MonkeyPatch) -> None:
     session = Session()
 
-    def fail(options: Optional[ServerOptions]) -> None:
+    def fail(*_: object) -> None:
         raise ConfigError("no token")
 
-    session.read_settings = fail
+    monkeypatch.setattr(session.process, "read_settings", fail)
     with pytest.raises(ConfigError):
         session.run()
     assert session.output.calls == ["close"] and session.watched.closed
@@ -283,19 +280,21 @@ class Reloaded:
         self.write("")
         self.token.write_text("first")
         self.process = Session(str(self.ops)).process
-        self.process.settings = self.settings(None)
+        vars(self.process)["read_settings"] = self.settings
+        self.process.settings = self.settings(None, None)
         given: Any = server
         self.process.operations.server = given
 
     def write(self, more: str) -> None:
         self.ops.write_text(f"history: {{file: history.db}}\n{more}")
 
-    def settings(self, options: Optional[ServerOptions]) -> ServerSettings:
+    def settings(self, monitors: object, options: Optional[ServerOptions]) -> ServerSettings:
         port = 1 if options is None or options.port is None else options.port
         return ServerSettings(port, token=self.token.read_text())
 
     def reload(self) -> str:
-        return asyncio.run(self.process.reload_ops(self.settings))
+        monitors: Any = None
+        return asyncio.run(self.process.reload_ops(monitors))
 
 
 def test_only_what_differs_is_applied(tmp_path: Path) -> None:
@@ -307,7 +306,7 @@ def test_only_what_differs_is_applied(tmp_path: Path) -> None:
         assert reloaded.reload() == "server: the token changed, every client has to present the new one"
         assert server.tokens == ["second"]
         reloaded.write("notify: {chat: {type: webhook, url: 'http://127.0.0.1:1'}}\nserver: {port: 2}\n")
-        assert reloaded.reload() == "server: port takes effect after a restart; notify: added chat"
+        assert reloaded.reload() == "server: takes effect after a restart; notify: added chat"
         assert reloaded.reload() == "nothing changed"
         reloaded.ops.write_text("history: {file: other.db}\nserver: {port: 2}\n")
         assert reloaded.reload() == "notify: removed chat; history: takes effect after a restart"
@@ -396,8 +395,9 @@ def test_without_a_server_and_a_file_no_samples_are_collected(tmp_path: Path) ->
         for serves in (False, True):
             output: Any = Output()
             interrupts: Any = Interrupts()
+            file = str(tmp_path / "ops.yaml")
             with MonitorProcess(
-                output, interrupts, ops_file=str(tmp_path / "ops.yaml"), name="connect", serves=serves
+                output, interrupts, ops_file=file, name="connect", server=ServerOptions(), serves=serves
             ) as process:
                 assert process.operations.history is not None
                 kept[name, serves] = process.operations.history.keeps_samples

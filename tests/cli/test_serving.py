@@ -21,7 +21,7 @@ from harness.rosbridge_peer import Peer
 
 from robot_health_monitor.cli.embedded import EmbeddedMonitor
 from robot_health_monitor.cli.operations import Operations
-from robot_health_monitor.cli.serving import ServerSettings, node_settings, page_address, serve, stop_serving
+from robot_health_monitor.cli.serving import ServerSettings, page_address, serve, server_settings, stop_serving
 from robot_health_monitor.core.config.monitor_config import MonitorConfig
 from robot_health_monitor.core.port.local import LogLine
 from robot_health_monitor.core.port.middleware import Severity
@@ -180,7 +180,7 @@ def test_the_address_of_the_page_can_be_opened(address: str, shown: str) -> None
 def merged(
     options: Optional[ServerOptions], config: MonitorConfig = NO_PARAMETERS, arguments: Optional[ServerOptions] = None
 ) -> ServerSettings:
-    return node_settings(config, options, arguments, tokens=TokenFiles(lambda text: None))
+    return server_settings(config, options, arguments, tokens=TokenFiles(lambda text: None))
 
 
 def test_the_command_line_comes_first_then_the_parameters_then_the_ops_yaml() -> None:
@@ -208,7 +208,7 @@ def test_a_short_token_is_a_warning(tmp_path: Path, length: int, lines: int) -> 
     file.write_text("x" * length)
     file.chmod(0o600)
     warnings: List[str] = []
-    node_settings(NO_PARAMETERS, ServerOptions(token_file=str(file)), tokens=TokenFiles(warnings.append))
+    server_settings(NO_PARAMETERS, ServerOptions(token_file=str(file)), tokens=TokenFiles(warnings.append))
     problem = "the token has fewer than 16 characters and can be guessed; make one: openssl rand -hex 16"
     assert warnings == [problem] * lines
 

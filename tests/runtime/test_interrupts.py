@@ -37,16 +37,6 @@ def test_the_first_signal_interrupts_and_a_second_does_not_disturb_the_end() -> 
     os.kill(os.getpid(), signal.SIGTERM)  # the process is on its way out
 
 
-def test_with_on_interrupt_every_signal_is_a_call() -> None:
-    calls: List[None] = []
-    with Interrupts() as interrupts:
-        interrupts.on_interrupt(lambda: calls.append(None))
-        os.kill(os.getpid(), signal.SIGTERM)
-        os.kill(os.getpid(), signal.SIGINT)
-        assert interrupts.came
-    assert len(calls) == 2
-
-
 def test_deferred_signals_are_raised_where_the_program_checks() -> None:
     with Interrupts() as interrupts:
         interrupts.defer()
@@ -101,16 +91,12 @@ def test_main_returns_the_code_of_wrong_usage(capsys: pytest.CaptureFixture) -> 
     assert capsys.readouterr().err.count("\n") == 1
 
 
-def test_a_hangup_is_a_call_and_one_that_came_before_is_not_lost() -> None:
-    calls: List[str] = []
+def test_a_hangup_is_noted_and_ends_nothing() -> None:
     with Interrupts() as interrupts:
         interrupts.take_hangups()
+        assert not interrupts.hung_up
         os.kill(os.getpid(), signal.SIGHUP)
-        interrupts.on_hangup(lambda: calls.append("early"))
-        assert calls == ["early"]
-        interrupts.on_hangup(lambda: calls.append("later"))
-        os.kill(os.getpid(), signal.SIGHUP)
-        assert calls == ["early", "later"]
+        assert interrupts.hung_up
         assert not interrupts.came
 
 

@@ -109,7 +109,7 @@ def test_the_series_of_a_condition_is_recorded_too(tmp_path: Path) -> None:
     robot.wait(10.0)
     (alert, *_) = black_box_alerts(str(robot.files()[0]))
     robot.close()
-    assert (alert.signal, alert.to_level) == ("battery", Level.WARN)
+    assert (alert.signal, alert.transition.to_level) == ("battery", Level.WARN)
     driving: List[float] = [value for at_s, value in alert.samples["driving"] if at_s <= alert.time_s]
     assert driving[-1] == 1.0
     assert driving[:-1] == [0.0] * (len(driving) - 1)

@@ -49,7 +49,7 @@ def robot(tmp_path: Path) -> RecordedRobot:
 def test_a_history_has_the_window_of_its_signal(robot: RecordedRobot) -> None:
     with reading_history(str(robot.folder.parent / "history.db")) as connection:
         alert = history_alert(connection, 1)
-    assert (alert.title, alert.from_level, alert.to_level) == ("alert 1 of r1", Level.OK, Level.WARN)
+    assert (alert.title, alert.transition.to_level) == ("alert 1 of r1", Level.WARN)
     assert sorted(alert.settings) == ["battery", "driving"]
     assert list(alert.samples) == ["battery"]
     times_s = [time_s for time_s, _ in alert.samples["battery"]]
