@@ -131,11 +131,12 @@ class WebInterface:
         alert_system.outlets.add("web", note)
 
     def routes(self, client_of: Callable[[web.Request], Client]) -> List[web.RouteDef]:
-        """Returns the routes; `client_of` returns who sends a request.
+        """Returns the routes; `client_of` returns who sends a request. Call in the server's loop.
 
         What a handler raises is answered by the server: ConfigError, MessageError and ServiceError.
         """
         self._client_of = client_of
+        self.updates.begin()
         get, post, history = web.get, web.post, self._history
         return [
             get("/api/state", self._reading_route(self._get_state)),

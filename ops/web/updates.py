@@ -113,19 +113,19 @@ class Updates:
         self._encoded_state: Optional[bytes] = None
         self._samples: Dict[str, Samples] = {}
         self._task: Optional[asyncio.Task[None]] = None
-        self._wake: Optional[asyncio.Event] = None
-        self._loop: Optional[asyncio.AbstractEventLoop] = None
-        self._reading: Optional[asyncio.Lock] = None
         self._closed = False
+
+    def begin(self) -> None:
+        """Call in the server's loop, before the first page is opened."""
+        self._loop = asyncio.get_event_loop()
+        self._wake = asyncio.Event()
+        self._reading = asyncio.Lock()
 
     def note_change(self) -> None:
         """Something was announced: pages get it soon. May be called in any thread."""
-        loop, wake = self._loop, self._wake
-        if self.pages and loop is not None and wake is not None:
-            try:
-                loop.call_soon_threadsafe(wake.set)
-            except RuntimeError:
-                pass  # the loop is closed
+        if self.pages:
+            with contextlib.suppress(RuntimeError):  # the loop is closed
+                self._loop.call_soon_threadsafe(self._wake.set)
 
     async def serve(self, request: web.Request) -> web.StreamResponse:
         """Answers `/api/events` until the page or the server closes the connection.
@@ -161,8 +161,6 @@ class Updates:
             page.end()
 
     async def _add(self, page: _Page) -> None:
-        if self._reading is None:
-            self._reading = asyncio.Lock()
         async with self._reading:
             if self._state is None:
                 self._state = await self._read_state(None, ())
@@ -174,8 +172,7 @@ class Updates:
             self._make_room()
             self.pages[page] = None
             if self._task is None:
-                self._loop, self._wake = asyncio.get_event_loop(), asyncio.Event()
-                self._task = asyncio.ensure_future(self._run(self._wake))
+                self._task = asyncio.ensure_future(self._run())
             for robot in page.robots:
                 try:
                     samples = await self._read_samples(robot, None)
@@ -207,16 +204,16 @@ class Updates:
                 self._task.cancel()
                 self._task = None
 
-    async def _run(self, wake: asyncio.Event) -> None:
+    async def _run(self) -> None:
         """Updates the pages until it is cancelled."""
         while True:
             started_s = time.monotonic()
             try:
-                await asyncio.wait_for(wake.wait(), PERIOD_S)
+                await asyncio.wait_for(self._wake.wait(), PERIOD_S)
                 await asyncio.sleep(SHORTEST_S - (time.monotonic() - started_s))
             except asyncio.TimeoutError:
                 pass
-            wake.clear()
+            self._wake.clear()
             try:
                 await self._update()
             except ServiceError:
@@ -225,7 +222,6 @@ class Updates:
                 self._disconnect_all()  # they connect again: the first event fails too, and the server logs why
 
     async def _update(self) -> None:
-        assert self._reading is not None
         async with self._reading:
             plotted = self._plotted()
             after = await self._read_state(self._state, plotted)

@@ -175,15 +175,15 @@ class ClientQueue:
     ) -> None:
         """Starts empty. At most `bound_bytes` wait here; one larger frame may wait alone.
 
-        Frames wait while the transport's buffer holds more than `high_water` bytes, also the size of what is written at
-        once. The owner calls `flush` when the transport resumes writing.
+        Frames wait while the transport's buffer holds more than `high_water` bytes; not more are written at once. The
+        owner calls `flush` when the transport resumes writing.
         """
         self._transport = transport
         self._high = high_water
         transport.set_write_buffer_limits(high_water)
         self._frames: BoundedQueue[bytes] = BoundedQueue(bound_bytes)
         self._rest = memoryview(b"")
-        """What is left of the frames that are being sent."""
+        """What is left of the frame that is being sent."""
 
     @property
     def dropped(self) -> int:
@@ -211,12 +211,9 @@ class ClientQueue:
         # The buffer of a broken connection stays empty, and asyncio logs a line for each write.
         while transport.get_write_buffer_size() <= high and not transport.is_closing():
             if not self._rest:
-                batch = bytearray()
-                while self._frames and len(batch) < high:
-                    batch += self._frames.pop()
-                if not batch:
+                if not self._frames:
                     return
-                self._rest = memoryview(batch)
+                self._rest = memoryview(self._frames.pop())
             piece, self._rest = self._rest[:high], self._rest[high:]
             transport.write(piece)
 
