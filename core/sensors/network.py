@@ -57,10 +57,10 @@ def can_interfaces(paths: HostPaths) -> List[str]:
 def carrier(paths: HostPaths, interface: str = "") -> float:
     """Returns 1 if an interface has a carrier, else 0; without a name, that of any but the loopback."""
     folder = os.path.join(paths.sys, "class", "net")
+    names = {name: name for name in _names(folder)}
+    chosen_names = chosen(names, "network interface", interface, [name for name in names if name != "lo"])
     # The file of an interface that is down cannot be read.
-    carriers = {name: read_text(folder, name, "carrier") == "1" for name in _names(folder)}
-    others = [name for name in carriers if name != "lo"]
-    return float(any(chosen(carriers, "network interface", interface, others).values()))
+    return float(any(read_text(folder, name, "carrier") == "1" for name in chosen_names))
 
 
 def _names(folder: str) -> List[str]:

@@ -6,7 +6,6 @@ Formats: the kernel's Documentation/accounting/psi.rst, proc(5), and the firmwar
 from __future__ import annotations
 
 import os
-import re
 from typing import Any
 
 from .computer import HostPaths, read_bytes, read_text
@@ -52,7 +51,7 @@ def _number(file: str, name: str, missing: str) -> float:
         text = read_bytes(file).decode("ascii", "replace")
     except OSError:
         raise NoSuchSensor(f"{missing}: {file} cannot be read") from None
-    line = re.search(f"^{name}(.*)", text, re.MULTILINE)
-    if line is None:
+    _, line, rest = f"\n{text}".partition(f"\n{name}")  # much faster than a pattern
+    if not line:
         raise NoSuchSensor(f"{missing}: {file} has no {name.rstrip(' =')}")
-    return float(line[1].split(" ")[0])
+    return float(rest.split(maxsplit=1)[0])

@@ -241,13 +241,16 @@ def test_thousands_of_processes_are_not_read_in_every_period(robot: Robot, monke
     assert reason(everything) == "2002 processes match command * (limit 200)"
     assert running() == 1.0
     opened: List[str] = []
-    plain = builtins.open
 
-    def noted(path: Any, *arguments: Any, **options: Any) -> Any:
-        opened.append(str(path))
-        return plain(path, *arguments, **options)
+    def noted(plain: Callable[..., Any]) -> Callable[..., Any]:
+        def open_noted(path: Any, *arguments: Any, **options: Any) -> Any:
+            opened.append(str(path))
+            return plain(path, *arguments, **options)
 
-    monkeypatch.setattr(builtins, "open", noted)
+        return open_noted
+
+    monkeypatch.setattr(builtins, "open", noted(builtins.open))
+    monkeypatch.setattr(os, "open", noted(os.open))
     robot.at(1001.0)
     for read in reads:
         read()
