@@ -55,7 +55,7 @@ if kind == "replay":
 elif kind == "read":
     with Recordings([path]) as recordings:
         wanted = [each for each in recordings.channels if each.type_name == "std_msgs/Float32"]
-        for message in recordings.messages([dict.fromkeys(wanted)]):
+        for message in recordings.messages(dict.fromkeys(wanted)):
             pass
 else:
     with AnyReader([Path(path)]) as reader:

@@ -6,8 +6,7 @@ import itertools
 import threading
 from typing import Callable, Container, Dict, Iterable, Mapping, Optional, Protocol, Sequence, Tuple
 
-from ..core.messages.fixed_fields import Getter
-from ..core.messages.serialized import SerializedType, json_getter
+from ..core.messages.serialized import SerializedType
 from ..core.port.hints import explain, similar_topics
 from ..core.values.formatting import printable
 from .protocol import LARGEST_ID, Channel, subscribe, unsubscribe
@@ -25,30 +24,8 @@ class Receiver(Protocol):
 
     topic: str
 
-    def bind(self, channel: Channel, messages: Messages) -> Optional[Callable[[bytes], None]]:
+    def bind(self, channel: Channel, messages: SerializedType) -> Optional[Callable[[bytes], None]]:
         """Returns what is called with each message of a channel; None if it cannot read them, after one log line."""
-
-
-class Messages:
-    """Makes the getters of one channel's messages, which deserialize each message at most once."""
-
-    def __init__(self, channel: Channel) -> None:
-        """Parses nothing yet."""
-        self._channel = channel
-        self._type: Optional[SerializedType] = None
-
-    def getter(self, field: str) -> Getter:
-        """Returns a getter of a field, or of the whole message if it is empty.
-
-        Raises ConfigError if there is no such field.
-        """
-        channel = self._channel
-        if channel.encoding == "json":
-            return json_getter(channel.topic, channel.type_name, field)
-        if self._type is None:
-            encoding, form = channel.encoding, channel.form
-            self._type = SerializedType(channel.topic, channel.type_name, encoding, channel.schema, form)
-        return self._type.field_getter(field)
 
 
 class Channels:
@@ -170,7 +147,7 @@ class Channels:
         """Subscribes to a channel, or ends that; binds those who read it."""
         channel = self._channels[channel_id]
         receivers = () if channel.problem else self._receivers.get(channel.topic, ())
-        messages = Messages(channel)
+        messages = SerializedType(channel.topic, channel.raw_format)
         bound = (receiver.bind(channel, messages) for receiver in receivers)
         takers = tuple(take for take in bound if take is not None)
         if not takers:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from typing import Any, Callable, List, Mapping, Optional
 
+from ..core.messages.serialized import SerializedType
 from ..core.messages.standard_messages import check_field, check_type
 from ..core.port.hints import Answer
 from ..core.port.middleware import Callback, RawCallback, Severity
@@ -17,7 +18,7 @@ from ..core.values.formatting import printable
 from ..core.values.names import canonical_type
 from ..runtime.bridge.node import BridgeClient, BridgeNode, KnownTopic
 from ..runtime.bridge.receivers import BridgeReceiver
-from .channels import Channels, Messages
+from .channels import Channels
 from .connection import FoxgloveConnection
 from .protocol import Channel
 
@@ -102,7 +103,7 @@ class _Receiver(BridgeReceiver):
         self._field, self._is_raw = field, is_raw
         self._said: Optional[str] = None
 
-    def bind(self, channel: Channel, messages: Messages) -> Optional[Callable[[bytes], None]]:
+    def bind(self, channel: Channel, messages: SerializedType) -> Optional[Callable[[bytes], None]]:
         """Returns what is called with each message of a channel; None, after one ERROR line, if it cannot be read."""
         if self._type_name and channel.type_name and channel.type_name != self._type_name:
             problem = f"{self.topic}: expected messages of type {self._type_name}, got {channel.type_name}"
@@ -116,14 +117,14 @@ class _Receiver(BridgeReceiver):
             self._node.log(Severity.ERROR, printable(problem))
         return None
 
-    def _taker(self, channel: Channel, messages: Messages) -> Callable[[bytes], None]:
+    def _taker(self, channel: Channel, messages: SerializedType) -> Callable[[bytes], None]:
         """Returns what is called with each message of a channel; raises ConfigError if it cannot be read."""
         raw = channel.raw_format
         if self._is_raw:
             return lambda data: self._node.call_back(self, (data, raw))
         if self._field is None:
             return lambda data: self._node.call_back(self, 1.0)
-        get = messages.getter(self._field)
+        get = messages.field_getter(self._field)
         largest_bytes = _LARGEST_JSON_BYTES if channel.encoding == "json" else math.inf
 
         def take(data: bytes) -> None:

@@ -11,7 +11,7 @@ import json
 import struct
 from typing import Any, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Tuple, Union
 
-from ..core.port.middleware import RawFormat
+from ..core.messages.raw_messages import RawFormat
 from ..core.values.errors import MessageError
 from ..core.values.names import canonical_type, split_type_name
 

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import functools
-from typing import Any, Tuple
+from typing import Any
 
-from ..core.messages.fixed_fields import Getter
-from ..core.messages.serialized import SerializedType, json_getter
+from ..core.messages.serialized import SerializedType
 from ..core.values.errors import ConfigError
 from ..runtime.libraries import RECORDINGS, libraries
 from .recording import Channel
@@ -16,27 +15,18 @@ from .recording import Channel
 def type_of(channel: Channel) -> SerializedType:
     """Returns the type of a channel's messages, read once per channel.
 
-    Raises ConfigError if its definition cannot be parsed, or is missing and the type is not a standard one.
+    Raises ConfigError if its definition is missing, and the type is not a standard one.
     """
-    form = channel.definition_format
-    text, form = (channel.definition, form) if channel.definition else _standard_definition(channel)
-    return SerializedType(channel.topic, channel.type_name, channel.encoding, text, form)
-
-
-def field_getter(channel: Channel, field: str) -> Getter:
-    """Returns a function that reads a field of a channel's messages; raises ConfigError as `type_of` does."""
-    if channel.encoding == "json":
-        return json_getter(channel.topic, channel.type_name, field)
-    return type_of(channel).field_getter(field)
-
-
-def _standard_definition(channel: Channel) -> Tuple[str, str]:
-    is_cdr = channel.encoding == "cdr"
+    raw_format = channel.raw_format
+    if raw_format.schema or raw_format.message_encoding == "json":
+        return SerializedType(channel.topic, raw_format)
+    is_cdr = raw_format.message_encoding == "cdr"
     store, name = _standard_types(is_cdr), channel.type_name.replace("/", "/msg/")
     if name not in store.types:
         problem = "the recording has no definition of it, and it is not a standard type"
         raise ConfigError(f"{channel.topic}: cannot use the definition of {channel.type_name}: {problem}")
-    return store.generate_msgdef(name, ros_version=2 if is_cdr else 1)[0], "msg"
+    text = store.generate_msgdef(name, ros_version=2 if is_cdr else 1)[0]
+    return SerializedType(channel.topic, raw_format._replace(schema=text, schema_encoding="ros2msg"))
 
 
 @functools.lru_cache(maxsize=2)

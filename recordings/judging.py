@@ -63,8 +63,6 @@ class SignalStatistics:
         self.min: Optional[float] = None
         """Smallest value of the signal's statistic, in its unit (`judged_unit`); None if it was never defined."""
         self.max: Optional[float] = None
-        self.first_s: Optional[float] = None
-        """Log time of the first sample, in s since 1970."""
         self.longest_gap_s: Optional[float] = None
         """Between two samples in a row; None with fewer than two."""
         self._last_s: Optional[float] = None
@@ -77,33 +75,27 @@ class SignalStatistics:
         # Rounding must not carry it beyond the samples.
         return None if self.min is None or self.max is None else min(max(self._mean, self.min), self.max)
 
-    def skip(self, duration_s: float) -> None:
-        """Leaves a time after the last sample, in s, out of the gaps."""
-        if self._last_s is not None:
-            self._last_s += duration_s
-
-    def add(self, wall_s: float, value: Optional[float], good: bool) -> None:
+    def add(self, played_s: float, value: Optional[float], good: bool) -> None:
         """Adds a sample that came after the others; the value of the statistic is None while it is undefined."""
         self.samples += 1
-        if self._last_s is None:
-            self.first_s = wall_s
-        elif self.longest_gap_s is None or wall_s - self._last_s > self.longest_gap_s:
-            self.longest_gap_s = max(0.0, wall_s - self._last_s)
-        self._last_s = wall_s
+        if self._last_s is not None:
+            self.longest_gap_s = max(self.longest_gap_s or 0.0, played_s - self._last_s)
+        self._last_s = played_s
         if not good:
             self.bad_samples += 1
         elif value is not None:
-            if self.min is None or value < self.min:
-                self.min = value
-            if self.max is None or value > self.max:
-                self.max = value
+            self.min = value if self.min is None else min(self.min, value)
+            self.max = value if self.max is None else max(self.max, value)
             self._ranged += 1
             self._mean += value / self._ranged - self._mean / self._ranged  # a difference could overflow
 
 
 @dataclass
 class SignalSummary:
-    """How one configuration judged one signal; shares, `unknown` and `cause` are there after `finish`."""
+    """How one configuration judged one signal; shares, `unknown` and `cause` are there after `finish`.
+
+    Times are log times minus the time that was skipped before them.
+    """
 
     file: str  # name of the configuration
     config: SignalConfig
@@ -120,64 +112,47 @@ class SignalSummary:
     cause: str = ""  # the latest alert of which it was an effect, if it was not announced itself
     effects: List[str] = field(default_factory=list)  # of its latest alert
 
-    # Times are log times minus the time that was skipped before them.
-    begin_s: float = 0.0
-    skipped_s: float = 0.0
     level: Level = Level.OK  # the announced one
+    since_s: Optional[float] = None  # since when it is known that it has this level
     begun_s: float = -math.inf  # when its latest alert began
     caused: Tuple[float, str] = (-math.inf, "")  # begin and name of the latest alert of which it was an effect
-    _since_s: Optional[float] = None
     _lasted_s: Dict[Level, float] = field(default_factory=lambda: dict.fromkeys(Level, 0.0))
-    _alerted_s: float = math.inf  # time of the first alert
-    _sampled_s: float = math.inf  # time of the first sample
 
-    def begin(self, level: Level) -> None:
-        """Begins with a level that was announced before."""
-        if level is not Level.OK:
-            self.level, self._since_s = level, self.begin_s
+    def note_sample(self, played_s: float, value: Optional[float], good: bool) -> None:
+        """Notes a sample; with the first one it is OK, unless an alert came before."""
+        self.statistics.add(played_s, value, good)
+        if self.since_s is None:
+            self.since_s = played_s
 
-    def skip(self, duration_s: float) -> None:
-        """Leaves a time out."""
-        self._note_first_sample()
-        self.skipped_s += duration_s
-        self.statistics.skip(duration_s)
-
-    def note(self, transition: Transition, wall_s: float) -> None:
+    def note(self, transition: Transition, played_s: float) -> None:
         """Notes what was announced."""
         if transition.repeat:
             return
-        now_s = wall_s - self.skipped_s
-        if self._since_s is None:
-            self._alerted_s = now_s
-            if is_source(transition.signal):
-                self._sampled_s = now_s - (transition.now_s - transition.since_s)
-        else:
-            self._lasted_s[self.level] += now_s - self._since_s
+        if self.since_s is None and is_source(transition.signal):
+            self.since_s = played_s - (transition.now_s - transition.since_s)
+        self._end_level(played_s)
         if transition.from_level is Level.OK:
             self.alerts += 1
-            self.effects, self.begun_s = [], now_s
-        self.level, self._since_s = transition.to_level, now_s
+            self.effects, self.begun_s = [], played_s
+        self.level = transition.to_level
 
-    def finish(self, wall_s: float) -> None:
-        """Completes the summary."""
-        self._note_first_sample()
-        end_s = wall_s - self.skipped_s
-        if self._since_s is not None:
-            self._lasted_s[self.level] += end_s - self._since_s
-        self._lasted_s[Level.OK] += max(0.0, min(self._alerted_s, end_s) - self._sampled_s)
-        total_s, known_s = end_s - self.begin_s, sum(self._lasted_s.values())
+    def finish(self, begin_s: float, end_s: float) -> None:
+        """Completes the summary of the time between two others."""
+        if self.since_s is not None:
+            self._end_level(end_s)
+        total_s, known_s = end_s - begin_s, sum(self._lasted_s.values())
         if known_s > 0.0:
             self.shares = {level: lasted_s / total_s for level, lasted_s in self._lasted_s.items()}
         unknown = 1.0 - min(known_s / total_s, 1.0) if total_s > 0.0 else 1.0
         self.unknown = 0.0 if unknown < 1e-9 else unknown
-        if not any(lasted_s for level, lasted_s in self._lasted_s.items() if level is not Level.OK):
+        if known_s <= self._lasted_s[Level.OK]:
             self.cause = self.caused[1]
         if not self.statistics.samples and not is_source(self.config.name):
             self.missing = self.missing or f"{self.topic} has no samples"
 
-    def _note_first_sample(self) -> None:
-        if self._sampled_s == math.inf and self.statistics.first_s is not None:
-            self._sampled_s = self.statistics.first_s - self.skipped_s
+    def _end_level(self, played_s: float) -> None:
+        self._lasted_s[self.level] += played_s - (played_s if self.since_s is None else self.since_s)
+        self.since_s = played_s
 
 
 OnEvent = Callable[[JudgedEvent], None]
@@ -195,6 +170,8 @@ class Judge:
         self._on_sample = on_sample
         self._signals: Dict[Tuple[str, str], SignalSummary] = {}
         self._templates: Dict[Tuple[str, str], SignalConfig] = {}
+        self._begin_s = player.wall_s
+        self._skipped_s = 0.0
         player.on_gap.append(self._skip)
 
     def add(self, file: str, parameters: Mapping[str, Any], saved: Optional[SavedMonitor] = None) -> None:
@@ -230,10 +207,9 @@ class Judge:
         self._player.on_gap.append(system.skip)
         for name, signal in recordable.items():
             summary = SignalSummary(file, own_config(signal), topics[name], not absent[name], missing[name])
-            summary.begin_s = self._player.wall_s
             self._signals[file, name] = summary
-            if saved is not None:
-                summary.begin(_announced_level(saved, name))
+            summary.level = _announced_level(saved, name)
+            summary.since_s = None if summary.level is Level.OK else self._begin_s
             if signal.is_template:
                 self._templates[file, name] = signal
 
@@ -246,7 +222,7 @@ class Judge:
         """Plays the recordings to their end; calls now and then with the fraction played, 0 to 1, which may raise."""
         self._player.play(on_progress)
         for signal in self._signals.values():
-            signal.finish(self._player.wall_s)
+            signal.finish(self._begin_s, self._played_s)
 
     @property
     def summaries(self) -> List[SignalSummary]:
@@ -267,24 +243,26 @@ class Judge:
         """Returns a signal by its name; that of an element or a source begins to be measured."""
         key, template = (file, name), self._templates.get((file, template_name(name)))
         if key not in self._signals and (is_source(name) or template is not None):
-            other = self._signals[file, template.name] if template else next(iter(self._signals.values()))
             config, topic = replace(_OF_SOURCE, name=name), name
             if template is not None:
-                config, topic = element_config(template, name), other.topic
-            summary = SignalSummary(file, config, topic, True, "", begin_s=other.begin_s, skipped_s=other.skipped_s)
-            self._signals[key] = summary
+                config, topic = element_config(template, name), self._signals[file, template.name].topic
+            self._signals[key] = SignalSummary(file, config, topic, True, "")
         return self._signals.get(key)
+
+    @property
+    def _played_s(self) -> float:
+        """The log time, in s since 1970, without what was skipped."""
+        return self._player.wall_s - self._skipped_s
 
     def _skip(self, begin_s: float, end_s: float) -> None:
         """Leaves a time out of everything that is measured."""
-        for signal in self._signals.values():
-            signal.skip(end_s - begin_s)
+        self._skipped_s += end_s - begin_s
 
     def _note(self, file: str, event: Event) -> None:
         effects: Sequence[str] = ()
         judged = self._find(file, event.signal) if isinstance(event, Transition) else None
         if judged is not None and isinstance(event, Transition):
-            judged.note(event, self._player.wall_s)
+            judged.note(event, self._played_s)
             effects = judged.effects if event.from_level is Level.OK else ()
         self._on_event(JudgedEvent(self._player.wall_s, file, event, effects))
 
@@ -298,19 +276,19 @@ class Judge:
 
     def _note_sample(self, file: str, signal: SignalMonitor, judged: Optional[float], now_s: float, good: bool) -> None:
         """Notes a sample of a signal; an element begins to be measured with its first one."""
-        measured, wall_s = self._find(file, signal.config.name), self._player.wall_s
+        measured = self._find(file, signal.config.name)
         if measured is not None:
-            measured.statistics.add(wall_s, judged, good)
+            measured.note_sample(self._played_s, judged, good)
             if self._on_sample is not None:
                 value = signal.window.last() if good else None
-                self._on_sample(file, measured.config, JudgedSample(wall_s, now_s, value, judged))
+                self._on_sample(file, measured.config, JudgedSample(self._player.wall_s, now_s, value, judged))
 
 
-def _announced_level(saved: SavedMonitor, signal: str) -> Level:
+def _announced_level(saved: Optional[SavedMonitor], signal: str) -> Level:
     """Returns the level of a signal that was announced last; OK if that is not known."""
-    state: Any = saved.states.get(signal)
+    states: Any = saved.states if saved is not None else {}
     try:
-        return Level[state["announced"]["level"]]
+        return Level[states[signal]["announced"]["level"]]
     except (KeyError, TypeError):
         return Level.OK
 

@@ -13,7 +13,6 @@ import zlib
 from operator import itemgetter
 from typing import BinaryIO, Collection, Dict, FrozenSet, Iterator, List, Optional, Tuple
 
-import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
@@ -23,10 +22,11 @@ from mcap.records import Channel as McapChannel
 from mcap.stream_reader import StreamReader
 
 from ..core.judge.attachments import STATE, THRESHOLDS
-from .recording import LARGEST, Attachment, ChunkedFile, Damaged, Messages, Record, Wanted, check_size, unpack_lz4
+from ..core.messages.raw_messages import RawFormat
+from .recording import LARGEST, Attachment, ChunkedFile, Damaged, Messages, Record, Wanted, unpack
 
-_ENCODINGS = ("ros1", "cdr", "json")
-_FORMATS = {"ros1msg": "msg", "ros2msg": "msg", "ros2idl": "idl", "jsonschema": "jsonschema"}
+_PROFILES = {"ros1": "ros1", "cdr": "ros2", "json": ""}
+_FORMATS = ("ros1msg", "ros2msg", "ros2idl", "jsonschema")
 _LARGEST_ATTACHMENT = 16 << 20
 _OPCODE_OF_MESSAGE = int(Opcode.MESSAGE)
 _PREFIX_SIZE = 9
@@ -51,22 +51,15 @@ class McapFile(ChunkedFile):
 
     def _read_index(self, file: BinaryIO) -> Optional[str]:
         """Reads channels, time span and the places of the chunks from the summary, which is optional."""
-        self._schemas: Dict[int, Tuple[str, str, str]] = {}  # name, definition and its format per schema
+        self._schemas: Dict[int, Tuple[str, str, str]] = {}  # name, format and definition per schema
         self._places: List[Tuple[int, Collection[int]]] = []
         """Start of each chunk, and the numbers of the channels with messages in it; empty if they are not known."""
         file.seek(-len(self.MAGIC), os.SEEK_END)
         if file.read() != self.MAGIC:
             return "has no summary (the recorder was stopped early)"
-        end = file.seek(-_FOOTER_SIZE - len(self.MAGIC), os.SEEK_END)
-        start, _, checksum = _footer(file.read(_FOOTER_SIZE), _PREFIX_SIZE)
-        if start > end:
-            raise Damaged("a summary beyond the end")
-        if not start or end - start > LARGEST:  # as large as that of some 100 GB
+        summary = self._read_summary(file)
+        if summary is None:
             return ""
-        file.seek(start)
-        summary = file.read()
-        if checksum and zlib.crc32(memoryview(summary)[: -4 - len(self.MAGIC)]) != checksum:
-            raise Damaged("the summary has a wrong checksum")
         statistics: Optional[Statistics] = None
         places: List[Tuple[int, Collection[int]]] = []
         numbers = set()
@@ -82,7 +75,8 @@ class McapFile(ChunkedFile):
             elif isinstance(record, ChunkIndex):
                 channels = frozenset(record.message_index_offsets)
                 places.append((record.chunk_start_offset, channels_of.setdefault(channels, channels)))
-        self._read_attachments(file, summary)
+            elif isinstance(record, AttachmentIndex) and record.name in (THRESHOLDS, STATE):
+                self._read_attachment(file, record)
         expected = statistics and (statistics.channel_count, statistics.chunk_count)
         if statistics is None or expected != (len(numbers), len(places)):
             return ""
@@ -92,17 +86,28 @@ class McapFile(ChunkedFile):
         self._places = sorted(places, key=itemgetter(0))
         return None
 
-    def _read_attachments(self, file: BinaryIO, summary: bytes) -> None:
+    def _read_summary(self, file: BinaryIO) -> Optional[bytes]:
+        """Reads the summary and what follows it; returns None if there is none, or a very large one."""
+        end = file.seek(-_FOOTER_SIZE - len(self.MAGIC), os.SEEK_END)
+        start, _, checksum = _footer(file.read(_FOOTER_SIZE), _PREFIX_SIZE)
+        if start > end:
+            raise Damaged("a summary beyond the end")
+        if not start or end - start > LARGEST:  # as large as that of some 100 GB
+            return None
+        file.seek(start)
+        summary = file.read()
+        if checksum and zlib.crc32(memoryview(summary)[: -4 - len(self.MAGIC)]) != checksum:
+            raise Damaged("the summary has a wrong checksum")
+        return summary
+
+    def _read_attachment(self, file: BinaryIO, index: AttachmentIndex) -> None:
         """Reads what a black box has attached; raises one of `DAMAGE`."""
-        for index in StreamReader(io.BytesIO(summary), skip_magic=True).records:
-            if not isinstance(index, AttachmentIndex) or index.name not in (THRESHOLDS, STATE):
-                continue
-            if not _PREFIX_SIZE < index.length <= _LARGEST_ATTACHMENT:
-                raise Damaged(f"an attachment of {index.length} bytes")
-            file.seek(index.offset + _PREFIX_SIZE)
-            attachment = McapAttachment.read(ReadDataStream(io.BytesIO(file.read(index.length - _PREFIX_SIZE))))
-            text = attachment.data.decode("utf-8", "replace")
-            self.attachments = {**self.attachments, attachment.name: Attachment(attachment.log_time, text)}
+        if not _PREFIX_SIZE < index.length <= _LARGEST_ATTACHMENT:
+            raise Damaged(f"an attachment of {index.length} bytes")
+        file.seek(index.offset + _PREFIX_SIZE)
+        attachment = McapAttachment.read(ReadDataStream(io.BytesIO(file.read(index.length - _PREFIX_SIZE))))
+        text = attachment.data.decode("utf-8", "replace")
+        self.attachments[attachment.name] = Attachment(attachment.log_time, text)
 
     def _chunks(self, file: BinaryIO, wanted: Wanted) -> Iterator[Messages]:
         if not self._places or wanted is None:
@@ -146,7 +151,10 @@ class McapFile(ChunkedFile):
 
     def _take(self, record: Record, wanted: Wanted, into: Messages) -> None:
         if record.is_chunk:
-            content, size, checksum = _unpacked(record.data)
+            _, _, size, checksum, name_length = _chunk_header(record.data, _PREFIX_SIZE)
+            start = _PREFIX_SIZE + _CHUNK_HEADER + name_length
+            compression = record.data[start - name_length : start].decode("utf-8")
+            content = unpack(compression, record.data[start + 8 :], size)
             if checksum and len(content) == size and zlib.crc32(content) != checksum:
                 raise Damaged("a chunk with a wrong checksum")
             self._take_records(content, wanted, into)
@@ -166,42 +174,19 @@ class McapFile(ChunkedFile):
                 raise Damaged("a record goes beyond its chunk")
             if opcode == _OPCODE_OF_MESSAGE:
                 number, _, time_ns = _message(data, start)
-                if wanted is None:
-                    self._add_message(into, time_ns, number, b"")
-                elif number in wanted:
-                    self._add_message(into, time_ns, wanted[number], data[start + _MESSAGE_HEADER : position])
+                self._add_message(into, wanted, number, time_ns, data, start + _MESSAGE_HEADER, position)
             elif wanted is None and opcode == Opcode.SCHEMA:
                 self._note_schema(Schema.read(ReadDataStream(io.BytesIO(data[start:position]))))
             elif wanted is None and opcode == Opcode.CHANNEL:
                 self._note_channel(McapChannel.read(ReadDataStream(io.BytesIO(data[start:position]))))
 
     def _note_schema(self, schema: Schema) -> None:
-        form = _FORMATS.get(schema.encoding, "")
-        self._schemas[schema.id] = schema.name, bytes(schema.data).decode("utf-8", "replace") if form else "", form
+        is_read = schema.encoding in _FORMATS
+        text = bytes(schema.data).decode("utf-8", "replace") if is_read else ""
+        self._schemas[schema.id] = schema.name, schema.encoding if is_read else "", text
 
     def _note_channel(self, channel: McapChannel) -> None:
         schema = self._schemas.get(channel.schema_id)
-        if schema is not None and channel.message_encoding in _ENCODINGS:  # else not a message of ROS
-            type_name, text, form = schema
-            self._add_channel(channel.id, channel.topic, type_name, channel.message_encoding, text, form)
-
-
-def _unpacked(record: bytes) -> Tuple[bytes, int, int]:
-    """Returns the content of a chunk as far as it can be unpacked, with its expected size and checksum."""
-    _, _, size, checksum, name_length = _chunk_header(record, _PREFIX_SIZE)
-    name = _PREFIX_SIZE + _CHUNK_HEADER
-    position = name + name_length
-    compression = record[name:position].decode("utf-8")
-    data = record[position + 8 :]
-    check_size(size, len(data))
-    if compression == "zstd":
-        try:
-            with zstandard.ZstdDecompressor(max_window_size=LARGEST).stream_reader(data) as stream:
-                data = bytes(stream.read(size + 1))
-        except zstandard.ZstdError as error:
-            raise Damaged(str(error)) from None
-    elif compression == "lz4":
-        data = unpack_lz4(data, size)
-    elif compression:
-        raise Damaged(f"compression {compression!r}, expected zstd or lz4")
-    return data, size, checksum
+        encoding = channel.message_encoding
+        if schema is not None and encoding in _PROFILES:  # else not a message of ROS
+            self._add_channel(channel.id, channel.topic, RawFormat(encoding, *schema, _PROFILES[encoding]))

@@ -13,20 +13,18 @@ from functools import partial
 from itertools import chain
 from typing import Any, Callable, Dict, Iterable, Iterator, List, Mapping, Optional, Tuple
 
-from ..core.messages.dialect import Message
-from ..core.messages.standard_messages import check_type
 from ..core.port.hints import Answer, similar_topics, with_similar
-from ..core.port.local import LogLine
+from ..core.port.local import LocalBus, LocalMiddleware, LogLine
 from ..core.port.mapping_node import CLOCK, MappingNode
-from ..core.port.middleware import Callback, RawCallback, Severity
+from ..core.port.middleware import Callback, RawCallback
 from ..core.port.timers import ClockTimer
 from ..core.values.errors import ConfigError
 from ..core.values.field_path import ABSENT
 from ..core.values.formatting import count_text, list_text
-from ..core.values.names import canonical_type
-from .decoding import field_getter
+from ..core.values.names import canonical_type, full_name
+from .decoding import type_of
 from .reading import Recordings
-from .recording import Channel, RecordingError, raw_format_of
+from .recording import Channel, RecordingError
 
 _LONGEST_SILENCE_S = 86_400.0
 """Timers run through a gap of this length; the rest of a longer one is skipped. One message with a damaged time would
@@ -40,7 +38,7 @@ _Delivery = Callable[[bytes, float], None]
 class Subscription:
     """A node's subscription to a recorded topic; implements `core.middleware.Subscription`."""
 
-    def __init__(self, node: RecordedMiddleware, topic: str, callback: Callback) -> None:
+    def __init__(self, node: LocalMiddleware, topic: str, callback: Callback) -> None:
         """Binds a callback of a node to a topic."""
         self.node = node
         self.topic = topic
@@ -49,51 +47,41 @@ class Subscription:
         self.active = True
 
 
-class RecordedMiddleware(MappingNode):
+class RecordedMiddleware(LocalMiddleware):
     """One node that receives recorded messages; implements `core.middleware.Middleware`.
 
     Its publications have no listeners, and its services have no callers.
     """
 
-    def __init__(self, player: Player, name: str, parameters: Mapping[str, Any], use_sim_time: bool) -> None:
+    graph_name = MappingNode.graph_name
+    follow_graph = MappingNode.follow_graph  # type: ignore[assignment]
+
+    def __init__(self, player: Player, name: str, parameters: Mapping[str, Any]) -> None:
         """Use `Player.node`."""
-        clocks: Dict[str, Callable[[], float]] = {"clock": lambda: player.wall_s, "wall_clock": lambda: player.wall_s}
-        super().__init__(name, parameters, {}, **clocks, use_sim_time=use_sim_time)
+        super().__init__(player.bus, name, parameters, {}, player.use_sim_time)
         self.player = player
-        self._subscriptions: List[Subscription] = []
 
     def create_timer(self, period_s: float, callback: Callable[[float], None], *, steady: bool = False) -> ClockTimer:
         timer = super().create_timer(period_s, callback, steady=steady)
         self.player.note_timer(timer)
         return timer
 
-    def advertise(self, topic: str, type_name: str, *, latched: bool = False) -> str:
-        check_type(type_name)
-        resolved = self.resolve(topic)
-        self._advertised[resolved] = type_name
-        return resolved
-
-    def publish(self, topic: str, message: Message) -> None:
-        self.require_advertised(topic)
-
-    def has_listeners(self, topic: str) -> bool:
-        self.require_advertised(topic)
-        return False
-
     def subscribe(
         self, topic: str, type_name: str, callback: Callback, *, field: Optional[str] = "", latched: bool = False
-    ) -> Subscription:
-        return self._add(Subscription(self, self.resolve(topic), callback), type_name, partial(_getter, field=field))
+    ) -> Any:
+        return self._play(Subscription(self, self.resolve(topic), callback), type_name, partial(_getter, field=field))
 
-    def _add(self, subscription: Subscription, type_name: str, getter_of: Callable[[Channel], _Getter]) -> Subscription:
+    def _play(
+        self, subscription: Subscription, type_name: str, getter_of: Callable[[Channel], _Getter]
+    ) -> Subscription:
         if self._sim_time_s is not None:
             subscription.receive = lambda value, wall_s: self.call_back(subscription, value)
         self._subscriptions.append(subscription)
         return self.player.subscribe(subscription, type_name, getter_of)
 
-    def subscribe_raw(self, topic: str, type_name: str, callback: RawCallback) -> Subscription:
+    def subscribe_raw(self, topic: str, type_name: str, callback: RawCallback) -> Any:
         subscription = Subscription(self, self.resolve(topic), callback)
-        return self._add(subscription, type_name, _raw_getter)
+        return self._play(subscription, type_name, _raw_getter)
 
     def topic_types(self) -> Mapping[str, str]:
         return self.player.topic_types()
@@ -103,22 +91,6 @@ class RecordedMiddleware(MappingNode):
 
     def unsubscribe(self, subscription: Any) -> None:
         subscription.active = False
-
-    def receive_clock(self, message: Message, wall_s: float) -> None:
-        """Processes a message of /clock."""
-        self.take_clock(message)
-
-    def advertise_service(self, service: str, type_name: str, handler: Callable[[Message], Message]) -> None:
-        """Does nothing: a recording calls no services."""
-
-    def log(self, severity: Severity, text: str) -> None:
-        self.faults.guard("log", self.player.on_log, LogLine(self.now_s(), self.name, severity, text))
-
-    def close(self) -> None:
-        self.closed = True
-        for subscription in self._subscriptions:
-            subscription.active = False
-        self.cancel_timers()
 
 
 class Player:
@@ -143,7 +115,7 @@ class Player:
         topic /clock. Raises ConfigError if it is not recorded.
         """
         self._recordings = recordings
-        self._namespace = namespace.strip("/")
+        self._namespace = namespace
         span = recordings.span_ns or (0, 0)
         self._start_ns = min(begin_ns or span[0], span[0]) + round(from_s * 1e9)
         self._end_ns = min(span[1], span[0] + round(to_s * 1e9)) if to_s < math.inf else span[1]
@@ -155,11 +127,10 @@ class Player:
         """The messages from which the field of a subscription could not be read."""
         self._outside = 0
         self._skipped_s = 0.0
-        self.on_log: Callable[[LogLine], None] = on_log or _ignore
+        self.bus = LocalBus(on_log=on_log or _ignore, clock=lambda: self.wall_s)
         self.on_gap: List[Callable[[float, float], None]] = []
         """Called with begin and end, in seconds, of each time that is skipped: timers do not run in it."""
         self._gaps_ns: List[Tuple[int, int]] = []
-        self._nodes: List[RecordedMiddleware] = []
         self._due_s = math.inf  # when the next timer of a node is due; may be too early, never too late
         self._channels: Dict[str, List[Channel]] = {}
         for channel in recordings.channels:
@@ -211,15 +182,13 @@ class Player:
             self._firsts[channels] = next(self._messages_of(channels), None)
         first = self._firsts[channels]
         if first is None:
-            is_damaged = any(map(self._recordings.has_holes, channels))
-            return f"{topic} is in damaged parts only" if is_damaged else ""
+            return f"{topic} is in damaged parts only" if self._recordings.have_holes(channels) else ""
         messages = chain([first], self._messages_of(channels))
         is_readable = any(_can_read(getters[channel], data) for channel, data in messages)
         return "" if is_readable else f"no message on {topic} can be decoded"
 
     def _messages_of(self, channels: Iterable[Channel]) -> Iterator[Tuple[Channel, bytes]]:
-        targets = [{channel: channel for channel in channels}] * len(self._recordings.paths)
-        return ((channel, data) for _, channel, data in self._recordings.messages(targets))
+        return ((channel, data) for _, channel, data in self._recordings.messages({each: each for each in channels}))
 
     def topic_types(self) -> Mapping[str, str]:
         """Returns the type of every recorded topic."""
@@ -227,13 +196,13 @@ class Player:
 
     def node(self, name: str, parameters: Mapping[str, Any]) -> RecordedMiddleware:
         """Adds a node with a base name, `alert_system`, and parameters as in the file under `ros__parameters`."""
-        node = RecordedMiddleware(self, self.node_name(name), parameters, self.use_sim_time)
-        self._nodes.append(node)
+        node = RecordedMiddleware(self, self.node_name(name), parameters)
+        self.bus.nodes.append(node)
         return node
 
     def node_name(self, name: str) -> str:
         """Returns the full name of the node with a base name."""
-        return f"/{self._namespace}/{name}" if self._namespace else f"/{name}"
+        return full_name(name, self._namespace)
 
     def subscribe(
         self, subscription: Subscription, type_name: str, getter_of: Callable[[Channel], _Getter]
@@ -267,7 +236,7 @@ class Player:
         deliveries = {
             channel: tuple(self._delivery(*reader) for reader in readers) for channel, readers in self._readers.items()
         }
-        for time_ns, of_channel, data in self._recordings.messages([deliveries] * len(self._recordings.paths)):
+        for time_ns, of_channel, data in self._recordings.messages(deliveries):
             if not start_ns <= time_ns <= end_ns:
                 self._outside += not first_ns <= time_ns <= past_ns
                 continue
@@ -324,26 +293,21 @@ class Player:
 
     def _require_readable(self) -> None:
         """Raises RecordingError if a recording has messages of the subscribed topics, but none that can be read."""
-        targets = {channel: (channel, [get for get, _ in readers]) for channel, readers in self._readers.items()}
-        firsts = filter(None, self._firsts.values())
-        if len(self._recordings.paths) == 1 and any(
-            _can_read(get, data) for channel, data in firsts for get, _ in self._readers.get(channel, ())
-        ):
-            return  # as nearly always
+        channels = {channel: channel for channel in self._readers}
         for number, path in enumerate(self._recordings.paths):
             undecodable = set()
-            for _, (channel, getters), data in self._recordings.messages([{}] * number + [targets]):
-                if any(_can_read(get, data) for get in getters):
+            for _, channel, data in self._recordings.messages(channels, number):
+                if any(_can_read(get, data) for get, _ in self._readers[channel]):
                     break
                 undecodable.add(channel.topic)
             else:
                 problem = f"none of its messages on {list_text(sorted(undecodable))} can be decoded"
-                problem = problem if undecodable else self._recordings.problem_without(number, targets)
+                problem = problem if undecodable else self._recordings.problem_without(number, channels)
                 if problem:
                     raise RecordingError(problem, file=path)
 
     def _follow_clock(self) -> None:
-        clocks = [Subscription(node, CLOCK, node.receive_clock) for node in self._nodes]
+        clocks = [Subscription(node, CLOCK, node.take_clock) for node in self.bus.nodes]
         for channel in self._channels[CLOCK]:
             get = _getter(channel, "")
             self._readers[channel] = [*((get, clock) for clock in clocks), *self._readers.get(channel, ())]
@@ -373,10 +337,8 @@ class Player:
 
     def _run_due(self, now_s: float) -> None:
         self.wall_s = now_s
-        for node in self._nodes:
-            node.run_steady_timers()
-        due_s = (node.next_steady_s() for node in self._nodes)
-        self._due_s = min((time_s for time_s in due_s if time_s is not None), default=math.inf)
+        self.bus.run_due(now_s)
+        self._due_s = min((node.next_steady_s() for node in self.bus.nodes), default=math.inf)
 
 
 def _left_out(messages: int, why: str) -> str:
@@ -384,13 +346,12 @@ def _left_out(messages: int, why: str) -> str:
 
 
 def _getter(channel: Channel, field: Optional[str]) -> _Getter:
-    return _arrival if field is None else field_getter(channel, field)
+    return _arrival if field is None else type_of(channel).field_getter(field)
 
 
 def _raw_getter(channel: Channel) -> _Getter:
     """Returns what gives the whole serialized message with its format."""
-    raw_format = raw_format_of(channel)
-    return lambda data: (data, raw_format)
+    return lambda data: (data, channel.raw_format)
 
 
 def _can_read(get: Callable[[bytes], Any], data: bytes) -> bool:

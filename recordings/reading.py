@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import heapq
 import os
 import re
 import shutil
 import tempfile
 from itertools import chain
+from operator import itemgetter
 from typing import Any, Collection, Iterator, List, Mapping, Optional, Sequence, Tuple
 
 from ..core.config.yaml_loader import load
@@ -22,7 +24,6 @@ _LARGEST_METADATA = 2_000_000
 _MOST_FILES = 10_000
 _LARGEST_UNPACKED = 64 << 20
 _LARGEST_RATIO = 200  # A file that is packed as a whole unpacks to at most 64 MB and this many times its size
-_ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 _EXPECTED = "expected a .bag file, an .mcap file, a .db3 file or a folder that rosbag2 recorded"
 
 
@@ -95,40 +96,35 @@ class Recordings:
         """One line for each thing that could not be read until now."""
         return list(dict.fromkeys(self._notes + _problems(self._files)))
 
-    def messages(self, targets: Sequence[Mapping[Channel, Target]]) -> Iterator[RawMessage[Target]]:
-        """Yields messages in the order of their log times.
+    def messages(self, targets: Mapping[Channel, Target], number: Optional[int] = None) -> Iterator[RawMessage[Target]]:
+        """Yields messages in the order of their log times, of the recording `paths[number]` or of all.
 
-        For each of `paths`, `targets` has its channels with what to yield with their messages.
+        `targets` are the channels, each with what to yield with its messages.
         """
-        files = [
-            (file.span_ns, number, file, wanted)
-            for number, (of_recording, wanted) in enumerate(zip(self._recordings, targets))
-            for file in of_recording
-            if file.span_ns is not None and any(channel in wanted for channel in file.channels)
-        ]
+        files = self._files if number is None else self._recordings[number]
         # Files of which each ends before the next begins are read in a row, and opened when their messages begin: a
         # long recording may consist of thousands.
-        rows: List[List[Any]] = []
-        for file in sorted(files, key=lambda each: each[:2]):
-            row = next((row for row in rows if row[-1][0][1] <= file[0][0]), None)
+        rows: List[List[Tuple[Tuple[int, int], RecordedFile]]] = []
+        spans = [(file.span_ns, file) for file in _files_with(files, targets) if file.span_ns is not None]
+        for span, file in sorted(spans, key=itemgetter(0)):
+            row = next((row for row in rows if row[-1][0][1] <= span[0]), None)
             if row is None:
-                rows.append([file])
-            else:
-                row.append(file)
-        streams = [chain.from_iterable(file.messages(wanted) for _, _, file, wanted in row) for row in rows]
+                row = []
+                rows.append(row)
+            row.append((span, file))
+        streams = [chain.from_iterable(file.messages(targets) for _, file in row) for row in rows]
         return streams[0] if len(streams) == 1 else heapq.merge(*streams, key=log_time)
 
-    def has_holes(self, channel: Channel) -> bool:
-        """Whether messages of a channel may have been left out, in what was read until now."""
-        return any(file.has_holes for file in self._files if channel in file.channels)
+    def have_holes(self, channels: Collection[Channel]) -> bool:
+        """Whether messages of channels may have been left out, in what was read until now."""
+        return any(file.has_holes for file in _files_with(self._files, channels))
 
     def problem_without(self, number: int, wanted: Collection[Channel]) -> str:
         """Returns why the recording `paths[number]` gave no message of some channels: it is damaged.
 
         Empty: it is not, or has none.
         """
-        of_interest = [each for each in self._recordings[number] if any(channel in wanted for channel in each.channels)]
-        problems = _problems(of_interest)
+        problems = _problems(_files_with(self._recordings[number], wanted))
         return _nothing_readable(self.paths[number], problems) if problems else ""
 
     @property
@@ -142,7 +138,7 @@ class Recordings:
             raise RecordingError("no such file", file=path)
         if not os.path.isfile(path):
             raise RecordingError(f"is not a file; {_EXPECTED}", file=path)
-        return [_unpacking(self._open_file(path))]
+        return [self._open_file(path)]
 
     def _open_file(self, name: str) -> RecordedFile:
         kind = name[: -len(".zstd")] if name.endswith(".zstd") else name
@@ -165,7 +161,7 @@ class Recordings:
         except OSError as error:
             raise RecordingError(f"cannot be read: {error.strerror or error}", file=path) from None
         recorded = [name for name in files if re.search(r"\.(mcap|db3)(\.zstd)?\Z", name)]
-        present = sorted((name for name in recorded if os.path.isfile(os.path.join(path, name))), key=_natural)
+        present = sorted(name for name in recorded if os.path.isfile(os.path.join(path, name)))
         if isinstance(names, list) and names:
             listed = [os.path.basename(name) for name in names[:_MOST_FILES] if isinstance(name, str)]
             for name in listed:
@@ -178,30 +174,17 @@ class Recordings:
         compression = str(metadata.get("compression_format") or "").lower()
         if mode in ("file", "message") and compression != "zstd":
             raise RecordingError(f"expected compression zstd, got {compression[:40]!r}", file=path)
-        opened = [self._open_file(os.path.join(path, name)) for name in present]
-        if not metadata:
-            return list(map(_unpacking, opened))
-        if mode == "message":
-            for file in opened:
-                file.unpack_each()
-        return opened
+        return [self._open_file(os.path.join(path, name)) for name in present]
 
     def _read_metadata(self, path: str) -> Mapping[str, Any]:
         file = os.path.join(path, _METADATA)
-        try:
-            if os.path.exists(file) and not os.path.isfile(file):
-                raise TypeError
-            with open(file, encoding="utf-8") as stream:
-                tree = load(stream.read(_LARGEST_METADATA), Problems()).value
-            information = tree["rosbag2_bagfile_information"]
-            if not isinstance(information, dict):
-                raise TypeError
-        except FileNotFoundError:
-            problem = "does not exist (the recorder was stopped early)"
-        except (OSError, UnicodeDecodeError, ConfigError, KeyError, TypeError, ValueError, RecursionError):
-            problem = "cannot be read"
-        else:
-            return information
+        with contextlib.suppress(OSError, ConfigError, LookupError, TypeError, ValueError, RecursionError):
+            if os.path.isfile(file):
+                with open(file, encoding="utf-8") as stream:
+                    tree = load(stream.read(_LARGEST_METADATA), Problems()).value
+                if isinstance(tree["rosbag2_bagfile_information"], dict):
+                    return tree["rosbag2_bagfile_information"]
+        problem = "cannot be read" if os.path.exists(file) else "does not exist (the recorder was stopped early)"
         self._notes.append(f"{file}: {problem}: all .mcap and .db3 files of the folder are read")
         return {}
 
@@ -232,13 +215,8 @@ class Recordings:
         return unpacked
 
 
-def _unpacking(file: RecordedFile) -> RecordedFile:
-    """Returns a file whose metadata are missing; they would say whether its messages are packed one by one."""
-    channels = {channel: None for channel in file.channels if channel.encoding == "cdr"}
-    first = next(file.messages(channels), None) if channels else None
-    if first is not None and first[2].startswith(_ZSTD_MAGIC):  # CDR begins with a zero
-        file.unpack_each()
-    return file
+def _files_with(files: Sequence[RecordedFile], channels: Collection[Channel]) -> List[RecordedFile]:
+    return [file for file in files if any(channel in channels for channel in file.channels)]
 
 
 def _problems(files: Sequence[RecordedFile]) -> List[str]:
@@ -255,8 +233,3 @@ def _nothing_readable(path: str, problems: Sequence[str]) -> str:
 def _span(files: Sequence[RecordedFile]) -> Span:
     spans = [file.span_ns for file in files if file.span_ns is not None]
     return (min(first for first, _ in spans), max(last for _, last in spans)) if spans else None
-
-
-def _natural(name: str) -> List[Tuple[int, str]]:
-    """Sorts `bag_2` before `bag_10`."""
-    return [(int(part), "") if part.isdigit() else (0, part) for part in re.split(r"(\d+)", name)]

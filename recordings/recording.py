@@ -11,13 +11,13 @@ record is left out; reading ends where the next record cannot be found.
 from __future__ import annotations
 
 import abc
+import bz2
 import os
 import struct
 from operator import itemgetter
 from typing import Any, BinaryIO, Dict, Iterable, Iterator, List, Mapping, NamedTuple, Optional, Tuple, Type, TypeVar
 
-from ..core.port.middleware import RawFormat
-from ..core.port.raw_messages import ros1_format, ros2_format
+from ..core.messages.raw_messages import RawFormat
 from ..core.values.errors import ConfigError, MessageError
 from ..core.values.formatting import count_text
 from ..core.values.names import canonical_type
@@ -29,6 +29,7 @@ _LARGEST_RATIO = 10_000  # bytes that one packed byte may become; black images w
 _LONGEST_NAME = 500  # characters of a topic or a type; ROS 2 allows 255
 _MOST_CHANNELS = 10_000
 _MOST_MESSAGES = 500_000  # messages of a chunk; recorders write chunks of about 1 MB unless one message is larger
+_ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"  # CDR begins with a zero
 _BATCH = 4096
 _BATCH_BYTES = 16 << 20  # messages outside of chunks that are sorted together: at most so many, of so many bytes
 
@@ -42,22 +43,15 @@ class RecordingError(ConfigError):
 
 
 class Channel(NamedTuple):
-    """A topic with the type of its messages, as one file has it."""
+    """A topic with the format of its messages, as one file has it."""
 
     topic: str  # the absolute name
-    type_name: str  # `package/Type`
-    encoding: str  # `ros1`, `cdr` or `json`
-    definition: str  # text of the type's definition with those of the types in it; empty if the file has none
-    definition_format: str  # `msg`, `idl` or `jsonschema`; empty if the file has no definition
+    raw_format: RawFormat  # with an empty schema if the file has no definition of the type
 
-
-def raw_format_of(channel: Channel) -> RawFormat:
-    """Returns the format of a channel's messages."""
-    if channel.encoding == "json":
-        return RawFormat("json", channel.type_name, "jsonschema", channel.definition, "")
-    make = ros1_format if channel.encoding == "ros1" else ros2_format
-    raw_format = make(channel.type_name, channel.definition)
-    return raw_format._replace(schema_encoding="ros2idl") if channel.definition_format == "idl" else raw_format
+    @property
+    def type_name(self) -> str:
+        """The type as `package/Type`."""
+        return canonical_type(self.raw_format.schema_name)
 
 
 class Attachment(NamedTuple):
@@ -103,10 +97,9 @@ class RecordedFile(abc.ABC):
         """Whether messages between others were left out so far, because they could not be read."""
         self.span_ns: Span = None
         """When reading stops at damage, the end becomes the last message that was read."""
-        self.attachments: Mapping[str, Attachment] = {}
+        self.attachments: Dict[str, Attachment] = {}
         """Those that a black box attaches, by name."""
         self._path = path
-        self._is_packed = False
         self._channels: Dict[int, Channel] = {}
         self._texts: Dict[str, str] = {}  # each definition once: channels may share one
         try:
@@ -122,10 +115,6 @@ class RecordedFile(abc.ABC):
         """The channels, each once, in the order of the file."""
         return list(dict.fromkeys(self._channels.values()))
 
-    def unpack_each(self) -> None:
-        """Unpacks each message from now on: rosbag2 can compress them with zstd one by one."""
-        self._is_packed = True
-
     def messages(self, targets: Mapping[Channel, Target]) -> Iterator[RawMessage[Target]]:
         """Yields the messages of some channels in the order of their log times, as far as the file can be read.
 
@@ -133,7 +122,8 @@ class RecordedFile(abc.ABC):
         """
         wanted = {number: targets[channel] for number, channel in self._channels.items() if channel in targets}
         messages = self._messages(wanted)
-        return self._unpacked(messages) if self._is_packed else messages
+        is_cdr = any(channel.raw_format.message_encoding == "cdr" for channel in targets)
+        return self._unpacked(messages) if is_cdr else messages
 
     @abc.abstractmethod
     def _open(self, file: BinaryIO) -> None:
@@ -143,15 +133,15 @@ class RecordedFile(abc.ABC):
     def _messages(self, wanted: Mapping[int, Target]) -> Iterator[RawMessage[Target]]:
         """Yields messages as `messages` does."""
 
-    def _add_channel(self, number: int, topic: str, type_name: str, encoding: str, text: str, form: str) -> None:
+    def _add_channel(self, number: int, topic: str, raw_format: RawFormat) -> None:
         """Adds a channel as the file has it. Raises Damaged: a name is too long, or there are too many channels."""
         if len(self._channels) >= _MOST_CHANNELS:
             raise Damaged(f"more than {_MOST_CHANNELS} channels")
-        for name in (topic, type_name):
+        for name in (topic, raw_format.schema_name):
             if len(name) > _LONGEST_NAME:
                 raise Damaged(f"a name of {len(name)} characters, expected at most {_LONGEST_NAME}")
-        text = self._texts.setdefault(text, text)
-        self._channels[number] = Channel("/" + topic.strip("/"), canonical_type(type_name), encoding, text, form)
+        text = self._texts.setdefault(raw_format.schema, raw_format.schema)
+        self._channels[number] = Channel("/" + topic.strip("/"), raw_format._replace(schema=text))
 
     @staticmethod
     def _span_of(chunks: Iterable[Messages]) -> Span:
@@ -169,15 +159,19 @@ class RecordedFile(abc.ABC):
             self.span_ns = first_ns, max(first_ns, min(end_ns, last_ns))
 
     def _unpacked(self, messages: Iterator[RawMessage[Target]]) -> Iterator[RawMessage[Target]]:
-        with libraries(*RECORDINGS):
-            import zstandard
-
-        decompressor = zstandard.ZstdDecompressor(max_window_size=LARGEST)
+        """Unpacks messages that rosbag2 has compressed with zstd one by one."""
         damaged = 0
-        for time_ns, target, data in messages:
+        for message in messages:
+            if message[2][:4] != _ZSTD_MAGIC:
+                yield message
+                continue
+            with libraries(*RECORDINGS):
+                import zstandard
+
+            time_ns, target, data = message
             try:
                 check_size(zstandard.frame_content_size(data), len(data))
-                unpacked = decompressor.decompress(data, max_output_size=LARGEST)
+                unpacked = zstandard.ZstdDecompressor(max_window_size=LARGEST).decompress(data, LARGEST)
             except (zstandard.ZstdError, Damaged):
                 damaged += 1
                 self.has_holes = True
@@ -239,11 +233,11 @@ class ChunkedFile(RecordedFile):
         file.seek(len(self.MAGIC))
         size = os.fstat(file.fileno()).st_size
         last_ns = position = loose_bytes = 0
-        loose: Messages = []
+        messages: Messages = []
+        is_chunk = False
         end: Optional[Exception] = None
         while end is None:
             position = file.tell()
-            chunk: Messages = []
             try:
                 record = self._read_record(file, size)
             except self.DAMAGE as error:
@@ -252,29 +246,34 @@ class ChunkedFile(RecordedFile):
                 if record is None:
                     break
                 try:
-                    self._take(record, wanted, chunk if record.is_chunk else loose)
+                    self._take(record, wanted, messages)
                 except self.DAMAGE as error:
                     self._leave_out(position, size, error)
                 if not record.complete:
                     end = Damaged("the file ends within a record")
+                is_chunk = record.is_chunk
                 loose_bytes += len(record.data)
                 del record  # its bytes are not needed while the messages are read
-            last_ns = max(last_ns, chunk[-1][0] if chunk else 0, loose[-1][0] if loose else 0)
-            if chunk:
-                yield chunk
-            elif len(loose) >= _BATCH or loose_bytes > _BATCH_BYTES:
-                yield loose
-                loose, loose_bytes = [], 0
+            last_ns = max(last_ns, messages[-1][0] if messages else 0)
+            if is_chunk or len(messages) >= _BATCH or loose_bytes > _BATCH_BYTES:
+                yield messages
+                messages, loose_bytes = [], 0
         if end is not None:
             self.problem = f"{self._damage_at(position, size, end)}: read up to there"
             self._end_span(last_ns)
-        yield loose
+        yield messages
 
-    def _add_message(self, messages: Messages, time_ns: int, target: Any, data: bytes) -> None:
-        """Adds a message to those of its chunk. Raises Damaged: the chunk has implausibly many."""
+    @staticmethod
+    def _add_message(
+        messages: Messages, wanted: Wanted, number: int, time_ns: int, data: bytes, start: int, end: int
+    ) -> None:
+        """Adds a message to those of its chunk, if it is wanted. Raises Damaged: the chunk has implausibly many."""
         if len(messages) >= _MOST_MESSAGES:
             raise Damaged(f"a chunk with more than {_MOST_MESSAGES} messages")
-        messages.append((time_ns, target, data))
+        if wanted is None:
+            messages.append((time_ns, number, b""))
+        elif number in wanted:
+            messages.append((time_ns, wanted[number], data[start:end]))
 
     def _counted(self, chunks: Iterator[Messages], wanted: Mapping[int, Any]) -> Iterator[Messages]:
         """Compares the number of messages with the index: damage may look like a record that is not needed."""
@@ -329,13 +328,31 @@ def check_size(size: int, packed: int) -> None:
         raise Damaged(f"a part that unpacks from {packed} to {size} bytes")
 
 
-def unpack_lz4(data: bytes, size: int) -> bytes:
-    """Returns unpacked bytes, one more than `size` if there are more. Raises Damaged: they cannot be unpacked."""
-    with libraries(*RECORDINGS):
-        import lz4.frame  # only files that are packed with it need it
+def unpack(compression: str, data: bytes, size: int) -> bytes:
+    """Returns the content of a chunk, one byte more than `size` if there are more.
 
-    try:
-        unpacked: bytes = lz4.frame.LZ4FrameDecompressor().decompress(data, size + 1)
-    except RuntimeError as error:
-        raise Damaged(str(error)) from None
-    return unpacked
+    Raises Damaged if it cannot be unpacked, or is to become implausibly large.
+    """
+    check_size(size, len(data))
+    if compression in ("", "none"):
+        return data
+    if compression == "bz2":
+        return bz2.BZ2Decompressor().decompress(data, size)
+    if compression == "lz4":
+        with libraries(*RECORDINGS):
+            import lz4.frame
+
+        try:
+            return bytes(lz4.frame.LZ4FrameDecompressor().decompress(data, size + 1))
+        except RuntimeError as error:
+            raise Damaged(str(error)) from None
+    if compression == "zstd":
+        with libraries(*RECORDINGS):
+            import zstandard
+
+        try:
+            with zstandard.ZstdDecompressor(max_window_size=LARGEST).stream_reader(data) as stream:
+                return bytes(stream.read(size + 1))
+        except zstandard.ZstdError as error:
+            raise Damaged(str(error)) from None
+    raise Damaged(f"compression {compression!r}, expected none, bz2, lz4 or zstd")

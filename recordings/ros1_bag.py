@@ -6,12 +6,12 @@ format: wiki.ros.org/Bags/Format/2.0.
 
 from __future__ import annotations
 
-import bz2
 import os
 import struct
 from typing import BinaryIO, Counter, Dict, Optional, Tuple
 
-from .recording import LARGEST, ChunkedFile, Damaged, Messages, Record, Wanted, check_size, unpack_lz4
+from ..core.messages.raw_messages import ros1_format
+from .recording import LARGEST, ChunkedFile, Damaged, Messages, Record, Wanted, unpack
 
 _MESSAGE, _BAG_HEADER, _CHUNK, _CHUNK_INFO, _CONNECTION = (bytes([op]) for op in (2, 3, 5, 6, 7))
 _LARGEST_HEADER = 65_536  # bytes of a record's header; a definition's text is in the data of a connection
@@ -79,10 +79,11 @@ class Ros1Bag(ChunkedFile):
             self._take_chunk(record, wanted, into)
         elif record.complete:
             # A recorder that was killed has not written the size of its last chunk: the messages follow as records.
-            self._take_record(record.kind, record.data, wanted, into)
+            self._take_record(record.kind, record.data, 0, len(record.data), wanted, into)
 
     def _take_chunk(self, record: Record, wanted: Wanted, into: Messages) -> None:
-        chunk, expected = _unpacked(record.kind, record.data)
+        expected = _uint32(record.kind[b"size"])[0]
+        chunk = unpack(record.kind[b"compression"].decode("ascii", "replace"), record.data, expected)
         position, end = 0, len(chunk)
         while position < end:
             header_start = position + 4
@@ -91,21 +92,16 @@ class Ros1Bag(ChunkedFile):
             if position > end:
                 raise Damaged("a record goes beyond its chunk")
             fields = _fields(chunk[header_start : data_start - 4])
-            if fields[b"op"] == _MESSAGE and wanted is not None and _uint32(fields[b"conn"])[0] not in wanted:
-                continue  # no copy of an image
-            self._take_record(fields, chunk[data_start:position], wanted, into)
+            self._take_record(fields, chunk, data_start, position, wanted, into)
         if end != expected:
             raise Damaged(f"a chunk unpacks to {end} bytes, expected {expected}")
 
-    def _take_record(self, fields: _Fields, data: bytes, wanted: Wanted, into: Messages) -> None:
+    def _take_record(self, fields: _Fields, data: bytes, start: int, end: int, wanted: Wanted, into: Messages) -> None:
         if fields[b"op"] == _MESSAGE:
-            number = _uint32(fields[b"conn"])[0]
-            if wanted is None:
-                self._add_message(into, _nanoseconds(fields[b"time"]), number, b"")
-            elif number in wanted:
-                self._add_message(into, _nanoseconds(fields[b"time"]), wanted[number], data)
+            number, time_ns = _uint32(fields[b"conn"])[0], _nanoseconds(fields[b"time"])
+            self._add_message(into, wanted, number, time_ns, data, start, end)
         elif fields[b"op"] == _CONNECTION:
-            self._note_connection(fields, data)
+            self._note_connection(fields, data[start:end])
 
     def _note_connection(self, header: _Fields, data: bytes) -> None:
         number = _uint32(header[b"conn"])[0]
@@ -114,7 +110,7 @@ class Ros1Bag(ChunkedFile):
             type_name = fields[b"type"].decode("utf-8")
             definition = fields.get(b"message_definition", b"").decode("utf-8", "replace")
             topic = header[b"topic"].decode("utf-8")
-            self._add_channel(number, topic, type_name, "ros1", definition, "msg" if definition else "")
+            self._add_channel(number, topic, ros1_format(type_name, definition))
 
 
 def _read_sized(file: BinaryIO, largest: int) -> Tuple[bytes, bool]:
@@ -144,20 +140,6 @@ def _fields(header: bytes) -> _Fields:
         if len(fields) > _MOST_HEADER_FIELDS:
             raise Damaged(f"a header with more than {_MOST_HEADER_FIELDS} fields")
     return fields
-
-
-def _unpacked(header: _Fields, data: bytes) -> Tuple[bytes, int]:
-    """Returns a chunk as far as it can be unpacked, and its expected size."""
-    compression = header[b"compression"]
-    size = _uint32(header[b"size"])[0]
-    check_size(size, len(data))
-    if compression == b"bz2":
-        data = bz2.BZ2Decompressor().decompress(data, size)
-    elif compression == b"lz4":
-        data = unpack_lz4(data, size)
-    elif compression != b"none":
-        raise Damaged(f"compression {compression.decode('ascii', 'replace')!r}, expected none, bz2 or lz4")
-    return data, size
 
 
 def _nanoseconds(data: bytes) -> int:

@@ -9,9 +9,10 @@ import struct
 from pathlib import Path
 from typing import Any, BinaryIO, Dict, Iterator, Mapping, Tuple
 
+from ..core.messages.raw_messages import RawFormat
 from .recording import LARGEST, Damaged, Messages, RawMessage, RecordedFile, RecordingError, in_time_order
 
-_FORMATS = {"ros2msg": "msg", "ros2idl": "idl"}
+_FORMATS = ("ros2msg", "ros2idl")
 _BATCH = 1024
 _BATCH_BYTES = 4_000_000  # messages that are read together: at most so many, and about so many bytes
 
@@ -45,7 +46,7 @@ class SqliteFile(RecordedFile):
                 first, last = database.execute("SELECT min(timestamp), max(timestamp) FROM messages").fetchone()
                 self.span_ns = None if first is None else (int(first), int(last))
             except (*_DAMAGE, TypeError):
-                self.span_ns = self._span_of(self._remaining(database, self._channels, -1))
+                self.span_ns = self._span_of(self._batches(database, self._channels))
         except _DAMAGE as error:
             problem = f"cannot be read as a recording of rosbag2: {error}"
             if self._missing:
@@ -55,66 +56,49 @@ class SqliteFile(RecordedFile):
             database.close()
 
     def _messages(self, wanted: Mapping[int, Any]) -> Iterator[RawMessage[Any]]:
-        last_ns = -1
         database = self._connect()
         try:
-            if self._missing:
-                raise ValueError
-            places = ",".join("?" * len(wanted))
-            data_column = f"CASE WHEN length(data) <= {LARGEST} THEN data END"
-            query = f"SELECT topic_id, timestamp, {data_column} FROM messages WHERE topic_id IN ({places})"
-            left = os.path.getsize(self._path)
-            for number, time_ns, data in database.execute(f"{query} ORDER BY timestamp, id", list(wanted)):
-                if type(time_ns) is not int or type(data) is not bytes:
-                    self.has_holes = True
-                    self.problem = self.problem or f"{self.name}: a row without a time or data is left out"
-                    continue
-                left -= len(data)
-                if left < 0:
-                    raise Damaged("it has more data than bytes")
-                last_ns = time_ns
-                yield time_ns, wanted[number], data
-        except _DAMAGE as error:
-            self._note_damage(error)
-            for message in in_time_order(self._remaining(database, wanted, last_ns)):
-                last_ns = message[0]
-                yield message
-            self._end_span(last_ns)
+            yield from in_time_order(self._batches(database, wanted))
         finally:
             database.close()
 
-    def _remaining(self, database: sqlite3.Connection, wanted: Mapping[int, Any], last_ns: int) -> Iterator[Messages]:
-        """Yields the messages of a damaged file after a time, in the order of recording, which needs no index."""
-        # The other topics are included, without data: their rows show where the file ends.
+    def _batches(self, database: sqlite3.Connection, wanted: Mapping[int, Any]) -> Iterator[Messages]:
+        """Yields messages in the order of recording, which needs no index: that may be damaged."""
         places = ",".join("?" * len(wanted))
-        selected = f"CASE WHEN topic_id IN ({places}) AND length(data) <= {LARGEST} THEN data"
-        selected += " WHEN topic_id > 0 THEN x'' END"
+        # Other topics are included, without data: their rows show where a file ends that was cut off.
+        data_column = f"CASE WHEN length(data) <= {LARGEST} THEN data END"
+        selected = f"CASE WHEN topic_id IN ({places}) THEN {data_column} WHEN topic_id > 0 THEN x'' END"
         query = f"SELECT topic_id, timestamp, {selected} FROM messages NOT INDEXED ORDER BY id"
         batch: Messages = []
-        size = 0
+        size, left, last_ns = 0, os.path.getsize(self._path), 0
+        problem = self.problem if self._missing else ""
         try:
             for number, time_ns, data in database.execute(query, list(wanted)):
                 if type(time_ns) is not int or type(data) is not bytes or self._is_cut(data):
+                    self.has_holes = True
                     if self._missing:
                         break  # the rest of the page is missing, too
-                elif time_ns > last_ns and number in wanted:
-                    batch.append((time_ns, wanted[number], data))
+                    self.problem = self.problem or f"{self.name}: a row without a time or data is left out"
+                elif number in wanted:
                     size += len(data)
+                    left -= len(data)
+                    if left < 0:
+                        raise Damaged("it has more data than bytes")
+                    last_ns = max(last_ns, time_ns)
+                    batch.append((time_ns, wanted[number], data))
                     if len(batch) == _BATCH or size > _BATCH_BYTES:
                         yield batch
                         batch, size = [], 0
         except _DAMAGE as error:
-            self._note_damage(error)
+            problem = problem or f"{self.name}: damaged ({error}): read as far as possible"
+        if problem:
+            self.has_holes, self.problem = True, problem
+            self._end_span(last_ns)
         yield batch
 
     def _is_cut(self, data: bytes) -> bool:
         """Returns whether data may go beyond the end of the file: SQLite fills its last page with zeros."""
         return bool(self._missing and data) and data.endswith(bytes(min(self._missing, len(data))))
-
-    def _note_damage(self, error: Exception) -> None:
-        self.has_holes = True
-        if not self._missing:
-            self.problem = f"{self.name}: damaged ({error}): read as far as possible"
 
     def _missing_bytes(self, header: bytes) -> int:
         """Returns how many bytes its last page lacks if the file is shorter than its header says, which is a problem.
@@ -149,12 +133,12 @@ class SqliteFile(RecordedFile):
             query = "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
             for type_name, encoding, text in database.execute(f"{query} LIMIT {_MOST_TOPICS}"):
                 if encoding in _FORMATS and text and len(text) <= _LONGEST_TEXT:
-                    definitions[str(type_name)] = str(text), _FORMATS[encoding]
+                    definitions[str(type_name)] = str(text), encoding
         query = "SELECT id, name, type, serialization_format FROM topics ORDER BY id"
         for number, topic, type_name, encoding in database.execute(f"{query} LIMIT {_MOST_TOPICS}"):
             if encoding == "cdr":
-                definition = definitions.get(str(type_name), ("", ""))
-                self._add_channel(number, str(topic), str(type_name), encoding, *definition)
+                text, form = definitions.get(str(type_name), ("", ""))
+                self._add_channel(number, str(topic), RawFormat("cdr", str(type_name), form, text, "ros2"))
 
 
 def _has_journal(path: str) -> bool:

@@ -13,7 +13,8 @@ import rosgraph.network
 import rospy
 
 from ..core.messages.dialect import Message
-from ..core.port.middleware import Graph, NodeInfo, RawFormat
+from ..core.messages.raw_messages import RawFormat
+from ..core.port.middleware import Graph, NodeInfo
 from ..core.values.errors import ConfigError, MessageError, ServiceError
 from . import messages
 from .middleware import Ros1Middleware

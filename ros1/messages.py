@@ -14,9 +14,8 @@ from ..core.messages.definitions import ROS1_KINDS
 from ..core.messages.dialect import Dialect, FieldType
 from ..core.messages.native_fields import as_it_is
 from ..core.messages.native_messages import NativeMessages, find_generated
+from ..core.messages.raw_messages import RawFormat, ros1_format
 from ..core.messages.serialized_statuses import serialized_getter as serialized_getter_of
-from ..core.port.middleware import RawFormat
-from ..core.port.raw_messages import ros1_format
 
 _TIMES = {"time": genpy.Time, "duration": genpy.Duration}
 

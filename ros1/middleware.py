@@ -22,9 +22,10 @@ import rospy.topics
 
 from ..core.config.parameters import Parameter
 from ..core.messages.dialect import Message
+from ..core.messages.raw_messages import RawFormat
 from ..core.port.graph import NOT_COUNTED, Counts, Wanted, count, is_pattern, matching
 from ..core.port.hints import Answer, explain, similar_topics
-from ..core.port.middleware import Callback, OnChange, RawCallback, RawFormat, Severity
+from ..core.port.middleware import Callback, OnChange, RawCallback, Severity
 from ..core.port.timers import PeriodicSchedule
 from ..core.values.errors import ConfigError, ServiceError
 from ..core.values.field_path import ABSENT, Getter

@@ -13,8 +13,8 @@ from typing import Any, Dict, Tuple
 import genpy
 import rospy
 
+from ..core.messages.raw_messages import ros1_format
 from ..core.port.middleware import Severity
-from ..core.port.raw_messages import ros1_format
 from ..core.values.errors import ConfigError, MessageError
 from ..core.values.field_path import ABSENT, Getter
 from ..core.values.names import canonical_type

@@ -9,8 +9,7 @@ from typing import Any, Dict
 
 from ..core.messages.definitions import LONGEST_TEXT, parse_msg
 from ..core.messages.dialect import FieldType
-from ..core.port.middleware import RawFormat
-from ..core.port.raw_messages import ros2_format
+from ..core.messages.raw_messages import RawFormat, ros2_format
 from . import messages
 
 _SEPARATOR = "=" * 80

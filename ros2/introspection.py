@@ -7,7 +7,8 @@ import time
 from typing import Any, Dict, List
 
 from ..core.messages.dialect import Message
-from ..core.port.middleware import Graph, NodeInfo, RawFormat
+from ..core.messages.raw_messages import RawFormat
+from ..core.port.middleware import Graph, NodeInfo
 from ..core.values.errors import MessageError, ServiceError
 from . import messages
 from .definitions import raw_format

@@ -20,8 +20,9 @@ from rclpy.serialization import deserialize_message, serialize_message
 
 from ..core.config.parameters import Parameter
 from ..core.messages.dialect import Message
+from ..core.messages.raw_messages import RawFormat
 from ..core.port.graph import Counts, Wanted, count, is_pattern, matching
-from ..core.port.middleware import Callback, OnChange, RawCallback, RawFormat, Severity
+from ..core.port.middleware import Callback, OnChange, RawCallback, Severity
 from ..core.values.errors import ConfigError
 from ..core.values.field_path import ABSENT, Getter
 from ..core.values.formatting import with_degree_sign

@@ -103,15 +103,15 @@ TIMES: Definitions = {
 def parse_definition(type_name: str, text: str, form: str, byte: str = "uint8") -> Definitions:
     """Returns the types in a definition: `type_name`, with which it begins, and those that it contains.
 
-    `form` is `msg` or `idl`; `byte` is the type that `byte` stands for in .msg. Raises ValueError if the definition is
-    not as the format requires, or too large.
+    `form` is the encoding of the text, such as `ros2msg` or `ros2idl`; `byte` is the type that `byte` stands for in
+    .msg. Raises ValueError if the definition is not as the format requires, or too large.
     """
-    if form == "msg":
+    if form.endswith("msg"):
         aliases = {**_MSG_ALIASES, "byte": byte}
         found = _with_kinds(parse_msg(type_name, text), lambda kind: aliases.get(kind, kind))
     else:
         found = {}
-        for part in _parts(text):
+        for part in _parts(text if form.endswith("idl") else ""):
             first, _, rest = part.partition("\n")
             found.update(_Idl(rest if first.startswith("IDL: ") else part).types)
             _check_number_of_fields(found)

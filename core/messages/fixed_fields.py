@@ -26,6 +26,8 @@ Place = Tuple[str, int]
 """struct's letter, and how many of them: an array of fixed size has several. A string: `STRING`, 1."""
 
 STRING = "s"
+TIME: Place = ("I", 2)
+"""Seconds and nanoseconds. The seconds of ROS 2 are signed."""
 _LETTERS: Mapping[str, str] = {**NUMBERS, "octet": "B", "string": STRING}
 _CDR_HEADER = 4
 """Bytes before a CDR message, to which its alignment does not refer; the second is its byte order."""
@@ -38,44 +40,22 @@ _DEEPEST = 32
 def number_getter(field_types: FieldTypes, native_class: Any, field: str, *, is_cdr: bool) -> Optional[Getter]:
     """Returns a getter of a number (`orientation.x`) or a time in serialized messages: CDR with its header, or ROS 1's.
 
-    None if something of variable size, other than strings, precedes it.
+    None if something of variable size, other than strings, precedes it, and for a part of a time.
     """
-    parts = _time_parts(field_types, native_class, field)
-    if parts is not None:
-        get_parts = [number_getter(field_types, native_class, f"{field}.{part}", is_cdr=is_cdr) for part in parts]
-        seconds, nanoseconds = get_parts
-        return seconds and nanoseconds and (lambda data: stamp_of(seconds(data), nanoseconds(data)))
     before: List[Place] = []
-    for path, place in plain_fields(field_types, native_class):
+    for path, place in itertools.islice(_plain_fields(field_types, native_class, "", 0), _MOST_FIELDS):
         if place is None:
             return None
         if path == field:
-            return None if place[0] == STRING else _getter(before, place[0], is_cdr)
+            return None if place[0] == STRING else _getter(before, place, is_cdr)
         before.append(place)
     return None
-
-
-def _time_parts(field_types: FieldTypes, native_class: Any, field: str) -> Optional[Sequence[str]]:
-    """Returns the names of the seconds and nanoseconds of a field that is a time; None for other fields."""
-    found: Optional[FieldType] = None
-    for name in field.split("."):
-        types = {} if native_class is None else field_types(native_class)
-        found = types.get(name)
-        if found is None:
-            return None
-        native_class = None if found.is_array else found.message
-    is_time = native_class is not None and found is not None and found.element in TIME_TYPES
-    return tuple(field_types(native_class))[:2] if is_time else None
-
-
-def plain_fields(field_types: FieldTypes, native_class: Any) -> Iterator[Tuple[str, Optional[Place]]]:
-    """Yields path (of an array with `[]`) and place (None: of variable size) of each plain field, in their order."""
-    return itertools.islice(_plain_fields(field_types, native_class, "", 0), _MOST_FIELDS)
 
 
 def _plain_fields(
     field_types: FieldTypes, native_class: Any, prefix: str, depth: int
 ) -> Iterator[Tuple[str, Optional[Place]]]:
+    """Yields path (of an array with `[]`) and place (None: of variable size) of each plain field, in their order."""
     fields = {} if depth > _DEEPEST else field_types(native_class)
     if not fields:
         yield "", None
@@ -85,30 +65,32 @@ def _plain_fields(
         if field_type.is_array:
             is_fixed = field_type.size and letter and letter != STRING
             yield f"{path}[]", (letter, field_type.size) if is_fixed else None  # type: ignore[misc]
+        elif field_type.element in TIME_TYPES:
+            yield path, TIME
         elif field_type.message is not None:
             yield from _plain_fields(field_types, field_type.message, f"{path}.", depth + 1)
         else:
             yield path, (letter, 1) if letter else None
 
 
-def _getter(before: Sequence[Place], letter: str, is_cdr: bool) -> Getter:
-    """Returns a getter for a number after places.
+def _getter(before: Sequence[Place], place: Place, is_cdr: bool) -> Getter:
+    """Returns a getter for a number, or a time, after places.
 
     The places up to a string have a fixed size except for their alignment, which depends on where the string before
     them ended: a table per string gives the bytes up to the next string for each of the eight alignments.
     """
     steps: List[List[Place]] = [[]]
-    for place in before:
-        if place[0] == STRING:
+    for each in (*before, place):
+        if each[0] == STRING:
             steps[-1].append(("I", 1))
             steps.append([])
         else:
-            steps[-1].append(place)
-    steps[-1].append((letter, 1))
+            steps[-1].append(each)
     first, *tables = (_distances(step, is_cdr) for step in steps)
     header = _CDR_HEADER if is_cdr else 0
     start = header + first[0]
-    numbers = [struct.Struct(f"{order}{letter}").unpack_from for order in "><"]
+    is_time, letters = place == TIME, "iI" if place == TIME and is_cdr else place[0] * place[1]
+    numbers = [struct.Struct(f"{order}{letters}").unpack_from for order in "><"]
     lengths = [struct.Struct(f"{order}I").unpack_from for order in "><"]
 
     def get(data: bytes) -> Any:
@@ -118,7 +100,8 @@ def _getter(before: Sequence[Place], letter: str, is_cdr: bool) -> Getter:
             for table in tables:
                 offset += 4 + lengths[order](data, offset)[0]
                 offset += table[(offset - header) & 7]
-            return numbers[order](data, offset)[0]
+            values = numbers[order](data, offset)
+            return stamp_of(*values) if is_time else values[0]
         except (struct.error, IndexError) as error:
             raise MessageError(f"too short, or of another format: {error}") from None
 

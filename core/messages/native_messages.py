@@ -24,7 +24,7 @@ from ..values.formatting import describe
 from ..values.names import split_type_name
 from ..values.where import filtered, parse_selection
 from .dialect import Dialect, FieldType, Message
-from .native_fields import as_it_is, bind_path, owner_of
+from .native_fields import as_it_is, bind_path, check_path
 
 _INTEGER_RANGES: Mapping[str, Tuple[int, int]] = {
     **{f"int{bits}": (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1) for bits in (8, 16, 32, 64)},
@@ -122,7 +122,7 @@ class NativeMessages:
                 raise ConfigError(f"{topic}: {type_name} has no field {one[:100]}; {error}") from None
 
         def constant(one: str, name: str) -> Getter:
-            for owner in (owner_of(self._dialect, native_class, parse_field_path(one)), native_class):
+            for owner in (check_path(self._dialect, native_class, parse_field_path(one)).owner, native_class):
                 value = self._dialect.constant(owner, name)
                 number = value[0] if isinstance(value, bytes) and len(value) == 1 else value
                 if isinstance(number, (int, float)):

@@ -10,6 +10,7 @@ Sources: wiki.ros.org/roscpp/Overview/MessagesSerializationAndAdaptingTypes; OMG
 
 from __future__ import annotations
 
+import functools
 import json
 import struct
 import sys
@@ -20,9 +21,11 @@ from ..values.errors import ConfigError
 from ..values.formatting import printable
 from .definitions import NUMBERS, SEQUENCE, Definitions, Field, parse_definition
 from .dialect import Dialect, FieldType
-from .fixed_fields import Getter, number_getter
+from .fixed_fields import Getter
 from .mapping_field import MISSING, MappingField
 from .native_messages import NativeMessages
+from .raw_messages import RawFormat
+from .serialized_statuses import serialized_getter
 
 _LONGEST_PROBLEM = 300
 """Characters of an error."""
@@ -49,32 +52,42 @@ class _Shape(NamedTuple):
 
 
 class SerializedType:
-    """The type of a topic's serialized messages, with the types in it."""
+    """The type of a topic's messages as bytes, with the types in it."""
 
-    def __init__(self, topic: str, type_name: str, encoding: str, text: str, form: str) -> None:
-        """Parses a definition; raises ConfigError if that is not possible.
-
-        Args:
-            topic: the resolved name, for errors.
-            type_name: as in `std_msgs/Float32`.
-            encoding: `ros1` or `cdr`.
-            text: the definition of the type, with those of the types in it.
-            form: the format of the text, `msg` or `idl`.
-        """
+    def __init__(self, topic: str, raw_format: RawFormat) -> None:
+        """Parses nothing yet; `topic` is the resolved name, for errors."""
         self._topic = topic
-        self._type_name = type_name
-        self._is_cdr = encoding != "ros1"
-        try:
-            self.definitions: Definitions = parse_definition(type_name, text, form, "uint8" if self._is_cdr else "int8")
-            """The type and those that it contains."""
-        except (ValueError, KeyError) as error:
-            raise self._unusable(error) from None
-        self._deserializer = Deserializer(self.definitions, self._is_cdr)
+        self._format = raw_format
+        self._is_cdr = raw_format.message_encoding == "cdr"
         self._data: Optional[bytes] = None
         self._message: Any = None
-        self._messages = NativeMessages(
+
+    @functools.cached_property
+    def definitions(self) -> Definitions:
+        """The type and those that it contains. Raises ConfigError if the definition cannot be parsed."""
+        raw = self._format
+        try:
+            return parse_definition(raw.type_name, raw.schema, raw.schema_encoding, "uint8" if self._is_cdr else "int8")
+        except (ValueError, KeyError) as error:
+            raise self._unusable(error) from None
+
+    @functools.cached_property
+    def _deserializer(self) -> Deserializer:
+        return Deserializer(self.definitions, self._is_cdr)
+
+    def field_getter(self, field: str) -> Getter:
+        """Returns a function that reads `field`, a path as in values/field_path.py, from messages.
+
+        For an empty field it returns the whole message as a mapping. It raises ValueError for bytes that are no message
+        of the type, or JSON without the field. Raises ConfigError if the type has no such field.
+        """
+        type_name = self._format.type_name
+        if self._format.message_encoding == "json":
+            return json_getter(self._topic, type_name, field)
+        classes = self._deserializer.classes
+        messages = NativeMessages(
             Dialect(
-                lambda package, kind, name: self._deserializer.classes.get(f"{package}/{name}"),
+                lambda package, kind, name: classes.get(f"{package}/{name}"),
                 lambda native_class: native_class.type_name,
                 self._field_types,
                 {"secs": "sec", "nsecs": "nanosec"},
@@ -82,18 +95,9 @@ class SerializedType:
                 plain=lambda value: value.tolist() if hasattr(value, "tolist") else value,
             )
         )
-
-    def field_getter(self, field: str) -> Getter:
-        """Returns a function that reads `field`, a path as in values/field_path.py, from messages.
-
-        For an empty field it returns the whole message as a mapping. It raises ValueError for bytes that are no message
-        of the type. Raises ConfigError if the type has no such field.
-        """
-        type_name = self._type_name
         try:
-            read = self._messages.field_getter(self._topic, type_name, field)
-            own = self._deserializer.classes[type_name]
-            direct = number_getter(self._field_types, own, field, is_cdr=self._is_cdr)
+            read = messages.field_getter(self._topic, type_name, field)
+            direct = serialized_getter(self._field_types, classes[type_name], field, is_cdr=self._is_cdr)
             if direct is not None:
                 return direct
             deserialize = self._deserializer.bind(type_name)
@@ -112,7 +116,7 @@ class SerializedType:
         return get
 
     def _unusable(self, error: Exception) -> ConfigError:
-        text = f"{self._topic}: cannot use the definition of {self._type_name}: {error}"
+        text = f"{self._topic}: cannot use the definition of {self._format.type_name}: {error}"
         return ConfigError(printable(" ".join(text.split()))[:_LONGEST_PROBLEM])
 
     def _field_types(self, native_class: Any) -> Mapping[str, FieldType]:
@@ -246,11 +250,10 @@ class Deserializer:
     def _number_reader(self, letter: str) -> _Read:
         number = struct.Struct(letter)
         unpack, size = number.unpack_from, number.size
-        if not self._is_cdr or size == 1:
-            return lambda data, at: (unpack(data, at)[0], at + size)
+        alignment = size if self._is_cdr else 1
 
         def read(data: bytes, at: int) -> Tuple[Any, int]:
-            at += (_CDR_HEADER - at) % size
+            at += (_CDR_HEADER - at) % alignment
             return unpack(data, at)[0], at + size
 
         return read

@@ -7,7 +7,7 @@ times what level and message of each status do. Formats as in `fixed_fields.py`.
 from __future__ import annotations
 
 import struct
-from typing import Any, Optional
+from typing import Any, Optional, Tuple
 
 from ..values.elements import MOST_ELEMENTS, OWN_KEY, STATUS_TYPE, DriverStatus, Elements, is_own_status, too_many
 from ..values.errors import MessageError
@@ -53,11 +53,17 @@ def _reader(pattern: str, *, is_cdr: bool) -> Getter:
     lengths = [struct.Struct(f"{order}I").unpack_from for order in "><"]
     # CDR: its own header and a stamp; texts end with a zero, and lengths begin at multiples of four. ROS 1: number and
     # stamp.
-    after_stamp, zero, padding = (12, 1, 3) if is_cdr else (12, 0, 0)
+    zero, padding = (1, 3) if is_cdr else (0, 0)
 
     def read(data: bytes) -> Any:
         length = lengths[data[1] if is_cdr else 1]
-        at = after_stamp + 4 + length(data, after_stamp)[0]
+
+        def text(at: int) -> Tuple[bytes, int]:
+            begin = at + (-at & padding) + 4
+            end = begin + length(data, begin - 4)[0]
+            return data[begin : end - zero], end
+
+        _, at = text(12)
         at += -at & padding
         count = length(data, at)[0]
         if count > MOST_ELEMENTS:
@@ -66,26 +72,18 @@ def _reader(pattern: str, *, is_cdr: bool) -> Getter:
         found = Elements()
         for _ in range(count):
             level = data[at]
-            at += 1
-            begin = at + (-at & padding) + 4
-            at = begin + length(data, begin - 4)[0]
-            name = data[begin : at - zero].decode("utf-8", "replace")
-            begin = at + (-at & padding) + 4
-            at = begin + length(data, begin - 4)[0]
-            message = data[begin : at - zero]
-            at += -at & padding
-            at += 4 + length(data, at)[0]  # hardware_id
+            raw_name, at = text(at + 1)
+            message, at = text(at)
+            _, at = text(at)  # hardware_id
             at += -at & padding
             values = length(data, at)[0]
             at += 4
+            name = raw_name.decode("utf-8", "replace")
             is_own = is_own_status(name, ())
             for _ in range(values):
-                begin = at + (-at & padding) + 4
-                at = begin + length(data, begin - 4)[0]
-                if data[begin : at - zero] == _OWN:
-                    is_own = True
-                at += -at & padding
-                at += 4 + length(data, at)[0]
+                key, at = text(at)
+                is_own = is_own or key == _OWN
+                _, at = text(at)
             if not is_own and matches_pattern(name, pattern):
                 signed = level if is_cdr or level < 128 else level - 256
                 found.append((name, DriverStatus(signed, message.decode("utf-8", "replace"))))

@@ -5,10 +5,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import partial
+import math
+from collections import deque
 from itertools import islice
-from typing import Callable, Container, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
+from typing import Callable, Container, Deque, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
 
 from ..values.formatting import list_text, printable
 from ..values.names import canonical_type
@@ -32,14 +32,6 @@ _FAR = 3
 _MOST_GONE = 3
 
 
-@dataclass
-class _Known:
-    """What is known about one topic."""
-
-    asked_s: float = float("-inf")
-    text: Optional[str] = None
-
-
 class Hints:
     """Answers of a middleware by topic and type; each is looked up at most every 10 s, and 20 at once at most."""
 
@@ -51,29 +43,25 @@ class Hints:
         """
         self._look_up = look_up
         self._clock = clock
-        self._known: Dict[Tuple[str, str], _Known] = {}
-        self._burst_s = float("-inf")
-        self._burst = 0
+        self._known: Dict[Tuple[str, str], Tuple[float, Optional[str]]] = {}
+        """By topic and type: when it was looked up, and the answer."""
+        self._latest_s: Deque[float] = deque(maxlen=_MOST_PER_BURST)
 
     def get(self, topic: str, type_name: str) -> Optional[str]:
         """Returns the latest answer; begins to look it up again if it is older than 10 s."""
-        now_s = self._clock()
-        known = self._known.get((topic, type_name))
-        # One that was not asked for meanwhile belongs to an earlier silence.
-        if known is None or not 0.0 <= now_s - known.asked_s < 2.0 * _PERIOD_S:
+        now_s, key = self._clock(), (topic, type_name)
+        asked_s, text = self._known.get(key, (-math.inf, None))
+        if not 0.0 <= now_s - asked_s < 2.0 * _PERIOD_S:
+            text = None  # of an earlier silence
+        is_burst = len(self._latest_s) == _MOST_PER_BURST and 0.0 <= now_s - self._latest_s[0] < _BURST_S
+        if not (is_burst or 0.0 <= now_s - asked_s < _PERIOD_S):
             if len(self._known) >= _MOST_KNOWN:
                 self._known.clear()
-            known = self._known[topic, type_name] = _Known()
-        if now_s - known.asked_s >= _PERIOD_S and self._may_look_up(now_s):
-            known.asked_s = now_s
-            self._look_up(topic, type_name, partial(setattr, known, "text"))
-        return known.text
-
-    def _may_look_up(self, now_s: float) -> bool:
-        if not 0.0 <= now_s - self._burst_s < _BURST_S:
-            self._burst_s, self._burst = now_s, 0
-        self._burst += 1
-        return self._burst <= _MOST_PER_BURST
+            self._latest_s.append(now_s)
+            self._known[key] = now_s, text
+            self._look_up(topic, type_name, lambda found: self._known.update({key: (now_s, found)}))
+            _, text = self._known[key]
+        return text
 
 
 def explain(

@@ -9,18 +9,19 @@ from __future__ import annotations
 
 import contextlib
 import math
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, Callable, Collection, Dict, Iterable, List, Mapping, NamedTuple, Optional, Tuple, Union
 
 from ..messages.dialect import Message
+from ..messages.raw_messages import RawFormat, json_format
 from ..messages.standard_messages import check_type, definition
 from ..values.errors import ConfigError, ServiceError
-from ..values.names import split_type_name
+from ..values.names import full_name, split_type_name
 from .graph import Counts, GraphCallback, Wanted, count, state_of
 from .hints import Answer, explain, similar_topics
 from .mapping_node import CLOCK, MappingNode, MappingSubscription, RawSubscription
-from .middleware import Callback, Graph, NodeInfo, RawCallback, RawFormat, Severity
-from .raw_messages import json_format
+from .middleware import Callback, Graph, NodeInfo, RawCallback, Severity
 from .timers import ClockTimer
 
 
@@ -31,6 +32,19 @@ class LogLine(NamedTuple):
     node: str
     severity: Severity
     text: str
+
+
+_Deliver = Callable[[Message], None]
+
+
+@dataclass
+class _Topic:
+    """What a bus knows of a topic."""
+
+    type_name: str = ""
+    publisher: str = ""
+    """The node that published last."""
+    listeners: List[_Deliver] = field(default_factory=list)
 
 
 class LocalBus:
@@ -54,13 +68,10 @@ class LocalBus:
         self.wall_time_s: Callable[[], float] = wall_time_s or (lambda: self.now_s)
         self.log_lines: List[LogLine] = []
         self._on_log: List[Callable[[LogLine], None]] = [on_log or self.log_lines.append]
-        self.types: Dict[str, str] = {}
-        """Type name per topic, of topics that are advertised or subscribed to."""
         self.nodes: List[LocalMiddleware] = []
         """The nodes that are not closed."""
-        self._last_publishers: Dict[str, str] = {}
-        """The node that published on each topic last."""
-        self._listeners: Dict[str, List[Callable[[Message], None]]] = {}
+        self._topics: Dict[str, _Topic] = {}
+        """Those that are advertised or subscribed to."""
         self._services: Dict[str, Tuple[str, Callable[[Message], Message]]] = {}
         """Type and handler of each service."""
 
@@ -83,9 +94,7 @@ class LocalBus:
         `parameters` is its configuration, nested as in the file under `ros__parameters`. `remap` maps names as the node
         uses them (relative or absolute) to the names to use instead. With `use_sim_time`, its time is that of `/clock`.
         """
-        namespace = namespace.strip("/")
-        full_name = f"/{namespace}/{name}" if namespace else f"/{name}"
-        node = LocalMiddleware(self, full_name, parameters or {}, remap or {}, use_sim_time)
+        node = LocalMiddleware(self, full_name(name, namespace), parameters or {}, remap or {}, use_sim_time)
         self.nodes.append(node)
         return node
 
@@ -104,20 +113,19 @@ class LocalBus:
         for node in self.nodes:
             subscribed = tuple(subscription.topic for subscription in node._subscriptions)
             nodes[node.name] = NodeInfo(tuple(node._advertised), subscribed, tuple(node._services))
-        used = {topic for node in nodes.values() for topic in (*node.publishes, *node.subscribes)}
-        topics = {topic: type_name for topic, type_name in self.types.items() if topic in used}
+        topics = {name: topic.type_name for name, topic in self._topics.items() if topic.type_name}
         services = {service: type_name for service, (type_name, _) in self._services.items()}
         return Graph(topics, services, nodes)
 
     def next_due_s(self) -> Optional[float]:
         """Returns when the next timer is due, in s; None without timers."""
-        due_s = min(map(_next_due_s, self.nodes), default=math.inf)
+        due_s = min((node.next_steady_s() for node in self.nodes), default=math.inf)
         return None if due_s == math.inf else due_s
 
     def run_due(self, now_s: float) -> None:
         """Moves time to `now_s` and calls every timer that is due, once; if time goes back, every period restarts."""
         self._now_s = now_s
-        for node in sorted(self.nodes, key=_next_due_s):
+        for node in sorted(self.nodes, key=LocalMiddleware.next_steady_s):
             node.run_steady_timers()
 
     def run_until(self, now_s: float) -> None:
@@ -139,21 +147,21 @@ class LocalBus:
         _, handler = self._services[service]
         return handler(request or {})
 
-    def _add_listener(self, topic: str, deliver: Callable[[Message], None], *, is_first: bool = False) -> None:
-        listeners = self._listeners.setdefault(topic, [])
-        listeners.insert(0 if is_first else len(listeners), deliver)
+    def _topic(self, name: str, type_name: str) -> _Topic:
+        """Returns a topic, which begins to be known; its type is the first one that is not empty."""
+        topic = self._topics.setdefault(name, _Topic())
+        topic.type_name = topic.type_name or type_name
+        return topic
 
-    def _remove_listener(self, topic: str, deliver: Callable[[Message], None]) -> None:
-        self._listeners[topic].remove(deliver)
+    def _remove_listener(self, topic: str, deliver: _Deliver) -> None:
+        self._topics[topic].listeners.remove(deliver)
         self._forget_unused([topic])
 
     def _forget_unused(self, topics: Iterable[str]) -> None:
         """Forgets topics without publishers and subscribers: the clients of a server may invent any number of names."""
         for topic in topics:
-            if not self._listeners.get(topic) and not any(topic in node._advertised for node in self.nodes):
-                self._listeners.pop(topic, None)
-                self.types.pop(topic, None)
-                self._last_publishers.pop(topic, None)
+            if not self._topics[topic].listeners and not any(topic in node._advertised for node in self.nodes):
+                del self._topics[topic]
 
 
 class LocalMiddleware(MappingNode):
@@ -166,16 +174,16 @@ class LocalMiddleware(MappingNode):
         clocks: Dict[str, Callable[[], float]] = {"clock": lambda: bus.now_s, "wall_clock": lambda: bus.wall_time_s()}
         super().__init__(name, parameters, remap, **clocks, use_sim_time=use_sim_time)
         self._bus = bus
-        self._subscriptions: List[Union[MappingSubscription, RawSubscription]] = []
+        self._subscriptions: List[Any] = []
         self._services: List[str] = []
         self._latched: Dict[str, Optional[Message]] = {}
         if use_sim_time:
-            bus._add_listener(CLOCK, self.take_clock)
+            bus._topic(CLOCK, "").listeners.append(self.take_clock)
 
     def advertise(self, topic: str, type_name: str, *, latched: bool = False) -> str:
         resolved = self.resolve(topic)
         check_type(type_name)
-        self._bus.types.setdefault(resolved, type_name)
+        self._bus._topic(resolved, type_name)
         self._advertised[resolved] = type_name
         if latched:
             self._latched.setdefault(resolved, None)
@@ -186,12 +194,13 @@ class LocalMiddleware(MappingNode):
         transported = self.transported(self._advertised[resolved], message)
         if resolved in self._latched:
             self._latched[resolved] = transported
-        self._bus._last_publishers[resolved] = self.name
-        for deliver in tuple(self._bus._listeners.get(resolved, ())):
+        topic_there = self._bus._topics[resolved]
+        topic_there.publisher = self.name
+        for deliver in tuple(topic_there.listeners):
             deliver(transported)
 
     def has_listeners(self, topic: str) -> bool:
-        return bool(self._bus._listeners.get(self.require_advertised(topic)))
+        return bool(self._bus._topics[self.require_advertised(topic)].listeners)
 
     def subscribe(
         self, topic: str, type_name: str, callback: Callback, *, field: Optional[str] = "", latched: bool = False
@@ -212,7 +221,8 @@ class LocalMiddleware(MappingNode):
         published = {name: kind for node in self._bus.nodes for name, kind in node._advertised.items()}
         own = {*self._advertised, *(subscription.topic for subscription in self._subscriptions)}
         types = [published[topic]] if topic in published else []
-        gone = {self._bus._last_publishers.get(topic, self.name)}.difference(node.name for node in self._bus.nodes)
+        last = self._bus._topics.get(topic, _Topic()).publisher
+        gone = {last}.difference(["", *(node.name for node in self._bus.nodes)])
         answer(explain(topic, type_name, types, similar_topics(topic, type_name, published, own), gone))
 
     def graph_name(self, key: str, name: str) -> str:
@@ -259,7 +269,7 @@ class LocalMiddleware(MappingNode):
         return self._bus.call_service(self.resolve(service), request)
 
     def type_of(self, topic: str) -> str:
-        return self._bus.types.get(topic, "")
+        return self._bus._topics.get(topic, _Topic()).type_name
 
     def topic_types(self) -> Mapping[str, str]:
         return self._bus.graph().topics
@@ -272,11 +282,10 @@ class LocalMiddleware(MappingNode):
         self.faults.guard("log", self._bus.log, LogLine(self._bus.now_s, self.name, severity, text))
 
     def _add(self, subscription: Union[MappingSubscription, RawSubscription], type_name: str) -> None:
-        if type_name:
-            self._bus.types.setdefault(subscription.topic, type_name)
+        topic = self._bus._topic(subscription.topic, type_name)
         # What is captured comes first: its time must not include that which an alert takes.
         is_first = isinstance(subscription, RawSubscription)
-        self._bus._add_listener(subscription.topic, subscription.deliver, is_first=is_first)
+        topic.listeners.insert(0 if is_first else len(topic.listeners), subscription.deliver)
         self._subscriptions.append(subscription)
 
     def close(self) -> None:
@@ -294,8 +303,3 @@ class LocalMiddleware(MappingNode):
         self._bus.nodes.remove(self)
         self._bus._forget_unused(self._advertised)
         self._advertised.clear()
-
-
-def _next_due_s(node: LocalMiddleware) -> float:
-    due_s = node.next_steady_s()
-    return math.inf if due_s is None else due_s

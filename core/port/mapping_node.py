@@ -13,18 +13,18 @@ from typing import Any, Callable, Collection, Dict, List, Mapping, Optional, Pro
 from ..config.parameters import Parameter
 from ..messages.dialect import Message
 from ..messages.mapping_field import MISSING, MappingField
+from ..messages.raw_messages import RawFormat, json_bytes, json_format
 from ..messages.standard_messages import check_type, complete, definition, is_stamped
-from ..values.elements import STAMP_LIMIT
+from ..values.elements import Stamp
 from ..values.errors import ConfigError, MessageError, ServiceError
 from ..values.faults import Faults
-from ..values.field_path import ABSENT
+from ..values.field_path import ABSENT, mapping_getter
 from ..values.formatting import printable
 from ..values.names import resolve_name
 from .graph import GraphCallback, Wanted
 from .hints import Answer, Hints
 from .log_limit import LimitedLog
-from .middleware import Callback, OnChange, RawCallback, RawFormat, Result, Severity, Timer
-from .raw_messages import json_bytes, json_format
+from .middleware import Callback, OnChange, RawCallback, Result, Severity, Timer
 from .timers import ClockTimer, ClockTimers
 
 CLOCK = "/clock"
@@ -45,7 +45,20 @@ class Delivery(Protocol):
     callback: Callback
 
 
-class MappingSubscription(MappingField):
+class _Logging:
+    """A subscription that logs once why messages cannot be read."""
+
+    topic: str
+    _node: MappingNode
+    _has_failed = False
+
+    def _log_once(self, text: str) -> None:
+        if not self._has_failed:
+            self._has_failed = True
+            self._node.failures.write(self.topic, Severity.ERROR, printable(text))
+
+
+class MappingSubscription(_Logging, MappingField):
     """A subscription that reads one field from messages that are mappings. Implements `middleware.Subscription`."""
 
     def __init__(self, node: MappingNode, topic: str, type_name: str, field: Optional[str], callback: Callback) -> None:
@@ -55,34 +68,28 @@ class MappingSubscription(MappingField):
         """False once it has ended."""
         self.callback = callback
         self._node = node
-        self._has_failed = False
 
     def deliver(self, message: Message) -> None:
         """Passes a message's value to the node, with the time."""
         try:
-            value = self._get(message)
+            value = self.read(message)
         except MISSING:
             self._log_missing(message)
             value = ABSENT
-        if type(value) is not float:
-            value = self._as_elsewhere(value)
         self._node.call_back(self, value)
 
     def known_type(self) -> str:
         return self._type_name or self._node.type_of(self.topic)
 
     def _log_missing(self, message: Message) -> None:
-        if not self._has_failed:
-            self._has_failed = True
-            type_name = self.known_type()
-            shown = f"{self.topic} ({type_name})" if type_name else self.topic
-            available = ", ".join(list(message)[:_MAX_FIELDS_SHOWN])[:_MAX_TEXT]
-            lacks = f"does not have all of {self._field}" if self.is_filtered else f"has no field {self._field}"
-            text = f"{shown} {lacks}; available: {available}"
-            self._node.failures.write(self.topic, Severity.ERROR, printable(text))
+        type_name = self.known_type()
+        shown = f"{self.topic} ({type_name})" if type_name else self.topic
+        available = ", ".join(list(message)[:_MAX_FIELDS_SHOWN])[:_MAX_TEXT]
+        lacks = f"does not have all of {self._field}" if self.is_filtered else f"has no field {self._field}"
+        self._log_once(f"{shown} {lacks}; available: {available}")
 
 
-class RawSubscription:
+class RawSubscription(_Logging):
     """A subscription that gets messages, which are mappings, as JSON. Implements `middleware.Subscription`."""
 
     def __init__(self, node: MappingNode, topic: str, type_name: str, callback: RawCallback) -> None:
@@ -95,7 +102,6 @@ class RawSubscription:
         self.callback: Callback = callback
         self._node = node
         self._type_name = type_name
-        self._has_failed = False
 
     def deliver(self, message: Message) -> None:
         """Passes a message as JSON to the node, with its format, once this is known."""
@@ -105,10 +111,7 @@ class RawSubscription:
         try:
             item = json_bytes(message), found
         except (MessageError, TypeError, ValueError, RecursionError) as error:
-            if not self._has_failed:
-                self._has_failed = True
-                text = f"{self.topic}: a message is not recorded: {error}"
-                self._node.failures.write(self.topic, Severity.ERROR, printable(text))
+            self._log_once(f"{self.topic}: a message is not recorded: {error}")
             return
         self._node.call_back(self, item)
 
@@ -210,8 +213,8 @@ class MappingNode(abc.ABC):
             (self._sim_timers if on_sim_time else self._steady_timers).add(timer)
         return timer
 
-    def next_steady_s(self) -> Optional[float]:
-        """Returns when the next timer on steady time is due, in s; None without such timers."""
+    def next_steady_s(self) -> float:
+        """Returns when the next timer on steady time is due, in s; infinity without such timers."""
         with self._lock:
             return self._steady_timers.next_s()
 
@@ -219,8 +222,8 @@ class MappingNode(abc.ABC):
         """Calls the timers that are due on steady time."""
         self._run_due(self._steady_timers, self.steady_s())
 
-    def take_clock(self, message: Message) -> None:
-        """Processes a message of /clock; call for every one of them under `use_sim_time`."""
+    def take_clock(self, message: Message, arrived_s: float = 0.0) -> None:
+        """Processes a message of /clock, as a callback; call for every one of them under `use_sim_time`."""
         now_s = read_clock(message)
         if now_s is not None:
             self.set_sim_time(now_s)
@@ -298,11 +301,8 @@ class MappingNode(abc.ABC):
         with self._lock:
             if self._sim_time_s == 0.0 and subscription is not self._clock_subscription:
                 self._waiting = [*self._waiting[1 - _MAX_WAITING :], (subscription, value)]
-            elif subscription.active and not self.closed:
-                try:
-                    subscription.callback(value, self.now_s())
-                except Exception as error:
-                    self.log_failure(error)
+            elif subscription.active:
+                self.call(subscription.callback, value, self.now_s())
 
     def answer(self, handler: Callable[[Message], Message], request: Message) -> Message:
         """Calls a service's handler under the node's lock; raises ServiceError if the node is closed or it raised."""
@@ -334,12 +334,8 @@ class MappingNode(abc.ABC):
 
 def read_clock(message: Message) -> Optional[float]:
     """Returns the time of a rosgraph_msgs/Clock in s, with the stamp of ROS 1 or ROS 2; None if it is not valid."""
-    stamp = message.get("clock")
-    if not isinstance(stamp, Mapping):
-        return None
-    seconds = stamp.get("secs", stamp.get("sec"))
-    nanoseconds = stamp.get("nsecs", stamp.get("nanosec", 0))
-    for part in (seconds, nanoseconds):
-        if isinstance(part, bool) or not isinstance(part, (int, float)) or not 0 <= part < STAMP_LIMIT:
-            return None
-    return float(seconds + nanoseconds / 1e9)
+    stamp = _clock_of(message) if "clock" in message else None
+    return float(stamp) if type(stamp) is Stamp else None
+
+
+_clock_of = mapping_getter("clock")

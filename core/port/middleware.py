@@ -28,26 +28,12 @@ from typing import Any, Callable, Collection, Mapping, NamedTuple, Optional, Pro
 
 from ..config.parameters import Parameter
 from ..messages.dialect import Message
+from ..messages.raw_messages import RawFormat
 from ..values.faults import Faults
 from .graph import GraphCallback, Wanted
 
 Callback = Callable[[Any, float], None]
 """Receives a value and the time of its arrival, in s."""
-
-
-class RawFormat(NamedTuple):
-    """The form of messages as bytes, in the words of MCAP (mcap.dev/spec/registry)."""
-
-    message_encoding: str
-    """`ros1`, `cdr` or `json`."""
-    schema_name: str
-    """The type: `pkg/Type`, of ROS 2 `pkg/msg/Type`."""
-    schema_encoding: str
-    """`ros1msg`, `ros2msg`, `jsonschema`; from a recording also `ros2idl`."""
-    schema: str
-    """The definition of the type with those that it contains; empty if it is not known."""
-    profile: str
-    """`ros1` or `ros2`; empty for JSON."""
 
 
 RawMessage = Tuple[bytes, RawFormat]

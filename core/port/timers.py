@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from operator import attrgetter
-from typing import Callable, List, Optional
+from typing import Callable, List
 
 
 class PeriodicSchedule:
@@ -69,9 +69,9 @@ class ClockTimers:
         for timer in self._timers:
             timer.restart(now_s)
 
-    def next_s(self) -> Optional[float]:
-        """Returns when the next timer is due, in s; None without timers."""
-        return min([timer.due_s for timer in self._running()], default=None)
+    def next_s(self) -> float:
+        """Returns when the next timer is due, in s; infinity without timers."""
+        return min([timer.due_s for timer in self._running()], default=math.inf)
 
     def take_due(self, now_s: float) -> List[ClockTimer]:
         """Returns the timers that are due, earliest first, each once. If time went back, all periods restart."""

@@ -15,7 +15,7 @@ from __future__ import annotations
 import base64
 import re
 from functools import lru_cache
-from operator import itemgetter
+from operator import getitem, itemgetter
 from typing import Any, Callable, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Tuple, Union
 
 from .elements import (
@@ -165,10 +165,7 @@ def steps_getter(steps: Sequence[Step]) -> Getter:
     """Returns a function that reads a path which is split into steps, as `mapping_getter`."""
     if not steps:
         return lambda message: message
-    if not isinstance(steps[0], str):
-        get = _bind(steps)
-        return lambda message: get([message])
-    if len(steps) == 1:
+    if len(steps) == 1 and isinstance(steps[0], str):
         read = itemgetter(steps[0])
 
         def get_field(message: Any) -> Any:
@@ -176,7 +173,7 @@ def steps_getter(steps: Sequence[Step]) -> Getter:
             return _whole(value) if type(value) is dict else value
 
         return get_field
-    return _bind(steps)
+    return bind_steps(steps, _MAPPINGS, _whole if isinstance(steps[-1], str) else _element_value)
 
 
 def key_field(fields: Iterable[str]) -> Optional[str]:
@@ -198,21 +195,22 @@ def number_of_text(text: Any) -> Any:
         return text
 
 
-def named_element(elements: Sequence[Any], names: Sequence[str], key: str, array: str, names_array: str) -> Any:
-    """Returns the element at the place of a name in the array beside; ABSENT for an empty array: not measured."""
+def named_element(elements: Sequence[Any], names: Sequence[Any], key: str, array: str, place: str) -> Any:
+    """Returns the element with a name; ABSENT for an empty array: not measured. `place` is that of the names."""
     if len(elements) != len(names):
-        return unequal(array, names_array, len(elements), len(names)) if len(elements) else ABSENT
-    try:
-        return elements[names.index(key)]
-    except ValueError:
-        return _unnamed_among(names, names_array) or ABSENT
+        return unequal(array, place, len(elements), len(names)) if len(elements) else ABSENT
+    return elements[names.index(key)] if key in names else _unnamed_among(names, place) or ABSENT
 
 
-def named_elements(elements: Sequence[Any], names: Sequence[Any], place: str, pattern: str, read: Getter) -> Any:
+def named_elements(
+    elements: Sequence[Any], names: Sequence[Any], array: str, place: str, pattern: str, read: Getter
+) -> Any:
     """Returns the values of the elements whose names match; ABSENT if there are none. `place` is that of the names.
 
     `read` returns ABSENT for an element that is left out.
     """
+    if len(elements) != len(names):
+        return unequal(array, place, len(elements), len(names)) if len(elements) else ABSENT
     if len(elements) > MOST_ELEMENTS:
         return too_many(len(elements))
     chosen = ((name, element) for name, element in zip(names, elements) if matches_pattern(name, pattern))
@@ -232,63 +230,68 @@ def numbered_elements(elements: Sequence[Any], read: Optional[Getter]) -> Any:
 
 def _read_all(elements: Iterable[Tuple[str, Any]], read: Getter) -> Elements:
     """Reads the rest of the path from each element; those that lack a keyed element there are left out."""
-    found = Elements()
-    for name, element in elements:
-        try:
-            value = read(element)
-        except IndexError:
-            value = None
-        if value is not ABSENT:
-            found.append((name, value))
-    return found
+    values = ((name, read(element)) for name, element in elements)
+    return Elements((name, value) for name, value in values if value is not ABSENT)
 
 
-def _bind(steps: Sequence[Step]) -> Getter:
+class Access(NamedTuple):
+    """How the fields of messages are read, which are mappings or objects."""
+
+    get: Callable[[Any, str], Any]
+    """Returns a field of a message by its name."""
+    fields: Callable[[Any], Mapping[str, Any]]
+    """Returns a mapping with the names of the fields of a message; empty for other values."""
+    listed: Callable[[Any], Sequence[Any]]
+    """Returns an array."""
+
+
+def bind_steps(steps: Sequence[Step], access: Access, finish: Getter) -> Getter:
+    """Returns a function that reads a path which is not empty, as `mapping_getter`.
+
+    `finish` returns the value of what the path leads to; numbers without a name are passed on without it.
+    """
     at = next((number for number, step in enumerate(steps) if isinstance(step, Every)), len(steps))
     before, after = steps[:at], steps[at + 1 :]
     every: Any = steps[at] if at < len(steps) else None
-    read = _element_reader(after)
+    read = _element_reader(after, access, finish)
 
     def get(message: Any) -> Any:
         above: Any = None
         array = ""
         for step in before:
             if isinstance(step, str):
-                above, array, message = message, step, message[step]
+                above, array, message = message, step, access.get(message, step)
             elif isinstance(step, int):
-                elements = _listed(message)
+                elements = access.listed(message)
                 if step >= len(elements):
                     return None
                 above, message = None, elements[step]
             else:
-                message = _keyed(_listed(message), step.key, above, array)  # type: ignore[union-attr]
+                elements = access.listed(message)
+                names, place = _names_of(elements, above, array, access)
+                key = step.key  # type: ignore[union-attr]
+                message = named_element(elements, names, key, array, place)
                 if message is ABSENT or type(message) is BadDatum:
                     return message
                 above = None
         if every is None:
-            return _whole(message) if isinstance(steps[-1], str) else _element_value(message)
-        elements = _listed(message)
+            return finish(message)
+        elements = access.listed(message)
         if every.pattern is None:
-            is_plain = not after and elements and type(elements[0]) not in (dict, list)
+            is_plain = not after and len(elements) and type(elements[0]) in (int, float)
             return numbered_elements(elements, None if is_plain else read)
-        beside = _names_beside(elements, above, array)
-        if beside is None:
-            names = [element[key_field(element)] for element in elements]
-            return named_elements(elements, names, array, every.pattern, read)
-        names = above[beside]
-        if len(names) != len(elements):
-            return unequal(array, beside, len(elements), len(names)) if elements else ABSENT
-        return named_elements(elements, names, beside, every.pattern, read)
+        names, place = _names_of(elements, above, array, access)
+        return named_elements(elements, names, array, place, every.pattern, read)
 
-    return get
+    return get if isinstance(steps[0], str) else lambda message: get([message])
 
 
-def _element_reader(steps: Sequence[Step]) -> Getter:
+def _element_reader(steps: Sequence[Step], access: Access, finish: Getter) -> Getter:
     """Returns a function that reads the rest of a path from one of several elements."""
-    read_rest = _bind(steps) if steps else _element_value
+    read_rest = bind_steps(steps, access, finish) if steps else finish
 
     def read(element: Any) -> Any:
-        if type(element) is dict and _is_own(element):
+        if _is_own(element, access):
             return ABSENT
         value = read_rest(element)
         return NOT_A_NUMBER if type(value) in (dict, list) else value
@@ -296,13 +299,28 @@ def _element_reader(steps: Sequence[Step]) -> Getter:
     return read
 
 
-def _is_own(element: Any) -> bool:
+def _is_own(element: Any, access: Access) -> bool:
     """Returns whether an element is a status of this package's nodes."""
-    if not element.keys() >= _STATUS_FIELDS:
+    fields = access.fields(element).keys()
+    if not fields >= _STATUS_FIELDS:
         return False
-    values = element.get("values")
+    values = access.get(element, "values") if "values" in fields else ()
     pairs = values if isinstance(values, list) else ()
-    return is_own_status(element["name"], (pair.get("key") for pair in pairs if type(pair) is dict))
+    keys = (access.get(pair, "key") for pair in pairs if "key" in access.fields(pair))
+    return is_own_status(access.get(element, "name"), keys)
+
+
+def _names_of(elements: Sequence[Any], above: Any, array: str, access: Access) -> Tuple[Sequence[Any], str]:
+    """Returns the names of elements, their own or those in an array beside `array` in the message above, and its name.
+
+    Its own name is that of the array.
+    """
+    own = key_field(access.fields(elements[0])) if len(elements) else None
+    if own is None:
+        for name in NAME_ARRAYS:
+            if name != array and name in access.fields(above) and isinstance(access.get(above, name), list):
+                return access.get(above, name), name
+    return [access.get(element, own) for element in elements], array  # type: ignore[arg-type]
 
 
 def _listed(message: Any) -> Sequence[Any]:
@@ -317,20 +335,7 @@ def _listed(message: Any) -> Sequence[Any]:
         raise TypeError("a text has no elements") from None
 
 
-def _keyed(elements: Sequence[Any], key: str, above: Any, array: str) -> Any:
-    """Returns the element with a name: its own, or that in the array of names beside `array` in the message above."""
-    beside = _names_beside(elements, above, array)
-    if beside is not None:
-        return named_element(elements, above[beside], key, array, beside)
-    names = [element.get(key_field(element)) for element in elements]
-    return elements[names.index(key)] if key in names else _unnamed_among(names, array) or ABSENT
-
-
-def _names_beside(elements: Sequence[Any], above: Any, array: str) -> Optional[str]:
-    """Returns the field above that has the names of elements without a name of their own; None if there is none."""
-    if above is None or (elements and isinstance(elements[0], Mapping) and key_field(elements[0])):
-        return None
-    return next((name for name in NAME_ARRAYS if name != array and isinstance(above.get(name), list)), None)
+_MAPPINGS = Access(getitem, lambda value: value if type(value) is dict else {}, _listed)
 
 
 def _element_value(element: Any) -> Any:

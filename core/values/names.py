@@ -29,6 +29,15 @@ def is_namespace(text: str) -> bool:
     return _NAMESPACE.fullmatch(text) is not None
 
 
+def full_name(name: str, namespace: str) -> str:
+    """Returns the name of a node in a namespace such as `robot1`, `/fleet/robot1` or, empty, in none.
+
+    >>> full_name("alert_system", "robot1/")
+    '/robot1/alert_system'
+    """
+    return "/".join(["", *filter(None, [namespace.strip("/")]), name])
+
+
 def resolve_name(name: str, node_name: str) -> str:
     """Resolves a ROS graph name against the fully qualified `node_name`.
 

@@ -8,9 +8,10 @@ from typing import Callable, Collection, Dict, Iterator, List, Mapping, Optional
 
 from ...core.config.monitor_config import MonitorConfig
 from ...core.config.signal_config import LINK
+from ...core.messages.raw_messages import RawFormat
 from ...core.port.log_limit import LimitedLog
 from ...core.port.mapping_node import CLOCK, CLOCK_TYPE
-from ...core.port.middleware import Middleware, RawFormat, RawMessage, Severity, Subscription
+from ...core.port.middleware import Middleware, RawMessage, Severity, Subscription
 from ...core.values.errors import ConfigError
 from ...core.values.formatting import printable
 from ...core.values.names import canonical_type

@@ -7,7 +7,7 @@ import os
 import struct
 from typing import IO, Any, Dict, Iterable, Iterator, Mapping, Sequence, Tuple
 
-from ...core.port.middleware import RawFormat
+from ...core.messages.raw_messages import RawFormat
 from ...core.values.version import package_version
 from .ring import Channel, Message
 

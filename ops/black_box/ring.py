@@ -15,7 +15,7 @@ from collections import OrderedDict, deque
 from typing import Deque, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 from ...core.judge.saved_state import SavedSignal
-from ...core.port.middleware import RawFormat
+from ...core.messages.raw_messages import RawFormat
 
 OVERHEAD_BYTES = 180
 """Memory of a message besides its data: the tuple, the number, the head of the bytes, its place in a list."""

@@ -6,9 +6,10 @@ import asyncio
 import concurrent.futures
 from typing import Any, Callable, Collection, Coroutine, List, Mapping, Optional, TypeVar
 
+from ...core.messages.raw_messages import RawFormat
 from ...core.port.graph import GraphCallback, Wanted
 from ...core.port.hints import Answer
-from ...core.port.middleware import Callback, NodeInfo, RawCallback, RawFormat
+from ...core.port.middleware import Callback, NodeInfo, RawCallback
 from ...core.values.errors import LinkError, ServiceError
 from ...runtime.bridge.node import BridgeClient, BridgeNode, KnownTopic
 from .connection import ServerConnection

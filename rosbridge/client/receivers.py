@@ -6,10 +6,10 @@ from typing import Any, Optional, Union
 
 from ...core.messages.dialect import Message
 from ...core.messages.fixed_fields import Getter
+from ...core.messages.raw_messages import RawFormat
+from ...core.messages.serialized import SerializedType
 from ...core.port.mapping_node import MappingNode, MappingSubscription, RawSubscription
-from ...core.port.middleware import RawFormat
-from ...core.port.raw_messages import bytes_getter
-from ...core.values.errors import MessageError
+from ...core.values.errors import ConfigError
 from ...core.values.field_path import ABSENT
 from ...runtime.bridge.receivers import BridgeReceiver
 
@@ -48,8 +48,12 @@ class FieldReceiver(_Limited, MappingSubscription):
 
     def takes_bytes(self, raw_format: RawFormat) -> bool:
         """Prepares for serialized messages of a format; returns False if it needs decoded ones."""
-        self._get_from_bytes = _arrival if self._field is None else bytes_getter(raw_format, self._field)
-        return self._get_from_bytes is not None
+        try:
+            types = SerializedType(self.topic, raw_format)
+            self._get_from_bytes = _arrival if self._field is None else types.field_getter(self._field)
+        except ConfigError:
+            return False
+        return True
 
     def deliver_bytes(self, data: bytes) -> None:
         """Called with every serialized message, if all receivers of the topic take them: passes the field on."""
@@ -57,7 +61,7 @@ class FieldReceiver(_Limited, MappingSubscription):
             return
         try:
             value = self._get_from_bytes(data)
-        except MessageError as error:
+        except ValueError as error:
             self.note_mismatch(error)
             value = ABSENT
         self._node.call_back(self, value)

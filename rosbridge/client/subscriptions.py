@@ -11,8 +11,7 @@ import functools
 import threading
 from typing import Any, Callable, Collection, Dict, Mapping, Optional, Set, Tuple
 
-from ...core.port.middleware import RawFormat
-from ...core.port.raw_messages import json_format, ros1_format, ros2_format
+from ...core.messages.raw_messages import RawFormat, json_format, ros1_format, ros2_format
 from ...core.values.errors import LinkError, ServiceError
 from ...core.values.names import canonical_type, split_type_name
 from ..protocol import Operation, operations

@@ -31,6 +31,7 @@ from ...core.port.local import LocalBus, LogLine
 from ...core.port.mapping_node import CLOCK, CLOCK_TYPE, MappingNode
 from ...core.port.middleware import Callback, Middleware, NodeInfo, RawCallback, Severity
 from ...core.port.timers import ClockTimer
+from ...core.values.names import full_name
 from .cause import Cause
 from .connection import BridgeConnection
 from .receivers import BridgeReceiver
@@ -126,9 +127,7 @@ class BridgeClient(abc.ABC, Generic[Node]):
         reach nothing.
         """
         outputs = outputs or LocalBus().node(name, namespace=namespace, remap=remap)
-        namespace = namespace.strip("/")
-        full_name = f"/{namespace}/{name}" if namespace else f"/{name}"
-        node = self._new_node(full_name, parameters or {}, remap or {}, use_sim_time, outputs)
+        node = self._new_node(full_name(name, namespace), parameters or {}, remap or {}, use_sim_time, outputs)
         self._nodes.append(node)
         return node
 
@@ -187,11 +186,7 @@ class BridgeNode(MappingNode):
         self._wake: Optional[asyncio.TimerHandle] = None
         self._on_first_clock: List[Callable[[], None]] = []
         if use_sim_time:
-
-            def take(message: Message, now_s: float) -> None:
-                self.take_clock(message)
-
-            self._clock_subscription = self._new_receiver(CLOCK, CLOCK_TYPE, "", take)
+            self._clock_subscription = self._new_receiver(CLOCK, CLOCK_TYPE, "", self.take_clock)
             self._add(CLOCK_TYPE, self._clock_subscription)
 
     @abc.abstractmethod
@@ -302,7 +297,7 @@ class BridgeNode(MappingNode):
             self._wake.cancel()
             self._wake = None
         next_s = self.next_steady_s()
-        if next_s is not None:
+        if next_s < math.inf:
             loop = self._client.loop
             due_s = loop.time() + max(0.0, next_s - self.steady_s())
             # The nodes of many robots wake the process together.

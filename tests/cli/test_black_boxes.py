@@ -72,7 +72,7 @@ def test_a_replay_that_begins_later_does_not_use_the_states(black_box: Path) -> 
 
 
 def test_an_attachment_that_cannot_be_used_is_one_line(tmp_path: Path) -> None:
-    from robot_health_monitor.core.port.middleware import RawFormat
+    from robot_health_monitor.core.messages.raw_messages import RawFormat
     from robot_health_monitor.ops.black_box.recording_file import RecordingFile
     from robot_health_monitor.ops.black_box.ring import Channel
 

@@ -9,7 +9,7 @@ from typing import Any, Callable, List, Optional
 import pytest
 
 from robot_health_monitor.core.values.errors import ConfigError
-from robot_health_monitor.foxglove.channels import MOST_CHANNELS, Channels, Messages
+from robot_health_monitor.foxglove.channels import MOST_CHANNELS, Channels
 from robot_health_monitor.foxglove.protocol import Channel
 
 FLOAT32 = "std_msgs/msg/Float32"
@@ -33,9 +33,9 @@ class Reader:
         self.values: List[Any] = []
         self.errors: List[str] = []
 
-    def bind(self, channel: Channel, messages: Messages) -> Optional[Callable[[bytes], None]]:
+    def bind(self, channel: Channel, messages: Any) -> Optional[Callable[[bytes], None]]:
         try:
-            get = messages.getter(self.field)
+            get = messages.field_getter(self.field)
         except ConfigError as error:
             self.errors.append(str(error))
             return None
@@ -141,7 +141,7 @@ def test_channels_of_one_topic_are_bounded_and_each_is_bound_once() -> None:
     server, bound = Server(), []
 
     class Counting(Reader):
-        def bind(self, channel: Channel, messages: Messages) -> Optional[Callable[[bytes], None]]:
+        def bind(self, channel: Channel, messages: Any) -> Optional[Callable[[bytes], None]]:
             bound.append(channel.id)
             return super().bind(channel, messages)
 

@@ -9,7 +9,7 @@ import pytest
 from harness.foxglove_client import FLOAT, Server, Watched, cdr, message
 from harness.rosbridge_client import scenario, until
 
-from robot_health_monitor.core.port.middleware import RawFormat
+from robot_health_monitor.core.messages.raw_messages import RawFormat
 from robot_health_monitor.core.values.errors import ConfigError
 from robot_health_monitor.core.values.field_path import ABSENT
 

@@ -14,6 +14,7 @@ from fuzz.targets import Target, check_text, size_of
 from fuzz.work import Work
 from harness.recorded import ROS2, Recorded, definition, values, write_bag, write_folder, write_mcap
 
+from robot_health_monitor.core.messages.raw_messages import RawFormat
 from robot_health_monitor.core.proposal.candidates import Candidates, Topic
 from robot_health_monitor.core.values.errors import ConfigError
 from robot_health_monitor.recordings.decoding import type_of
@@ -62,7 +63,7 @@ class Definitions(Target):
 
     def use(self, data: Tuple[str, str, str, bytes]) -> None:
         form, encoding, text, message = data
-        types = type_of(Channel("/x", "a/T", encoding, text, form))
+        types = type_of(Channel("/x", RawFormat(encoding, "a/T", f"ros2{form}", text, "")))
         candidates = Candidates()
         candidates.add([Topic("/x", "a/T", types.definitions)])
         for field in ["", *(each.given["field"] for each in list(candidates.signals.values())[:20])]:

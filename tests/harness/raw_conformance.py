@@ -15,8 +15,9 @@ from typing import Any, Dict, List, Mapping, Tuple
 import pytest
 
 from harness.port_conformance import DIAGNOSTICS, FLOAT32, JOINTS, START_S, STATUS, Harness, Recorder, levels_to
+from robot_health_monitor.core.messages.raw_messages import RawFormat
 from robot_health_monitor.core.nodes import AlertSystem
-from robot_health_monitor.core.port.middleware import RawFormat, RawMessage
+from robot_health_monitor.core.port.middleware import RawMessage
 from robot_health_monitor.core.values.errors import ConfigError, MessageError
 from robot_health_monitor.core.values.names import canonical_type
 

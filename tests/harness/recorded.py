@@ -177,7 +177,7 @@ def read(*paths: str) -> ReadBack:
     with opened as recordings:
         targets = {channel: channel for channel in recordings.channels}
         found = []
-        for time_ns, channel, data in recordings.messages([targets] * len(paths)):
+        for time_ns, channel, data in recordings.messages(targets):
             value = type_of(channel).field_getter("data")(data) if channel.type_name == "std_msgs/Float32" else data
             found.append(Recorded((time_ns - START_NS) / 1e9, channel.topic, value))
         return ReadBack(found, recordings.problems, recordings.channels)

@@ -34,10 +34,9 @@ def change(robot: str, signal: str, to_level: Level, from_level: Level = Level.O
 
 
 def announce(history: History, robot: str, signal: str, to_level: Level, from_level: Level = Level.OK) -> None:
-    """Stores a transition as alert_system does, and waits for the writer, which a busy machine may delay."""
+    """Stores a transition as alert_system does."""
     saved = {"announced": {"level": to_level.name}}
     history.of_robot(robot).record(change(robot, signal, to_level, from_level), saved, [])
-    history.run(lambda connection: None, 60.0)
 
 
 def on_file(history: History, function: Callable[[sqlite3.Connection], object]) -> None:

@@ -10,6 +10,7 @@ import pytest
 from harness.recorded import ROS1, ROS2, definition, fields_of, random_message, serialized
 
 from robot_health_monitor.core.messages.definitions import parse_definition
+from robot_health_monitor.core.messages.raw_messages import RawFormat
 from robot_health_monitor.core.messages.serialized import Deserializer
 from robot_health_monitor.core.values.errors import ConfigError
 from robot_health_monitor.recordings.decoding import type_of
@@ -39,7 +40,7 @@ BASE, NAME = 1, 2
 
 
 def channel(encoding: str, type_name: str, text: str = "", form: str = "msg") -> Channel:
-    return Channel("/topic", type_name, encoding, text, form if text else "")
+    return Channel("/topic", RawFormat(encoding, type_name, f"ros2{form}" if text else "", text, ""))
 
 
 def numbers_in(message: Any, store: Any, prefix: str = "") -> Iterator[Tuple[str, Any]]:

@@ -31,7 +31,7 @@ def test_all_messages_are_read(tmp_path: Path, encoding: str, compression: str, 
     found = read(path)
     assert found.messages == MESSAGES
     assert found.problems == []
-    assert {channel.encoding for channel in found.channels} == {encoding}
+    assert {channel.raw_format.message_encoding for channel in found.channels} == {encoding}
 
 
 def test_an_index_of_messages_is_not_needed(tmp_path: Path) -> None:
@@ -93,7 +93,7 @@ def test_an_unknown_compression_is_one_line(tmp_path: Path) -> None:
     found = read(str(path))
     assert found.messages == []
     assert len(found.problems) == 1
-    assert "compression 'brot', expected zstd or lz4" in found.problems[0]
+    assert "compression 'brot', expected none, bz2, lz4 or zstd" in found.problems[0]
 
 
 @pytest.mark.parametrize("content", [b"", b"\x89MCAP", b"\0" * 100])

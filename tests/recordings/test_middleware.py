@@ -14,6 +14,7 @@ from harness.raw_conformance import Capture
 from harness.recorded import ROS2, START_NS, Recorded, values, write_bag, write_folder, write_mcap
 from mcap.writer import Writer
 
+from robot_health_monitor.core.messages.serialized import SerializedType
 from robot_health_monitor.core.nodes import AlertSystem
 from robot_health_monitor.core.port.local import LogLine
 from robot_health_monitor.core.port.middleware import Severity
@@ -21,7 +22,6 @@ from robot_health_monitor.core.values.errors import ConfigError, MessageError
 from robot_health_monitor.core.values.field_path import ABSENT
 from robot_health_monitor.core.values.model import Level, Transition
 from robot_health_monitor.core.values.names import canonical_type
-from robot_health_monitor.recordings import middleware
 from robot_health_monitor.recordings.middleware import Player
 from robot_health_monitor.recordings.reading import Recordings
 from robot_health_monitor.recordings.recording import RecordingError
@@ -212,18 +212,18 @@ def test_a_topic_that_is_recorded_with_another_type_delivers_nothing(tmp_path: P
 def test_only_watched_fields_are_decoded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Where only arrivals matter, messages are counted."""
     asked: List[Tuple[str, str]] = []
-    real = middleware.field_getter
+    real = SerializedType.field_getter
 
-    def counted_getter(channel: Any, field: str) -> Any:
-        get = real(channel, field)
+    def counted_getter(types: Any, field: str) -> Any:
+        get = real(types, field)
 
         def counted(data: bytes) -> Any:
-            asked.append((channel.topic, field))
+            asked.append((types._topic, field))
             return get(data)
 
         return counted
 
-    monkeypatch.setattr(middleware, "field_getter", counted_getter)
+    monkeypatch.setattr(SerializedType, "field_getter", counted_getter)
     messages = [*values("/x", [1, 2]), *values("/y", [1, 2]), *values("/z", [1, 2])]
     player = Player(Recordings([write_bag(tmp_path / "a.bag", messages)]))
     node = player.node("node", {})

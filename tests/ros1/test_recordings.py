@@ -86,7 +86,7 @@ def test_a_replay_gives_the_alerts_of_the_run(
     with Recordings([str(bag)]) as recordings:
         (channel,) = [channel for channel in recordings.channels if channel.topic == "/alerts"]
         read = type_of(channel).field_getter("")
-        announced = [(time_ns / 1e9, read(data)) for time_ns, _, data in recordings.messages([{channel: None}])]
+        announced = [(time_ns / 1e9, read(data)) for time_ns, _, data in recordings.messages({channel: None})]
         live = [(at_s, message["name"].partition(": ")[2], message["level"]) for at_s, message in announced]
         replayed: List[Any] = []
         player = Player(recordings)

@@ -109,7 +109,7 @@ def test_a_replay_gives_the_alerts_of_the_run(ros: Any, start: Any, recorder: Re
         with Recordings([recorder.write(tmp_path / storage, storage)]) as recordings:
             (channel,) = [channel for channel in recordings.channels if channel.topic == "/alerts"]
             read = type_of(channel).field_getter("")
-            announced = [(time_ns / 1e9, read(data)) for time_ns, _, data in recordings.messages([{channel: None}])]
+            announced = [(time_ns / 1e9, read(data)) for time_ns, _, data in recordings.messages({channel: None})]
             live = [(at_s, alert["name"].partition(": ")[2], alert["level"]) for at_s, alert in announced]
             replayed = replay(recordings)
         assert [alert[1:] for alert in replayed] == [alert[1:] for alert in live]

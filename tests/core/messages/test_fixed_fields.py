@@ -88,7 +88,7 @@ def test_a_time_is_read_from_the_bytes_also_behind_a_string(get: Any, body: byte
     stamp, late = get("Stamped", "stamp"), get("Stamped", "late")
     assert (type(stamp(body)), stamp(body)) == (Stamp, 1_700_000_000.25)
     assert late(body) == 5.5
-    assert get("Stamped", "stamp.sec")(body) == 1_700_000_000
+    assert get("Stamped", "stamp.sec") is None  # a part of a time needs the message
 
 
 def test_a_negative_time_in_the_bytes_is_a_bad_datum() -> None:

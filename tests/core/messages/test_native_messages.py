@@ -425,6 +425,9 @@ def test_arrays_and_their_elements_are_made_plain_as_the_dialect_has_it() -> Non
     class Foreign:
         """An array as another library has it."""
 
+        def __len__(self) -> int:
+            return 2
+
         def __getitem__(self, index: int) -> Decimal:
             return [Decimal(5), Decimal(6)][index]
 

@@ -12,31 +12,37 @@ from typing import Any, Dict, Tuple
 import pytest
 
 from robot_health_monitor.core.messages.definitions import SEQUENCE, Definition, Field
+from robot_health_monitor.core.messages.raw_messages import RawFormat
 from robot_health_monitor.core.messages.serialized import Deserializer, SerializedType, json_getter
 from robot_health_monitor.core.proposal.candidates import Candidates, Topic
 from robot_health_monitor.core.values.errors import ConfigError
 from robot_health_monitor.core.values.field_path import ABSENT, mapping_getter
 
 
+def type_of(topic: str, type_name: str, encoding: str, text: str, form: str) -> SerializedType:
+    """Returns the type of messages by its definition in .msg or .idl."""
+    return SerializedType(topic, RawFormat(encoding, type_name, f"ros2{form}", text, ""))
+
+
 def test_big_endian_messages_are_read() -> None:
-    get = SerializedType("/topic", "std_msgs/Float32", "cdr", "float32 data", "msg").field_getter("data")
+    get = type_of("/topic", "std_msgs/Float32", "cdr", "float32 data", "msg").field_getter("data")
     assert get(b"\0\0\0\0" + struct.pack(">f", 19.5)) == 19.5
 
 
 @pytest.mark.parametrize("data", [b"", b"\0", b"\0\1\0\0", b"\0\1\0\0\1\2\3", b"\0\x07\0\0" + bytes(4)])
 def test_a_message_that_does_not_match_its_type_is_a_value_error(data: bytes) -> None:
     with pytest.raises(ValueError, match="too short"):
-        SerializedType("/topic", "std_msgs/Float32", "cdr", "float32 data", "msg").field_getter("data")(data)
+        type_of("/topic", "std_msgs/Float32", "cdr", "float32 data", "msg").field_getter("data")(data)
 
 
 def test_a_string_that_is_longer_than_its_message_is_a_value_error() -> None:
-    get = SerializedType("/topic", "p/T", "ros1", "string name\nfloat32 data", "msg").field_getter("data")
+    get = type_of("/topic", "p/T", "ros1", "string name\nfloat32 data", "msg").field_getter("data")
     with pytest.raises(ValueError, match="too short"):
         get(struct.pack("<I", 2**32 - 1) + b"name")
 
 
 def test_a_deserializer_that_fails_is_a_value_error() -> None:
-    get = SerializedType("/topic", "p/T", "ros1", "float32[] data", "msg").field_getter("data[0]")
+    get = type_of("/topic", "p/T", "ros1", "float32[] data", "msg").field_getter("data[0]")
     with pytest.raises(ValueError, match="not a p/T"):
         get(struct.pack("<I", 100))
 
@@ -45,7 +51,7 @@ def test_a_type_of_the_robot_is_read_by_the_definition_in_the_recording() -> Non
     text = (
         "Cell[] cells\nCell first\nfloat64[2] pair\nuint8 state\n" + "=" * 80 + "\nMSG: my_robot/Cell\nfloat32 volts\n"
     )
-    types = SerializedType("/topic", "my_robot/Pack", "ros1", text, "msg")
+    types = type_of("/topic", "my_robot/Pack", "ros1", text, "msg")
     data = struct.pack("<I2ffddB", 2, 3.5, 3.75, 4.0, 1.0, 2.0, 7)
     assert types.field_getter("cells[1].volts")(data) == 3.75
     assert types.field_getter("first.volts")(data) == 4.0
@@ -70,7 +76,7 @@ def ros1_strings(*texts: str) -> bytes:
 
 
 def test_the_interfaces_of_a_dynamic_joint_state_are_read_by_joint_and_name() -> None:
-    types = SerializedType("/topic", "control_msgs/DynamicJointState", "ros1", DYNAMIC_JOINT_STATE, "msg")
+    types = type_of("/topic", "control_msgs/DynamicJointState", "ros1", DYNAMIC_JOINT_STATE, "msg")
     data = struct.pack("<III", 7, 1_700_000_000, 500_000_000) + struct.pack("<I", 0)
     data += ros1_strings("wheel_left", "arm") + struct.pack("<I", 2)
     data += ros1_strings("position", "effort") + struct.pack("<I2d", 2, 0.5, 7.5)
@@ -93,7 +99,7 @@ def test_a_frame_is_selected_by_its_child_frame_id(encoding: str) -> None:
     if encoding == "ros1":
         parts = [struct.pack("<I", len(name)) + name.encode() + struct.pack("<d", x) for name, x in frames]
         message = struct.pack("<I", 3) + b"".join(parts)
-    types = SerializedType("/tf", "my_robot/Tree", "ros1", text, "msg")
+    types = type_of("/tf", "my_robot/Tree", "ros1", text, "msg")
     getter = mapping_getter if encoding == "mapping" else types.field_getter
     assert getter('transforms["camera"].x')(message) == 2.5
     assert getter('transforms["map"].x')(message) is ABSENT
@@ -102,18 +108,18 @@ def test_a_frame_is_selected_by_its_child_frame_id(encoding: str) -> None:
 
 
 def test_an_array_of_one_number_is_an_array() -> None:
-    types = SerializedType("/topic", "p/T", "ros1", "float64[1] data\nint8 after", "msg")
+    types = type_of("/topic", "p/T", "ros1", "float64[1] data\nint8 after", "msg")
     data = struct.pack("<db", 1.5, -3)
     assert types.field_getter("data[0]")(data) == 1.5
     assert types.field_getter("after")(data) == -3
 
 
 def test_a_byte_of_ros1_is_signed_as_in_rospy() -> None:
-    assert SerializedType("/topic", "std_msgs/Byte", "ros1", "byte data", "msg").field_getter("data")(b"\xff") == -1
+    assert type_of("/topic", "std_msgs/Byte", "ros1", "byte data", "msg").field_getter("data")(b"\xff") == -1
 
 
 def test_time_stamps_have_the_spellings_of_both_middlewares() -> None:
-    types = SerializedType("/topic", "std_msgs/Header", "ros1", "uint32 seq\ntime stamp\nstring frame_id", "msg")
+    types = type_of("/topic", "std_msgs/Header", "ros1", "uint32 seq\ntime stamp\nstring frame_id", "msg")
     data = struct.pack("<IIII", 1, 100, 5, 0)
     assert types.field_getter("stamp.secs")(data) == 100
     assert types.field_getter("stamp.nanosec")(data) == 5
@@ -125,7 +131,7 @@ def test_idl_definitions_are_parsed() -> None:
         "module my_robot { module msg { struct Load { double watts; my_robot::msg::Cell cell; }; }; };\n"
         + "=" * 80 + "\nIDL: my_robot/msg/Cell\nmodule my_robot { module msg { struct Cell { float volts; }; }; };\n"
     )  # fmt: skip
-    types = SerializedType("/topic", "my_robot/Load", "cdr", text, "idl")
+    types = type_of("/topic", "my_robot/Load", "cdr", text, "idl")
     data = b"\0\1\0\0" + struct.pack("<df", 12.5, 3.5)
     assert types.field_getter("watts")(data) == 12.5
     assert types.field_getter("cell.volts")(data) == 3.5
@@ -136,7 +142,7 @@ def test_a_constant_is_that_of_the_message_that_has_the_field_or_of_the_whole() 
         "uint8 OK=1\nuint8 BAD=2\nPart part\nuint8[] codes\n" + "=" * 80
         + "\nMSG: p/Part\nuint8 OK=3\nuint8 MASK=16\nuint8 code\n"
     )  # fmt: skip
-    types = SerializedType("/topic", "p/T", "ros1", text, "msg")
+    types = type_of("/topic", "p/T", "ros1", text, "msg")
     data = struct.pack("<BIBB", 3, 2, 1, 16)
 
     def matches(where: str) -> bool:
@@ -154,14 +160,14 @@ def test_the_constants_of_an_idl_definition_are_known() -> None:
         "=" * 80 + "\nIDL: my_robot/msg/Log\nmodule my_robot { module msg { module Log_Constants {\n"
         "const octet ERROR = 40; const long LOW = -3; const float HALF = 0.5; }; struct Log { octet level; }; }; };\n"
     )
-    types = SerializedType("/topic", "my_robot/Log", "cdr", text, "idl")
+    types = type_of("/topic", "my_robot/Log", "cdr", text, "idl")
     for where, holds in (("level >= ERROR", True), ("level < LOW", False), ("level < HALF", False)):
         assert (types.field_getter(f"level where {where}")(b"\0\1\0\0\x32") == 50) is holds
 
 
 def test_a_field_that_does_not_exist_is_refused_with_those_that_do() -> None:
     with pytest.raises(ConfigError, match="data"):
-        SerializedType("/topic", "std_msgs/Float32", "cdr", "float32 data", "msg").field_getter("value")
+        type_of("/topic", "std_msgs/Float32", "cdr", "float32 data", "msg").field_getter("value")
 
 
 @pytest.mark.parametrize("ends_at", [0, 1000], ids=["contains itself", "is very deep"])
@@ -170,7 +176,7 @@ def test_the_numbers_of_a_nested_definition_are_limited(ends_at: int) -> None:
     parts = [f"L{level + 1} a\nL{level + 1} b\nfloat32 data" for level in range(ends_at)] + ["L0 a\nfloat32 data"]
     first, *others = (f"{text}\n" for text in parts)
     text = first + "".join(f"{'=' * 80}\nMSG: L{level}\n{part}" for level, part in enumerate(others, 1))
-    types = SerializedType("/x", "odd/L0", "cdr", text.replace("L", "odd/L"), "msg")
+    types = type_of("/x", "odd/L0", "cdr", text.replace("L", "odd/L"), "msg")
     candidates = Candidates()
     candidates.add([Topic("/x", "odd/L0", types.definitions)])
     assert len(candidates.signals) <= 102
@@ -279,3 +285,8 @@ def test_bytes_that_are_no_such_json_raise_value_error(data: bytes) -> None:
 def test_a_field_that_the_type_does_not_have_is_refused() -> None:
     with pytest.raises(ConfigError, match="has no field"):
         read_json(b"{}", "date")
+
+
+def test_a_number_behind_an_array_of_any_length_is_read_from_the_whole_message() -> None:
+    types = type_of("/topic", "p/T", "ros1", "float64[] early\nfloat64 late", "msg")
+    assert types.field_getter("late")(struct.pack("<Idd", 1, 1.5, 2.5)) == 2.5

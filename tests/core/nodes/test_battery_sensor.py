@@ -273,7 +273,7 @@ def test_a_battery_that_is_removed_is_an_alert(stage: Stage, machine: Machine) -
 def test_the_list_of_missing_sensors_is_published_only_for_a_host(stage: Stage, machine: Machine) -> None:
     start(stage, {})
     stage.bus.run_until(2.0)
-    assert "/_unavailable_sensors" not in stage.bus.types
+    assert "/_unavailable_sensors" not in stage.bus.graph().topics
     other = Stage()
     missing = other.listen("_unavailable_sensors", "data")
     start(other, HOST, machine.paths)

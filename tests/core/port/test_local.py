@@ -124,7 +124,7 @@ def test_the_bus_knows_the_types_of_its_topics() -> None:
     node = bus.node("battery_sensor")
     node.advertise("battery_level", FLOAT32)
     node.subscribe("/diagnostics", "diagnostic_msgs/DiagnosticArray", Recorder())
-    assert bus.types == {"/battery_level": FLOAT32, "/diagnostics": "diagnostic_msgs/DiagnosticArray"}
+    assert bus.graph().topics == {"/battery_level": FLOAT32, "/diagnostics": "diagnostic_msgs/DiagnosticArray"}
 
 
 def test_the_bus_forgets_topics_that_nothing_uses_any_more() -> None:
@@ -133,15 +133,15 @@ def test_the_bus_forgets_topics_that_nothing_uses_any_more() -> None:
     subscriptions = [node.subscribe("/out", FLOAT32, Recorder()) for node in (first, first, second)]
     for subscription in subscriptions[:2]:
         first.unsubscribe(subscription)
-        assert bus.types == {"/out": FLOAT32}
+        assert bus.graph().topics == {"/out": FLOAT32}
     second.unsubscribe(subscriptions[2])
-    assert bus.types == {}
+    assert bus.graph().topics == {}
     first.advertise("/out", FLOAT32)
     second.unsubscribe(second.subscribe("/out", FLOAT32, Recorder()))
-    assert bus.types == {"/out": FLOAT32}
+    assert bus.graph().topics == {"/out": FLOAT32}
     first.close()
     second.close()
-    assert (bus.types, bus._listeners) == ({}, {})
+    assert (bus.graph().topics, bus._topics) == ({}, {})
 
 
 def test_a_number_too_large_for_32_bits_becomes_infinity() -> None:

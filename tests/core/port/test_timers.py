@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import math
 from typing import List
 
 from robot_health_monitor.core.port.timers import ClockTimer, ClockTimers, PeriodicSchedule
@@ -33,7 +34,7 @@ def test_timers_are_called_in_the_order_of_their_times() -> None:
     fast.cancel()
     assert timers.next_s() == 1.0
     timers.cancel_all()
-    assert timers.next_s() is None and timers.take_due(5.0) == []
+    assert timers.next_s() == math.inf and timers.take_due(5.0) == []
 
 
 def test_cancelled_timers_are_forgotten() -> None:

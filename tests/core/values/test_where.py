@@ -11,6 +11,7 @@ from typing import Any, Dict, List, Mapping, Tuple
 import pytest
 
 from robot_health_monitor.core.messages.mapping_field import MappingField
+from robot_health_monitor.core.messages.raw_messages import ros1_format, ros2_format
 from robot_health_monitor.core.messages.serialized import SerializedType, json_getter
 from robot_health_monitor.core.values.field_path import ABSENT
 from robot_health_monitor.core.values.where import Comparison, parse_selection, parse_where, selection
@@ -213,7 +214,7 @@ def _random_message(rng: random.Random) -> Dict[str, Any]:
 
 def test_messages_of_every_encoding_match_as_a_second_evaluator_says() -> None:
     rng = random.Random(33)
-    types = [SerializedType("/a", TYPE, encoding, DEFINITION, "msg") for encoding in ("cdr", "ros1")]
+    types = [SerializedType("/a", make(TYPE, DEFINITION)) for make in (ros2_format, ros1_format)]
     matched = 0
     for _ in range(400):
         where = " and ".join(_random_comparison(rng) for _ in range(rng.choice([1, 1, 2, 3])))

@@ -16,7 +16,7 @@ from mcap.data_stream import RecordBuilder
 from mcap.reader import make_reader
 from mcap.records import Chunk
 
-from robot_health_monitor.core.port.middleware import RawFormat
+from robot_health_monitor.core.messages.raw_messages import RawFormat
 from robot_health_monitor.ops.black_box.recording_file import PART, RecordingFile, complete
 from robot_health_monitor.ops.black_box.ring import Channel, Message
 

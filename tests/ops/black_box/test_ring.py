@@ -6,7 +6,7 @@ import random
 import tracemalloc
 from typing import List
 
-from robot_health_monitor.core.port.middleware import RawFormat
+from robot_health_monitor.core.messages.raw_messages import RawFormat
 from robot_health_monitor.ops.black_box.ring import OVERHEAD_BYTES, Channel, Message, Reader, Ring, RobotRing
 
 CHANNEL = Channel("/a", RawFormat("json", "std_msgs/Float32", "jsonschema", "{}", ""))

@@ -128,24 +128,21 @@ async def test_this_projects_server_sends_bytes_which_are_judged_too(robot: Robo
 
 
 @with_robot()
-async def test_a_subscription_that_needs_whole_messages_makes_the_capture_json_until_it_ends(robot: Robot) -> None:
+async def test_a_subscription_to_whole_messages_reads_them_from_the_captured_bytes(robot: Robot) -> None:
     watched, capture = Watched(robot.url), Capture()
     watched.node.subscribe_raw("/battery_level", FLOAT32, capture)
 
-    def arrives_as(encoding: str) -> Any:
-        def check() -> bool:
-            robot.publish(1.0)
-            return bool(capture.items) and capture.items[-1][2].message_encoding == encoding
+    def is_captured() -> bool:
+        robot.publish(1.0)
+        return bool(capture.items)
 
-        return check
-
-    await until(arrives_as("ros1"))
-    whole = watched.node.subscribe("/battery_level", FLOAT32, watched.hear)
-    await until(arrives_as("json"))
-    await until(lambda: {"data": 1.0} in watched.heard)
-    watched.node.unsubscribe(whole)
-    await until(arrives_as("ros1"))
-    assert set(capture.values()) == {1.0}
+    await until(is_captured)
+    watched.node.subscribe("/battery_level", FLOAT32, watched.hear)
+    await watched.settle()
+    capture.items.clear()
+    robot.publish(2.0)
+    await until(lambda: {"data": 2.0} in watched.heard and 2.0 in capture.values())
+    assert {each.message_encoding for _, _, each in capture.items} == {"ros1"}
     await watched.close()
 
 

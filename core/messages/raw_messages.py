@@ -10,22 +10,45 @@ import base64
 import functools
 import json
 import math
-from typing import Any, Dict, Mapping, Optional, Sequence
+from typing import Any, Dict, Mapping, NamedTuple, Sequence
 
-from ..messages.definitions import ROS1_KINDS, SEQUENCE, TEXTS, Definitions, Field, parse_definition, parse_msg
-from ..messages.dialect import FieldType, Message
-from ..messages.fixed_fields import Getter
-from ..messages.serialized_statuses import serialized_getter
 from ..values.errors import MessageError
-from ..values.names import canonical_type
-from .middleware import RawFormat
+from ..values.names import canonical_type, split_type_name
+from .definitions import NUMBERS, ROS1_KINDS, TEXTS, Definitions, Field, parse_msg
+from .dialect import Message
 
 _MOST_PROPERTIES = 5_000
 """Properties of a schema. A definition of a few lines can describe millions; the rest is left open."""
 _DEEPEST = 32
-_WHOLE_NUMBERS = ("int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64")
 _BASE64 = {"type": "string", "contentEncoding": "base64"}
 _STAMP = {"type": "object", "properties": {name: {"type": "integer"} for name in ("secs", "nsecs")}}
+_PLAIN: Mapping[str, Mapping[str, Any]] = {
+    **{kind: {"type": "number" if "float" in kind else "integer"} for kind in NUMBERS},
+    **{kind: {"type": "string"} for kind in TEXTS},
+    "bool": {"type": "boolean"},
+    "time": _STAMP,
+    "duration": _STAMP,
+}
+
+
+class RawFormat(NamedTuple):
+    """The form of messages as bytes, in the words of MCAP (mcap.dev/spec/registry)."""
+
+    message_encoding: str
+    """`ros1`, `cdr` or `json`."""
+    schema_name: str
+    """The type: `pkg/Type`, of ROS 2 `pkg/msg/Type`."""
+    schema_encoding: str
+    """`ros1msg`, `ros2msg`, `jsonschema`; from a recording also `ros2idl`."""
+    schema: str
+    """The definition of the type with those that it contains; empty if it is not known."""
+    profile: str
+    """`ros1` or `ros2`; empty for JSON."""
+
+    @property
+    def type_name(self) -> str:
+        """The type as `package/Type`; empty if the name of the schema is no type of ROS, as JSON may have it."""
+        return canonical_type(self.schema_name) if split_type_name(self.schema_name) else ""
 
 
 @functools.lru_cache(maxsize=1000)
@@ -53,24 +76,6 @@ def json_format(type_name: str, definition: str) -> RawFormat:
         definitions = {}
     schema = {"title": root, **_Schemas(definitions).of_type(root, 0)}
     return RawFormat("json", root, "jsonschema", json.dumps(schema, separators=(",", ":")), "")
-
-
-def bytes_getter(raw_format: RawFormat, field: str) -> Optional[Getter]:
-    """Returns a getter of a field from serialized messages; None if it cannot be read from their bytes alone."""
-    is_cdr = raw_format.message_encoding == "cdr"
-    root = canonical_type(raw_format.schema_name)
-    try:
-        definitions = parse_definition(root, raw_format.schema, "msg", "uint8" if is_cdr else "int8")
-        return serialized_getter(functools.partial(_field_types, definitions), root, field, is_cdr=is_cdr)
-    except (ValueError, KeyError):
-        return None
-
-
-def _field_types(definitions: Definitions, type_name: str) -> Mapping[str, FieldType]:
-    return {
-        name: FieldType(kind, kind, kind if "/" in kind else None, size is not None, None if size == SEQUENCE else size)
-        for name, kind, size in definitions[type_name].fields
-    }
 
 
 def json_bytes(message: Message) -> bytes:
@@ -108,15 +113,7 @@ class _Schemas:
         return self._of_kind(kind, depth)
 
     def _of_kind(self, kind: str, depth: int) -> Mapping[str, Any]:
-        if kind in _WHOLE_NUMBERS:
-            return {"type": "integer"}
-        if kind in ("float32", "float64"):
-            return {"type": "number"}
-        if kind == "bool":
-            return {"type": "boolean"}
-        if kind in TEXTS:
-            return {"type": "string"}
-        return _STAMP if kind in ("time", "duration") else self.of_type(kind, depth + 1)
+        return _PLAIN[kind] if kind in _PLAIN else self.of_type(kind, depth + 1)
 
 
 def _as_base64(value: object) -> str:

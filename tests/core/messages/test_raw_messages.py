@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import json
 import math
-import struct
 from typing import Any
 
 import pytest
 
+from robot_health_monitor.core.messages.raw_messages import (
+    json_bytes,
+    json_format,
+    ros1_format,
+    ros2_format,
+)
 from robot_health_monitor.core.messages.standard_messages import definition
-from robot_health_monitor.core.port.raw_messages import bytes_getter, json_bytes, json_format, ros1_format, ros2_format
 from robot_health_monitor.core.values.errors import MessageError
 
 
@@ -74,34 +78,3 @@ def test_standard_types_have_their_schema() -> None:
     status = found["properties"]["status"]["items"]["properties"]
     assert list(status) == ["level", "name", "message", "hardware_id", "values"]
     assert status["level"] == {"type": "integer"}
-
-
-HEADER = "=" * 80 + "\nMSG: std_msgs/Header\nuint32 seq\ntime stamp\nstring frame_id\n"
-
-
-def test_a_number_is_read_from_bytes_by_the_definition() -> None:
-    imu = ros1_format(
-        "acme_msgs/Motor", "std_msgs/Header header\nfloat64 current\nfloat64[] history\nfloat64 late\n" + HEADER
-    )
-    get = bytes_getter(imu, "current")
-    assert get is not None
-    data = struct.pack("<III", 7, 100, 5) + struct.pack("<I", 4) + b"base" + struct.pack("<dI", 2.5, 0)
-    assert get(data) == 2.5
-    with pytest.raises(MessageError):
-        get(data[:20])
-    assert bytes_getter(imu, "late") is None  # behind an array of any length
-    assert bytes_getter(imu, "") is None
-    assert bytes_getter(imu, "missing") is None
-
-
-def test_cdr_is_read_with_its_header_and_alignment() -> None:
-    get = bytes_getter(ros2_format("acme_msgs/msg/Motor", "uint8 state\nfloat64 current\n"), "current")
-    assert get is not None
-    assert get(b"\x00\x01\x00\x00" + b"\x03" + bytes(7) + struct.pack("<d", 2.5)) == 2.5
-
-
-@pytest.mark.parametrize(
-    "text", ["", "acme_msgs/Missing part\nfloat32 data\n", "<html>", "acme_msgs/Motor self\nfloat32 data\n"]
-)
-def test_no_number_is_read_by_a_definition_that_cannot_be_used(text: str) -> None:
-    assert bytes_getter(ros1_format("acme_msgs/Motor", text), "data") is None
