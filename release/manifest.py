@@ -1,13 +1,9 @@
-"""Reads package.xml and asks git for the release tools; as a command, refuses placeholders in package.xml.
-
-python3 release/manifest.py     prints each placeholder with its line; exit code 1 if there is one
-"""
+"""Reads package.xml and asks git, for the release tools."""
 
 from __future__ import annotations
 
 import re
 import subprocess
-import sys
 from pathlib import Path
 from typing import Dict, List
 from xml.etree import ElementTree
@@ -55,14 +51,3 @@ def placeholders(manifest: Path = MANIFEST) -> List[str]:
 
 def _blank(comment: re.Match[str]) -> str:
     return "\n" * comment[0].count("\n")
-
-
-def main() -> int:
-    """Prints the placeholders in package.xml; returns the exit code."""
-    lines = placeholders()
-    print(*lines, sep="\n", end="\n" if lines else "")
-    return 1 if lines else 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())
