@@ -28,7 +28,7 @@ from robot_health_monitor.core.config.yaml_file import read_yaml
 from robot_health_monitor.core.nodes import Aggregator, AlertSystem, BatterySensor
 from robot_health_monitor.core.nodes.outlets import Event, Outlet
 from robot_health_monitor.core.port.middleware import Middleware, Severity
-from robot_health_monitor.core.proposal.candidates import Topic
+from robot_health_monitor.core.proposal.candidates import Candidates, Topic
 from robot_health_monitor.core.proposal.proposal import Proposal
 from robot_health_monitor.core.values.errors import ConfigError, MessageError
 from robot_health_monitor.core.values.field_path import ABSENT
@@ -926,9 +926,10 @@ class PortConformance:
             "/board",
             *(f"/own/{name}" for name in ("_simulated_sensors", "alerts", "battery_level", "system_health")),
         ]
-        proposal = Proposal()
-        proposal.take(Topic(topic, FLOAT32, None) for topic in (*robots, *own))
-        proposal.take([Topic("/diagnostics", DIAGNOSTICS, None)])
+        candidates = Candidates()
+        candidates.add(Topic(topic, FLOAT32, None) for topic in (*robots, *own))
+        candidates.add([Topic("/diagnostics", DIAGNOSTICS, None)])
+        proposal = Proposal(candidates)
         proposal.listen(harness.node("init"), ["/diagnostics"])
 
         def known() -> bool:
