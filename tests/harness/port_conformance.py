@@ -25,6 +25,7 @@ import pytest
 from robot_health_monitor.core.config.monitor_config import sections
 from robot_health_monitor.core.config.parameters import Parameter, flatten, read_parameters
 from robot_health_monitor.core.config.yaml_file import read_yaml
+from robot_health_monitor.core.judge.attachments import TICKS
 from robot_health_monitor.core.nodes import Aggregator, AlertSystem, BatterySensor
 from robot_health_monitor.core.nodes.outlets import Event, Outlet
 from robot_health_monitor.core.port.middleware import Middleware, Severity
@@ -938,7 +939,7 @@ class PortConformance:
             return proposal.own_topics >= set(own)
 
         harness.wait_until(known)
-        assert proposal.own_topics == set(own)
+        assert proposal.own_topics == {TICKS, *own}
         not_watched = proposal.result().not_watched
         assert [topic for topic, why in not_watched.items() if why == "published by this monitor"] == sorted(own)
 
