@@ -6,7 +6,6 @@ library are the business of the thread. Whatever fails there is a fault, and the
 
 from __future__ import annotations
 
-import contextlib
 import re
 import threading
 import time
@@ -23,7 +22,6 @@ from ...runtime.backoff import Backoff
 from ...runtime.libraries import libraries
 from ...runtime.threads import StepThread
 from ..configuration import BlackBoxSettings
-from .capture import is_pattern
 from .folder import ENDING, Folder, FolderInUseError
 from .recording_file import RecordingFile
 from .ring import Reader, Ring
@@ -42,9 +40,8 @@ _READ_BYTES = 512 << 10  # that are written at a time
 _STEP_S = 0.2
 _IDLE_S = 5.0
 _RETENTION_PERIOD_S = 60.0
-_TOPICS_PERIOD_S = 5.0
 _FIRST_RETRY_S, _LAST_RETRY_S = 5.0, 60.0
-_CLOSE_TIMEOUT_S = 1.5
+_CLOSE_TIMEOUT_S = 1.7
 _WRITING_BYTES = 8e6  # of `memory_mb` for what is being written, at most half of it
 _SHARE_OF_FOLDER = 0.25
 _LONGEST_NAME = 60
@@ -113,10 +110,8 @@ class BlackBox:
         self._backoff = Backoff(_FIRST_RETRY_S, _LAST_RETRY_S)
         self._retry_s = 0.0
         self._retention_s = time.monotonic() + _RETENTION_PERIOD_S  # by then the open alerts are known
-        self._idle = threading.Condition(self._lock)
+        self._is_closing = False
         self._thread = StepThread("black box", self._step, lambda error: self._report(error, settings.folder))
-        self._lookups: Dict[str, Callable[[], None]] = {}
-        self._topics_thread = StepThread("black box topics", self._look_for_topics, lambda error: None)
         try:
             with libraries("mcap"):
                 import mcap.writer  # noqa: F401
@@ -124,8 +119,6 @@ class BlackBox:
             self._break(error)
             return
         self._thread.start()
-        if any(map(is_pattern, settings.topics)):
-            self._topics_thread.start()
 
     def new_name(self, robot: str, signal: str) -> str:
         """Returns the name of a file that begins now."""
@@ -150,38 +143,21 @@ class BlackBox:
         with self._lock:
             self._open_files[robot] = dict(files)
 
-    def watch_topics(self, robot: str, look: Callable[[], None]) -> None:
-        """Calls a function that looks for a robot's topics from time to time, in a thread, if there are patterns.
-
-        It may raise ServiceError.
-        """
-        with self._lock:
-            self._lookups[robot] = look
-        self._topics_thread.wake()
-
     def forget(self, robot: str) -> None:
-        """Ends `watch_topics`, and `note_open` for a robot."""
+        """Ends `note_open` for a robot."""
         with self._lock:
-            self._lookups.pop(robot, None)
             self._open_files.pop(robot, None)
 
     def wake(self) -> None:
         """Makes the thread look at the recordings at once."""
         self._thread.wake()
 
-    def wait_until_written(self, timeout_s: float) -> bool:
-        """Waits until no recording is being written; returns whether that is so."""
-        with self._idle:
-            return self._idle.wait_for(lambda: not self._recordings, timeout_s)
-
     def close(self) -> None:
-        """Completes the recordings, which must have ended, within 1.5 s; else the next start does."""
-        self._topics_thread.close()
+        """Completes the recordings, which must have ended, within 1.7 s; else the next start does."""
+        self._is_closing = True
         self._thread.wake()
-        if self._thread.is_alive():
-            self.wait_until_written(_CLOSE_TIMEOUT_S)
-            self._thread.close()
-            self._thread.join(0.2)
+        self._thread.join(_CLOSE_TIMEOUT_S)
+        self._thread.close()
         if not self._thread.is_alive() and self._folder is not None:
             self._folder.close()
 
@@ -208,7 +184,11 @@ class BlackBox:
             self._has_room(folder)
         self._report_lost()
         with self._lock:
-            return _STEP_S if self._recordings else _IDLE_S
+            if self._recordings:
+                return _STEP_S
+        if self._is_closing:
+            self._thread.close()
+        return _IDLE_S
 
     def _open_folder(self) -> Optional[Folder]:
         if self.is_broken or time.monotonic() < self._retry_s:
@@ -233,8 +213,9 @@ class BlackBox:
         """Writes what has come since, and completes the file at its end, or if there is no room for more."""
         file = recording.file
         if file is None:
+            begin_ns = max(0, round((recording.saved.time_s + recording.offset_s) * 1e9))
             file = recording.file = RecordingFile(
-                folder.file(recording.name), recording.profile, _begin_ns(recording), _attachments(recording)
+                folder.file(recording.name), recording.profile, begin_ns, _attachments(recording)
             )
             file.write(recording.reader.first.quiet, recording.offset_s)
         for messages in iter(lambda: recording.reader.read(_READ_BYTES), []):
@@ -277,10 +258,9 @@ class BlackBox:
 
     def _end(self, recording: Recording) -> None:
         recording.reader.close()
-        with self._idle:
+        with self._lock:
             self._lost += recording.reader.lost
             self._recordings.remove(recording)
-            self._idle.notify_all()
 
     def _report_lost(self) -> None:
         memory_mb = f"memory_mb {self.settings.memory_mb:g}"
@@ -301,16 +281,6 @@ class BlackBox:
     def _report(self, error: Exception, path: str) -> None:
         self._faults.report(PART, _reason(error, path))
 
-    # The other thread
-
-    def _look_for_topics(self) -> float:
-        with self._lock:
-            lookups = list(self._lookups.values())
-        for look in lookups:
-            with contextlib.suppress(ServiceError, RuntimeError):  # it does not answer, or its topics are changing
-                look()
-        return _TOPICS_PERIOD_S
-
 
 def _attachments(recording: Recording) -> Dict[str, str]:
     import yaml
@@ -318,10 +288,6 @@ def _attachments(recording: Recording) -> Dict[str, str]:
     tree = thresholds_tree(recording.config, recording.robot, recording.topics, use_sim_time=recording.use_sim_time)
     thresholds: str = yaml.safe_dump(tree, sort_keys=False, allow_unicode=True)
     return {THRESHOLDS: thresholds, STATE: recording.saved.moved(recording.offset_s).to_json()}
-
-
-def _begin_ns(recording: Recording) -> int:
-    return max(0, round((recording.saved.time_s + recording.offset_s) * 1e9))
 
 
 def _as_name(text: str) -> str:

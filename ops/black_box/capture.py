@@ -120,11 +120,6 @@ class Capture:
         """The absolute name of each topic, by the name in the configuration."""
         return {name: topic.resolved for (name, _), topic in self._topics.items() if topic.resolved}
 
-    @property
-    def channels(self) -> List[Channel]:
-        """Those with messages."""
-        return [topic.channel for topic in self._topics.values() if topic.channel is not None]
-
     def quiet(self, now_s: float) -> List[Message]:
         """Returns the latest message of each topic that is quiet, at a time: of latched topics, and of slow ones.
 

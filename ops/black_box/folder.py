@@ -10,7 +10,6 @@ import contextlib
 import fcntl
 import os
 import re
-import time
 from typing import Callable, Collection, Iterator, List, NamedTuple, Optional
 
 from ...core.values.errors import ServiceError
@@ -62,7 +61,7 @@ class Folder:
         self._own: Collection[_File] = ()
         os.makedirs(self.path, mode=0o750, exist_ok=True)
         newest_s = max((file.modified_s for file in self._files()), default=wall_s())
-        self._age_clock = AgeClock(min(newest_s, wall_s()), _boot_s())
+        self._age_clock = AgeClock(min(newest_s, wall_s()))
         # The folder itself, not a file in it: systemd-tmpfiles removes old files, but none from a locked folder.
         self._directory = os.open(self.path, os.O_RDONLY | os.O_DIRECTORY)
         try:
@@ -107,7 +106,7 @@ class Folder:
         `needed_bytes` is the size of files that are being written. Files of others are left alone and do not count.
         """
         keep_bytes = self._settings.keep_mb * 1e6
-        oldest_s = self._age_clock.now_s(self._wall_s(), _boot_s()) - self._settings.keep_days * _DAY_S
+        oldest_s = self._age_clock.now_s(self._wall_s()) - self._settings.keep_days * _DAY_S
         self._own = files = sorted(self._files())
         self.problem = None
         total = needed_bytes + sum(file.bytes for file in files)
@@ -147,7 +146,3 @@ def _is_own(path: str) -> bool:
     except OSError:
         return False
     return not begin or (begin.startswith(_MAGIC) and LIBRARY.encode() in begin)
-
-
-def _boot_s() -> float:
-    return time.clock_gettime(time.CLOCK_BOOTTIME)

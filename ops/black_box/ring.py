@@ -1,17 +1,16 @@
 """Messages that wait in memory, as they were received, until an alert needs them or they are too old.
 
-The messages of a robot are in segments of some seconds. Each segment begins with the state of the robot's signals, so
-that a recording can begin with any of them. A recording reads the segments where they are: a message is in memory once,
-until it has been written and is too old for the next recording.
+The messages of a robot are numbered. Every few seconds a segment begins, with the state of the robot's signals, so that
+a recording can begin there. A recording reads the messages where they are: a message is in memory once, until it has
+been written and is too old for the next recording.
 
 Memory is bounded for all robots together. If it is full, the oldest messages go first, written or not.
 """
 
 from __future__ import annotations
 
-import itertools
 import threading
-from collections import OrderedDict, deque
+from collections import deque
 from typing import Deque, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 from ...core.judge.saved_state import SavedSignal
@@ -21,6 +20,8 @@ OVERHEAD_BYTES = 180
 """Memory of a message besides its data: the tuple, the number, the head of the bytes, its place in a list."""
 STATE_BYTES = 1_500
 """Memory of the saved state of one signal, estimated."""
+
+_TOGETHER_S = 1.0  # messages of a robot that count as equally old, so that not every one is compared with all robots
 
 
 class Channel(NamedTuple):
@@ -35,98 +36,27 @@ Message = Tuple[float, Channel, bytes]
 """Time of its arrival in s, on the steady clock of its robot; its channel; its bytes."""
 
 
-class Segment:
-    """Messages of one robot in the order of their arrival. Change it with the lock of its `Ring` only."""
-
-    __slots__ = ("begin_s", "bytes", "dropped", "messages", "quiet", "readers", "states")
-
-    def __init__(
-        self, begin_s: float, states: Mapping[str, SavedSignal], state_bytes: int, quiet: Sequence[Message] = ()
-    ) -> None:
-        """Begins at a time on the robot's steady clock, with the states of its signals then.
-
-        `quiet` has the latest messages of topics that were quiet before, with the time at which it begins.
-        """
-        self.quiet = quiet
-        self.begin_s = begin_s
-        self.states = states
-        self.dropped = 0
-        """How many messages went because memory was full: always the first ones."""
-        self.bytes = state_bytes
-        self.readers = 1
-        """Who still needs it: the ring of its robot, and the recording."""
-        self.messages: Deque[Message] = deque()
-        """Those in memory; read them by their numbers: `message`."""
-
-    @property
-    def count(self) -> int:
-        """Number of its messages, with those that were dropped."""
-        return self.dropped + len(self.messages)
-
-    def message(self, number: int) -> Message:
-        """Returns one by its number, which is at least `dropped`."""
-        return self.messages[number - self.dropped]
-
-    def drop(self) -> None:
-        """Drops its oldest message."""
-        self.bytes -= len(self.messages.popleft()[2]) + OVERHEAD_BYTES
-        self.dropped += 1
+def _bytes(message: Message) -> int:
+    return len(message[2]) + OVERHEAD_BYTES
 
 
-class Reader:
-    """The place up to which a recording has read a robot's messages. Use `RobotRing.reader`."""
+class Segment(NamedTuple):
+    """A moment at which a recording can begin."""
 
-    def __init__(self, ring: Ring, segments: List[Segment]) -> None:
-        """Begins with the first of some segments, of which the last one may still grow."""
-        self._ring = ring
-        self.segments = deque(segments)
-        self.first = segments[0]
-        """The segment with which the recording begins."""
-        self.position = segments[0].dropped
-        self.lost = 0
-        """Messages that went before they were read."""
-        self.end: Optional[int] = None
-        """Number of messages of the last segment that still belong to the recording; None: it goes on."""
-
-    def read(self, most_bytes: int) -> List[Message]:
-        """Returns the next messages, at most so many bytes and at least one; empty: there are none now."""
-        found: List[Message] = []
-        size = 0
-        with self._ring.lock:
-            while self.segments and size < most_bytes:
-                segment = self.segments[0]
-                is_last = len(self.segments) == 1
-                end = self.end if is_last and self.end is not None else segment.count
-                dropped = min(segment.dropped, end)
-                if dropped > self.position:
-                    self.lost += dropped - self.position
-                    self.position = dropped
-                while self.position < end and size < most_bytes:
-                    message = segment.message(self.position)
-                    found.append(message)
-                    size += len(message[2]) + OVERHEAD_BYTES
-                    self.position += 1
-                if self.position < end or (is_last and self.end is None):
-                    break
-                self.segments.popleft()
-                self.position = 0
-                self._ring.release(segment)
-        return found
-
-    @property
-    def is_complete(self) -> bool:
-        """Whether everything that belongs to the recording has been read."""
-        return not self.segments
-
-    def close(self) -> None:
-        """Ends the reading."""
-        with self._ring.lock:
-            while self.segments:
-                self._ring.release(self.segments.popleft())
+    begin_s: float
+    """On the robot's steady clock."""
+    number: int
+    """Number of the first message after it."""
+    states: Mapping[str, SavedSignal]
+    """The states of the robot's signals."""
+    quiet: Sequence[Message]
+    """The latest messages of topics that were quiet before, with the time `begin_s`."""
+    bytes: int
+    """Memory of what it has."""
 
 
 class Ring:
-    """The messages of all robots of a process."""
+    """The memory for the messages of all robots of a process."""
 
     def __init__(self, memory_bytes: float) -> None:
         """Starts empty."""
@@ -137,49 +67,22 @@ class Ring:
         """Messages that went before they were too old, because memory was full."""
         self.too_large: Optional[Tuple[str, int]] = None
         """Topic and bytes of the latest message that alone does not fit; it would cost all others."""
-        self._memory_bytes = memory_bytes
-        self._segments: OrderedDict[Segment, None] = OrderedDict()  # oldest first
+        self.robots: List[RobotRing] = []
+        """Those that have messages."""
+        self.memory_bytes = memory_bytes
+        self._oldest: Optional[RobotRing] = None
+        self._oldest_until_s = 0.0
 
-    def add(self, segment: Segment, message: Message) -> None:
-        """Adds a message to a segment, which must be the last one of its robot."""
-        size = len(message[2]) + OVERHEAD_BYTES
-        with self.lock:
-            if size > self._memory_bytes:
-                self.dropped += 1
-                self.too_large = message[1].topic, len(message[2])
-                return
-            segment.messages.append(message)
-            segment.bytes += size
-            self.used_bytes += size
-            if self.used_bytes > self._memory_bytes:
-                self._make_room()
-
-    def begin(self, segment: Segment) -> None:
-        """Adds a segment, with the lock held."""
-        self._segments[segment] = None
-        self.used_bytes += segment.bytes
-        if self.used_bytes > self._memory_bytes:
-            self._make_room()
-
-    def release(self, segment: Segment) -> None:
-        """Notes, with the lock held, that one of its readers no longer needs a segment."""
-        segment.readers -= 1
-        if not segment.readers and segment in self._segments:
-            del self._segments[segment]
-            self.used_bytes -= segment.bytes
-            segment.messages.clear()
-
-    def _make_room(self) -> None:
-        for _ in range(len(self._segments)):
-            segment = next(iter(self._segments))
-            while segment.dropped < segment.count:
-                before = segment.bytes
-                segment.drop()
-                self.dropped += 1
-                self.used_bytes -= before - segment.bytes
-                if self.used_bytes <= self._memory_bytes:
-                    return
-            self._segments.move_to_end(segment)  # what is added to it later is newer than the messages of the others
+    def use(self, size: int) -> None:
+        """Counts memory, with the lock held, and drops the oldest messages while it is full."""
+        self.used_bytes += size
+        while self.used_bytes > self.memory_bytes and self.robots:
+            oldest = self._oldest
+            if oldest is None or not oldest.messages or oldest.messages[0][0] > self._oldest_until_s:
+                self._oldest = oldest = min(self.robots, key=lambda robot: robot.messages[0][0])
+                self._oldest_until_s = oldest.messages[0][0] + _TOGETHER_S
+            self.dropped += 1
+            oldest.drop()
 
 
 class RobotRing:
@@ -187,65 +90,133 @@ class RobotRing:
 
     def __init__(self, ring: Ring, before_s: float) -> None:
         """Starts without a segment; `before_s` is the time that messages wait."""
-        self._ring = ring
+        self.ring = ring
+        self.messages: Deque[Message] = deque()
+        self.first = 0
+        """Number of the oldest message."""
         self._before_s = before_s
         self._segments: Deque[Segment] = deque()
-        self.current: Optional[Segment] = None
-        """The segment that grows."""
-        self._reader: Optional[Reader] = None
+        self._readers: List[Reader] = []
+
+    @property
+    def current(self) -> Optional[Segment]:
+        """The latest segment; None before the first one."""
+        return self._segments[-1] if self._segments else None
+
+    @property
+    def end(self) -> int:
+        """Number of the next message."""
+        return self.first + len(self.messages)
 
     def begin_segment(
         self, now_s: float, states: Mapping[str, SavedSignal], changed: int, quiet: Sequence[Message] = ()
     ) -> None:
         """Begins a segment with states, of which so many are not those of the segment before, and `Segment.quiet`."""
-        quiet_bytes = sum(len(data) + OVERHEAD_BYTES for _, _, data in quiet)
-        segment = Segment(now_s, states, changed * STATE_BYTES + quiet_bytes, quiet)
-        with self._ring.lock:
-            self._segments.append(segment)
-            self._ring.begin(segment)
-            self.current = segment
-            if self._reader is not None:
-                segment.readers += 1
-                self._reader.segments.append(segment)
+        size = changed * STATE_BYTES + sum(map(_bytes, quiet))
+        with self.ring.lock:
+            self._segments.append(Segment(now_s, self.end, states, quiet, size))
+            self.ring.use(size)
             while len(self._segments) > 1 and self._segments[1].begin_s <= now_s - self._before_s:
-                self._ring.release(self._segments.popleft())
+                self.ring.used_bytes -= self._segments.popleft().bytes
+            self.release()
 
     def add(self, time_s: float, channel: Channel, data: bytes) -> None:
         """Adds a message; before the first segment it is left out."""
-        if self.current is not None:
-            self._ring.add(self.current, (time_s, channel, data))
+        ring, message = self.ring, (time_s, channel, data)
+        size = _bytes(message)
+        with ring.lock:
+            if size > ring.memory_bytes:
+                ring.dropped += 1
+                ring.too_large = channel.topic, len(data)
+            elif self._segments:
+                if not self.messages:
+                    ring.robots.append(self)
+                self.messages.append(message)
+                ring.use(size)
+
+    def drop(self) -> None:
+        """Drops the oldest message, with the lock held."""
+        self.ring.used_bytes -= _bytes(self.messages.popleft())
+        self.first += 1
+        if not self.messages:
+            self.ring.robots.remove(self)
+
+    def release(self, closed: Optional[Reader] = None) -> None:
+        """Drops, with the lock held, what neither a recording nor the next one needs; `closed` needs nothing more."""
+        self._readers = [reader for reader in self._readers if reader is not closed]
+        needed = self._segments[0].number if self._segments else self.end
+        needed = min([needed, *(reader.position for reader in self._readers)])
+        while self.first < needed:
+            self.drop()
 
     def reader(self) -> Reader:
         """Begins a recording of everything that is there, and of what comes until `end_reader`."""
-        with self._ring.lock:
-            # What went before the recording is not lost for it. Only the first of these may lack its first messages.
-            gone = itertools.takewhile(lambda each: each.dropped == each.count, tuple(self._segments)[:-1])
-            segments = list(self._segments)[len(list(gone)) :]
-            for segment in segments:
-                segment.readers += 1
-            self._reader = Reader(self._ring, segments)
-            return self._reader
+        with self.ring.lock:
+            # What went before the recording is not lost for it. Only the first segment may lack its first messages.
+            following = list(self._segments)[1:]
+            begins = (one for one, after in zip(self._segments, following) if after.number > self.first)
+            self._readers.append(Reader(self, next(begins, self._segments[-1])))
+            return self._readers[-1]
 
     def end_reader(self) -> None:
         """Ends the recording after the messages that are there now."""
-        with self._ring.lock:
-            if self._reader is not None and self.current is not None:
-                self._reader.end = self.current.count
-            self._reader = None
+        with self.ring.lock:
+            for reader in self._readers:
+                reader.end = self.end if reader.end is None else reader.end
 
     def reach_s(self, now_s: float) -> float:
         """Returns how far the messages reach back, in s; at most the time that they wait."""
-        with self._ring.lock:
-            for segment in self._segments:
-                if segment.dropped < segment.count:
-                    first_s = segment.message(segment.dropped)[0] if segment.dropped else segment.begin_s
-                    return min(self._before_s, now_s - first_s)
-        return 0.0
+        with self.ring.lock:
+            if not self.messages or not self._segments:
+                return 0.0
+            begin = self._segments[0]
+            return min(self._before_s, now_s - (begin.begin_s if self.first <= begin.number else self.messages[0][0]))
 
     def close(self) -> None:
         """Ends the recording and forgets the messages."""
         self.end_reader()
-        with self._ring.lock:
-            while self._segments:
-                self._ring.release(self._segments.popleft())
-            self.current = None
+        with self.ring.lock:
+            self.ring.used_bytes -= sum(segment.bytes for segment in self._segments)
+            self._segments.clear()
+            self.release()
+
+
+class Reader:
+    """The place up to which a recording has read a robot's messages. Use `RobotRing.reader`."""
+
+    def __init__(self, robot: RobotRing, first: Segment) -> None:
+        """Begins with a segment, with the lock held."""
+        self._robot = robot
+        self.first = first
+        """The segment with which the recording begins."""
+        self.position = max(first.number, robot.first)
+        """Number of the next message."""
+        self.lost = 0
+        """Messages that went before they were read."""
+        self.end: Optional[int] = None
+        """Number of the first message that no longer belongs to the recording; None while it goes on."""
+
+    def read(self, most_bytes: int) -> List[Message]:
+        """Returns the next messages, at most so many bytes and at least one; empty: there are none now."""
+        found: List[Message] = []
+        size, robot = 0, self._robot
+        with robot.ring.lock:
+            end = robot.end if self.end is None else self.end
+            gone = max(0, min(robot.first, end) - self.position)
+            self.lost += gone
+            self.position += gone
+            while self.position < end and size < most_bytes:
+                found.append(robot.messages[self.position - robot.first])
+                size += _bytes(found[-1])
+                self.position += 1
+        return found
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether everything that belongs to the recording has been read."""
+        return self.end is not None and self.position >= self.end
+
+    def close(self) -> None:
+        """Ends the reading."""
+        with self._robot.ring.lock:
+            self._robot.release(self)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from typing import Dict, List, Mapping, Optional, Tuple
 
 from ...core.judge.attachments import TICKS, SavedMonitor
@@ -12,13 +13,15 @@ from ...core.nodes.node import DIAGNOSTICS, base_name
 from ...core.nodes.outlets import Event, alert_message, array_message
 from ...core.port.middleware import Middleware, Severity
 from ...core.values.elements import ARRAY_TYPE, STATUS_TYPE
-from ...core.values.errors import ConfigError, MessageError
+from ...core.values.errors import ConfigError, MessageError, ServiceError
 from ...core.values.model import Level, Transition
+from ...runtime.threads import StepThread
 from .black_box import PART, BlackBox, Recording
-from .capture import Capture
+from .capture import Capture, is_pattern
 from .ring import Channel, RobotRing
 
 _CHECK_PERIOD_S = 1.0
+_TOPICS_PERIOD_S = 5.0
 _TICK_TYPE = "std_msgs/Empty"
 _MOST_NOTED = 100
 _SEGMENTS = 6  # in `before_s`
@@ -39,12 +42,13 @@ class RobotBlackBox:
             type_name: middleware.advertise(topic, type_name)
             for topic, type_name in (("alerts", STATUS_TYPE), (DIAGNOSTICS, ARRAY_TYPE))
         }
+        self._topics[_TICK_TYPE] = TICKS
         self._channels: Dict[str, Channel] = {}
         self._capture = Capture(middleware, box.settings.topics, self._ring.add, self._topics.values())
+        self._topics_thread = StepThread("black box topics", self._look_for_topics, lambda error: None)
         self._alert_system: Optional[AlertSystem] = None
         self._states: Dict[str, SavedSignal] = {}
         self._rest: Dict[str, float] = {}
-        self._tick: Optional[Tuple[Channel, bytes]] = None
         self._recording: Optional[Recording] = None
         self._noted: List[Tuple[float, Transition, Optional[str]]] = []
         """What was announced and is still to be recorded: time on the steady clock, transition and silence."""
@@ -61,7 +65,8 @@ class RobotBlackBox:
             alert_system.on_tick.append(self._note_tick)
         self._check(self._middleware.now_s())
         self._middleware.create_timer(_CHECK_PERIOD_S, self._check, steady=True)
-        self._box.watch_topics(self.robot, self._look_for_topics)
+        if any(map(is_pattern, self._box.settings.topics)):
+            self._topics_thread.start()
 
     def of_alert(self, transition: Transition) -> str:
         """Returns the name of the file that records a transition, which begins with it or goes on; empty: none.
@@ -95,6 +100,7 @@ class RobotBlackBox:
 
     def close(self) -> None:
         """Ends the recording after what has come."""
+        self._topics_thread.close()
         self._end_recording()
         self._capture.close()
         self._ring.close()
@@ -119,7 +125,7 @@ class RobotBlackBox:
             config=self._alert_system.configuration,
             topics=self._capture.resolved,
             use_sim_time=self._capture.is_simulated,
-            profile=self._profile(),
+            profile=self._middleware.serialize(STATUS_TYPE, {})[1].profile,  # empty unless it is native, as the topics
             alert=transition.text,
             end_s=steady_s + after_s,
         )
@@ -134,12 +140,6 @@ class RobotBlackBox:
             self._recording.is_ended = True
             self._recording = None
             self._box.wake()
-
-    def _profile(self) -> str:
-        """Returns the profile of the file: that of its messages if they agree."""
-        _, own = self._middleware.serialize(STATUS_TYPE, {})
-        profiles = {own.profile, *(channel.format.profile for channel in self._capture.channels)}
-        return own.profile if len(profiles) == 1 else ""
 
     def _check(self, now_s: float) -> None:
         """Runs once a second."""
@@ -157,9 +157,7 @@ class RobotBlackBox:
         recording = self._recording
         if recording is None:
             return
-        self._record(
-            DIAGNOSTICS, ARRAY_TYPE, self._alert_system.announcements.diagnostics(self._middleware.now_s()), steady_s
-        )
+        self._record(ARRAY_TYPE, self._alert_system.announcements.diagnostics(self._middleware.now_s()), steady_s)
         if recording.is_failed or recording.is_large or steady_s >= recording.end_s:
             self._end_recording()
 
@@ -201,27 +199,26 @@ class RobotBlackBox:
         noted, self._noted = self._noted, []
         node = base_name(self._middleware)
         for steady_s, transition, silence in noted:
-            self._record("alerts", STATUS_TYPE, alert_message(transition, node, silence), steady_s)
-            self._record(DIAGNOSTICS, ARRAY_TYPE, array_message([transition.status], node), steady_s)
+            self._record(STATUS_TYPE, alert_message(transition, node, silence), steady_s)
+            self._record(ARRAY_TYPE, array_message([transition.status], node), steady_s)
 
     def _note_tick(self, now_s: float) -> None:
         """Records a tick, at its time."""
-        if self._tick is None:
-            data, found = self._middleware.serialize(_TICK_TYPE, {})
-            self._tick = Channel(TICKS, found), data
-        self._ring.add(now_s, *self._tick)
+        self._record(_TICK_TYPE, {}, now_s)
 
-    def _record(self, topic: str, type_name: str, message: Mapped, steady_s: float) -> None:
+    def _record(self, type_name: str, message: Mapped, steady_s: float) -> None:
         try:
             data, found = self._middleware.serialize(type_name, message)
         except (ConfigError, MessageError) as error:
-            self._middleware.log(Severity.WARN, f"black box: {topic} is not recorded: {error}")
+            self._middleware.log(Severity.WARN, f"black box: {self._topics[type_name]} is not recorded: {error}")
             return
         channel = self._channels.get(type_name)
         if channel is None or channel.format is not found:
             channel = self._channels[type_name] = Channel(self._topics[type_name], found)
         self._ring.add(steady_s, channel, data)
 
-    def _look_for_topics(self) -> None:
-        """Runs in a thread of the black box."""
-        self._capture.found = self._middleware.topic_types()
+    def _look_for_topics(self) -> float:
+        """Looks for the topics that patterns select, in a thread; returns the time until the next look, in s."""
+        with contextlib.suppress(ServiceError, RuntimeError):  # it does not answer, or its topics are changing
+            self._capture.found = self._middleware.topic_types()
+        return _TOPICS_PERIOD_S

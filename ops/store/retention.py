@@ -7,9 +7,10 @@ others. Samples make room before transitions.
 
 from __future__ import annotations
 
+import time
 from collections import Counter
 from sqlite3 import Connection
-from typing import List, Optional, Tuple
+from typing import Callable, List, Optional, Tuple
 
 from ...core.config.signal_config import template_name
 from .samples import SampleUpkeep
@@ -42,20 +43,26 @@ _Rows = List[Tuple[int, str, str]]
 """Transitions: id, robot, signal."""
 
 
+def _boot_s() -> float:
+    return time.clock_gettime(time.CLOCK_BOOTTIME)
+
+
 class AgeClock:
     """Wall time for the age of entries. A step forward by more than an hour counts only once it has lasted a day.
 
     Otherwise a clock that is wrong by years for a minute would delete the whole history.
     """
 
-    def __init__(self, known_s: float, boot_s: float) -> None:
-        """Starts with the latest wall time that is known, in s since 1970, and monotonic seconds."""
+    def __init__(self, known_s: float, clock: Callable[[], float] = _boot_s) -> None:
+        """Starts with the latest wall time that is known, in s since 1970; `clock` gives monotonic seconds."""
         self._reference_s = known_s
-        self._boot_s = boot_s
+        self._clock = clock
+        self._boot_s = clock()
         self._step_at_s: Optional[float] = None
 
-    def now_s(self, wall_s: float, boot_s: float) -> float:
-        """Returns the time for ages, for what the wall clock shows, both in s since 1970, and monotonic seconds."""
+    def now_s(self, wall_s: float) -> float:
+        """Returns the time for ages, for what the wall clock shows, both in s since 1970."""
+        boot_s = self._clock()
         expected_s = self._reference_s + boot_s - self._boot_s
         is_ahead = wall_s > expected_s + _TRUSTED_STEP_S
         if not is_ahead:
@@ -173,7 +180,7 @@ class Retention:
 
     def _delete(self, rows: _Rows) -> int:
         ids = [(number,) for number, _, _ in rows]
-        for table in ("evidence", "notes"):
+        for table in ("evidence", "notes", "effects"):
             self._connection.executemany(f"DELETE FROM {table} WHERE transition_id = ?", ids)
         self._connection.executemany("DELETE FROM transitions WHERE id = ?", ids)
         if self._counts is not None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, Dict, List, Mapping, Optional, Tuple
 
+from harness.waiting import wait_for
 from robot_health_monitor.cli.operations import Operations
 from robot_health_monitor.core.nodes.outlets import Event
 from robot_health_monitor.core.port.local import LocalBus
@@ -70,8 +71,9 @@ class RecordedRobot:
 
     def files(self) -> List[Path]:
         """Waits until all recordings that have ended are written; returns the files, by name."""
-        assert self.operations.black_box is not None
-        assert self.operations.black_box.wait_until_written(60.0)
+        box = self.operations.black_box
+        assert box is not None
+        wait_for(lambda: not box._recordings)
         return sorted(self.folder.glob("*.mcap"))
 
     def close(self) -> None:

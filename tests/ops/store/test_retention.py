@@ -68,21 +68,34 @@ def delete_all(connection: sqlite3.Connection, before_s: float, max_bytes: float
 HOUR_S, DAY_S, YEAR_S = 3600.0, 86_400.0, 31_557_600.0
 
 
+class Ages:
+    """An age clock that begins at 1000 s since 1970."""
+
+    def __init__(self) -> None:
+        self._boot_s = 0.0
+        self._clock = AgeClock(1000.0, lambda: self._boot_s)
+
+    def at(self, boot_s: float, wall_s: float) -> float:
+        """Returns the time for ages, so many seconds later by the monotonic clock."""
+        self._boot_s = boot_s
+        return self._clock.now_s(wall_s)
+
+
 def test_ages_follow_the_wall_clock() -> None:
-    clock = AgeClock(1000.0, 0.0)
-    assert clock.now_s(1060.0, 60.0) == 1060.0
-    assert clock.now_s(1060.0 + HOUR_S, 120.0) == 1060.0 + HOUR_S  # summer time, set by hand
-    assert clock.now_s(500.0, 180.0) == 500.0  # set back
+    clock = Ages()
+    assert clock.at(60.0, 1060.0) == 1060.0
+    assert clock.at(120.0, 1060.0 + HOUR_S) == 1060.0 + HOUR_S  # summer time, set by hand
+    assert clock.at(180.0, 500.0) == 500.0  # set back
 
 
 def test_a_clock_that_is_ahead_by_years_counts_only_after_a_day() -> None:
-    clock = AgeClock(1000.0, 0.0)
-    assert clock.now_s(1060.0 + YEAR_S, 60.0) == 1060.0
-    assert clock.now_s(1120.0, 120.0) == 1120.0  # corrected
-    assert clock.now_s(1180.0 + YEAR_S, 180.0) == 1180.0
-    assert clock.now_s(1180.0 + YEAR_S + DAY_S - 1.0, 180.0 + DAY_S - 1.0) == 1180.0 + DAY_S - 1.0
-    assert clock.now_s(1180.0 + YEAR_S + DAY_S, 180.0 + DAY_S) == 1180.0 + YEAR_S + DAY_S
-    assert clock.now_s(1240.0 + YEAR_S + DAY_S, 240.0 + DAY_S) == 1240.0 + YEAR_S + DAY_S
+    clock = Ages()
+    assert clock.at(60.0, 1060.0 + YEAR_S) == 1060.0
+    assert clock.at(120.0, 1120.0) == 1120.0  # corrected
+    assert clock.at(180.0, 1180.0 + YEAR_S) == 1180.0
+    assert clock.at(180.0 + DAY_S - 1.0, 1180.0 + YEAR_S + DAY_S - 1.0) == 1180.0 + DAY_S - 1.0
+    assert clock.at(180.0 + DAY_S, 1180.0 + YEAR_S + DAY_S) == 1180.0 + YEAR_S + DAY_S
+    assert clock.at(240.0 + DAY_S, 1240.0 + YEAR_S + DAY_S) == 1240.0 + YEAR_S + DAY_S
 
 
 def test_old_transitions_are_deleted_with_their_evidence(connection: sqlite3.Connection) -> None:
