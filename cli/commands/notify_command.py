@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import sys
 import threading
 import time
@@ -19,7 +20,7 @@ from ...ops.configuration import TargetSettings, read_ops
 from ...ops.notify.alertmanager import ALERT, REPEAT_EVERY_S
 from ...ops.notify.notifier import make_sender
 from ...ops.notify.sender import DeliveryError, Notification, Sender
-from ...ops.notify.webhook import HttpTarget
+from ...ops.notify.webhook import Webhook
 from ...runtime.interrupts import Interrupts
 from ..arguments import Parser, add, checked, duration
 from ..exit_codes import ExitCode
@@ -131,9 +132,11 @@ def try_target(
 
     The alert stays for `hold_s`, or until `stop`; then `on_firing` receives a line that says what to look for.
     """
-    target = HttpTarget(settings) if settings.type == "heartbeat" else make_sender(settings, wall_time_s)
+    target = make_sender(settings, wall_time_s)
     try:
-        if isinstance(target, Sender):
+        if isinstance(target, Webhook) and settings.type == "heartbeat":
+            response = target.deliver(None)
+        else:
             begin_s = wall_time_s()
             firing = Notification(_transition(robot, Level.OK, settings.min_level), False, begin_s, is_test=True)
             response = _send(target, firing)
@@ -143,10 +146,8 @@ def try_target(
                 sent, hint = sent + _hold_alert(hold_s, stop or threading.Event(), firing, target), ""
             ended = _transition(robot, settings.min_level, Level.OK)
             at_s = max(wall_time_s(), begin_s)
-            target.send(Notification(ended, True, at_s, before=firing.sent, is_test=True))
+            target.send(Notification(ended, True, at_s, before=firing, is_test=True))
             response += f"; {sent} messages sent{hint}"
-        else:
-            response = target.deliver(None)
     except DeliveryError as error:
         return Trial(settings.name, False, f"{target.place}: {error}", target.warning)
     return Trial(settings.name, True, f"{target.place}: {response}", target.warning)
@@ -168,7 +169,7 @@ def _hold_alert(hold_s: float, stop: threading.Event, firing: Notification, targ
     end_s = time.monotonic() + hold_s
     repeated = 0
     while not stop.wait(max(0.0, min(REPEAT_EVERY_S, end_s - time.monotonic()))) and time.monotonic() < end_s:
-        if target.repeat_every_s is not None:
+        if target.repeat_every_s < math.inf:
             target.send(firing)
             repeated += 1
     return repeated

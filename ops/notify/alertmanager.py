@@ -16,8 +16,8 @@ from ...core.values.formatting import duration_text
 from ...core.values.model import Level
 from ...runtime.times import utc_text
 from ..configuration import TargetSettings
-from .sender import DeliveryError, Notification, Notified, Sender
-from .webhook import HttpTarget
+from .sender import DeliveryError, Notification
+from .webhook import Webhook
 
 # The labels `alertname` and `severity`; the exported rules have the same.
 ALERT = "RobotHealth"
@@ -29,7 +29,7 @@ _BATCH = 200  # alerts per request
 _TOLERATED_S = 30.0
 
 
-class Alertmanager(HttpTarget, Sender):
+class Alertmanager(Webhook):
     """Posts alerts, and repeats those that are open."""
 
     repeat_every_s = REPEAT_EVERY_S
@@ -43,27 +43,27 @@ class Alertmanager(HttpTarget, Sender):
     def send(self, notification: Notification) -> str:
         """Posts the end of the alert that is open there, if it changes, and the new one."""
         alerts: List[Dict[str, Any]] = []
-        before, sent = notification.before, notification.sent
-        if before is not None and (notification.is_resolved or before.level is not sent.level):
-            alerts.append(self._alert(before, notification.text, max(notification.at_s, before.since_s)))
+        before, text = notification.before, notification.text
+        if before is not None and (notification.is_resolved or before.level is not notification.level):
+            alerts.append(self._alert(before, text, max(notification.at_s, before.at_s)))
         if not notification.is_resolved:
-            alerts.append(self._alert(sent, notification.text))
+            alerts.append(self._alert(notification, text))
         if notification.is_test:
             for alert in alerts:
                 alert["labels"]["test"] = "true"
         return self._post(alerts)
 
-    def repeat(self, alerts: Sequence[Notified]) -> None:
+    def repeat(self, alerts: Sequence[Notification]) -> None:
         """Posts open alerts again."""
         for first in range(0, len(alerts), _BATCH):
             self._post([self._alert(alert, alert.text) for alert in alerts[first : first + _BATCH]])
 
-    def _alert(self, alert: Notified, text: str, ended_s: Optional[float] = None) -> Dict[str, Any]:
+    def _alert(self, alert: Notification, text: str, ended_s: Optional[float] = None) -> Dict[str, Any]:
         labels = {
             "alertname": ALERT, "robot": alert.robot, "signal": alert.signal,
             "level": alert.level.name, "severity": SEVERITIES[alert.level],
         }  # fmt: skip
-        times = {"startsAt": utc_text(alert.since_s - self._ahead_s)}
+        times = {"startsAt": utc_text(alert.at_s - self._ahead_s)}
         if ended_s is not None:
             times["endsAt"] = utc_text(ended_s - self._ahead_s)
         annotations = {"summary": text, **alert.annotations}

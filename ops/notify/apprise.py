@@ -38,7 +38,7 @@ class AppriseTarget(Address, Sender):
         title = f"{'TEST ' if notification.is_test else ''}{notification.robot}: {notification.signal} {state}"
         kind = "success" if notification.is_resolved else _TYPES[notification.level]
         key = notification.as_json()
-        further = [value for name, value in notification.sent.annotations.items() if name != "black_box"]
+        further = [value for name, value in notification.annotations.items() if name != "black_box"]
         body = "\n".join([notification.text, *further])
         accepted = self._accepted.pop(key, set())
         errors: List[DeliveryError] = []

@@ -83,23 +83,25 @@ class Command(Sender):
         deadline_s = time.monotonic() + self._timeout_s
         poll = select.poll()  # not `select`: it cannot handle file descriptors above 1023
         poll.register(stderr, select.POLLIN)
-        text, is_open = b"", True
+
+        def read(wait_s: float) -> bytes:
+            return os.read(stderr, 65536) if poll.poll(wait_s * 1000.0) else b""
+
+        text = b""
         while process.poll() is None:
             if time.monotonic() > deadline_s:
                 _kill(process)
                 process.wait()
                 raise DeliveryError(f"killed after {self._timeout_s:g} s")
-            if is_open and poll.poll(_POLL_S * 1000.0):
-                data = os.read(stderr, 65536)
-                is_open = bool(data)
-                text = (text + data)[: 4 * _MOST_SHOWN]
-            elif not is_open:
+            data = read(_POLL_S)
+            text = (text + data)[: 4 * _MOST_SHOWN]
+            if not data:  # also if it has closed stderr
                 time.sleep(_POLL_S)
         # A process that it left running may keep stderr open: only what is there already is read.
-        while is_open and len(text) < _MOST_SHOWN and poll.poll(0):
-            data = os.read(stderr, 65536)
-            is_open = bool(data)
+        for data in iter(lambda: read(0.0), b""):
             text += data
+            if len(text) >= _MOST_SHOWN:
+                break
         return printable(" ".join(text.decode("utf-8", "replace").split()))[:_MOST_SHOWN]
 
 

@@ -8,7 +8,7 @@ import time
 from abc import ABC, abstractmethod
 from collections import Counter
 from functools import partial
-from typing import Any, Callable, Optional, TypeVar, Union
+from typing import Any, Callable, Optional, TypeVar
 
 from ...core.values.errors import ServiceError
 from ...core.values.faults import Faults
@@ -19,7 +19,7 @@ from ..configuration import TargetSettings
 from ..store.history import History
 from .notification_queue import NotificationQueue, Taken
 from .sender import DeliveryError, Sender
-from .webhook import HttpTarget
+from .webhook import Webhook
 
 Result = TypeVar("Result")
 
@@ -38,7 +38,7 @@ class Caller(StepThread, ABC):
     def __init__(
         self,
         settings: TargetSettings,
-        endpoint: Union[Sender, HttpTarget],
+        sender: Sender,
         faults: Faults,
         clock: Callable[[], float],
         backoff: Backoff,
@@ -46,7 +46,7 @@ class Caller(StepThread, ABC):
         """Calls nothing yet; see `start`."""
         self.settings = settings
         self._part = f"notify {settings.name}"
-        self._endpoint = endpoint
+        self._sender = sender
         self._faults = faults
         self._clock = clock
         self._backoff = backoff
@@ -96,8 +96,8 @@ class Caller(StepThread, ABC):
             self._not_before_s = self._attempted_s + failure.retry_after_s
             self._retry_at_s = max(self._not_before_s, self._attempted_s + self._backoff.next_s())
             level = Level.ERROR if failure.is_refused else Level.WARN
-            self._faults.report(self._part, f"{self._endpoint.place}: {failure}", level)
-        self._warn("url_file", self._endpoint.warning)
+            self._faults.report(self._part, f"{self._sender.place}: {failure}", level)
+        self._warn("url_file", self._sender.warning)
         return failure
 
     def _warn(self, about: str, text: str) -> None:
@@ -124,10 +124,9 @@ class Delivery(Caller):
         """Sends nothing yet. Many monitors do not return to a target at the same moment: `chance` is from 0 to 1."""
         backoff = Backoff(FIRST_RETRY_S, LONGEST_RETRY_S, spread=0.5, chance=chance)
         super().__init__(settings, sender, faults, clock, backoff)
-        self._sender = sender
         self._queue = queue
         self._history = history
-        self._repeat_at_s = clock()
+        self._repeat_at_s = math.inf if sender.repeat_every_s == math.inf else clock()
         self._has_news = False
         self._to_finish: Optional[Taken] = None
         """Was sent, but that is not stored yet. Nothing else is sent before that, or it would be sent twice."""
@@ -150,7 +149,7 @@ class Delivery(Caller):
 
     def step(self) -> float:
         """Makes at most one attempt."""
-        name, every_s = self.settings.name, self._sender.repeat_every_s
+        name = self.settings.name
         try:
             self._finish(self._to_finish)
             dropped = self._queue.dropped[name]
@@ -160,9 +159,9 @@ class Delivery(Caller):
                 self._has_news = False
                 self._retry_at_s = max(self._not_before_s, min(self._retry_at_s, self._attempted_s + FIRST_RETRY_S))
             now_s = self._clock()
-            repeat_at_s = math.inf if every_s is None else max(self._repeat_at_s, self._not_before_s)
-            if every_s is not None and now_s >= repeat_at_s:
-                self._repeat_at_s = now_s + every_s
+            repeat_at_s = max(self._repeat_at_s, self._not_before_s)
+            if now_s >= repeat_at_s:
+                self._repeat_at_s = now_s + self._sender.repeat_every_s
                 alerts = self._run(self._queue.open_at, name)
                 if alerts:
                     self._attempt(partial(self._sender.repeat, alerts))
@@ -210,7 +209,7 @@ class Heartbeat(Caller):
 
     def __init__(self, settings: TargetSettings, faults: Faults, clock: Callable[[], float] = time.monotonic) -> None:
         """Waits for the first tick."""
-        target = HttpTarget(settings)
+        target = Webhook(settings)
         super().__init__(settings, target, faults, clock, Backoff(FIRST_RETRY_S, settings.every_s))
         self._call = partial(target.deliver, None)
         self._tick_s = -math.inf

@@ -40,6 +40,7 @@ from typing import (
     Set,
     Tuple,
     Type,
+    Union,
 )
 
 from ...core.config.signal_config import template_name
@@ -49,7 +50,7 @@ from ..configuration import TargetSettings
 from ..store.active_silences import Silences
 from ..store.present_state import alert_json
 from ..store.rows import Rows, T, Values, records, skip
-from .sender import Notification, Notified, alert_line, annotations_of, group_of
+from .sender import Notification, group_of
 
 MOST_WAITING = 1_000
 """Rows per target from which on those are dropped that a later one of the same alert supersedes."""
@@ -72,11 +73,11 @@ _HEAD = """
 # A source's next row follows its last one; the first row of another source is beside the first one that waits.
 _INSERT_IF_CONCERNED = """
     INSERT INTO notifications
-        (target, robot, source, place, fingerprint, level, at_s, queued_s, transition_json, is_repeat)
+        (target, robot, source, place, fingerprint, level, at_s, queued_s, transition_json)
     SELECT :target, :robot, :source, max(
             coalesce((SELECT max(place) + 1 FROM notifications WHERE target = :target AND source = :source), 0),
             coalesce((SELECT min(place) FROM notifications WHERE target = :target AND attempts = 0), 0)
-        ), :fingerprint, :level, :at_s, :queued_s, :json, :repeat
+        ), :fingerprint, :level, :at_s, :queued_s, :json
     WHERE :wanted
         OR EXISTS (SELECT 1 FROM notified WHERE target = :target AND fingerprint = :fingerprint)
         OR EXISTS (SELECT 1 FROM notifications WHERE target = :target AND fingerprint = :fingerprint)
@@ -104,19 +105,18 @@ _DROP_ENDED = """
 """
 
 
-class _Alert(NamedTuple):
-    """An alert to queue, or a row of `notified`: what a target was last sent about it."""
+class Known(NamedTuple):
+    """A row of `notified`: what a target was last sent about an alert."""
 
     fingerprint: str
     level: Level
     at_s: float  # wall time in s since 1970
     transition_json: Mapping[str, Any]
 
-    def notified(self) -> Notified:
-        transition = self.transition_json
-        level = Level[transition["to_level"]] if self.level is _UNCONFIRMED else self.level
-        text, annotations = alert_line(transition), annotations_of(transition)
-        return Notified(transition["robot"], transition["signal"], level, self.at_s, text, annotations)
+    @property
+    def notification(self) -> Notification:
+        """It, as it was sent."""
+        return Notification(self.transition_json, False, self.at_s)
 
 
 class OpenAlert(NamedTuple):
@@ -132,10 +132,6 @@ class OpenAlert(NamedTuple):
     silenced_s: float
     silenced_from_s: Optional[float]
 
-    def as_alert(self) -> _Alert:
-        """Returns what is queued of it."""
-        return _Alert(self.fingerprint, self.level, self.at_s, self.transition_json)
-
 
 class Waiting(NamedTuple):
     """A row of `notifications`."""
@@ -146,7 +142,6 @@ class Waiting(NamedTuple):
     at_s: float
     transition_json: Mapping[str, Any]
     attempts: int
-    is_repeat: bool
 
 
 class Taken(NamedTuple):
@@ -178,7 +173,7 @@ class NotificationQueue:
 
         `public_url` is the address of the web page, for links to the pages of alerts; empty if there is none.
         """
-        self.targets = {target.name: target for target in targets}
+        self.targets = _alerted(targets)
         """Those that are sent alerts, by their names."""
         self._silences = silences
         self._is_simulated = is_simulated
@@ -205,7 +200,7 @@ class NotificationQueue:
         None: the targets stay, such as at the start.
         """
         if targets is not None:
-            self.targets = {target.name: target for target in targets}
+            self.targets = _alerted(targets)
             self.waiting = Counter({name: self.waiting[name] for name in self.targets})
         for table in ("notifications", "notified"):
             known = [name for (name,) in connection.execute(f"SELECT DISTINCT target FROM {table}")]
@@ -217,8 +212,8 @@ class NotificationQueue:
         """Takes every open alert as one that may have been sent: it is sent again, and its end in any case."""
         for alert in _open_alerts(connection):
             for name, target in self.targets.items():
-                if self._wants(target, alert.transition_json, alert.level):
-                    _store_notified(connection, name, alert.as_alert()._replace(level=_UNCONFIRMED))
+                if self._wants(target, alert.transition_json):
+                    _store_notified(connection, name, alert)
 
     def note(self, connection: Connection, transition: Transition, alert_id: int, wall_s: float) -> None:
         """Queues a transition for the targets that it concerns, as it is stored, at a time in s since 1970."""
@@ -228,12 +223,12 @@ class NotificationQueue:
         if simulated:
             update = "UPDATE open_alerts SET transition_json = ? WHERE fingerprint = ?"
             connection.execute(update, (line, transition.fingerprint))
-        alert = _Alert(transition.fingerprint, transition.to_level, wall_s, json.loads(line))
-        if alert.level is Level.OK:
-            self._held.discard((alert.transition_json["robot"], alert.transition_json["signal"]))
+        fields = json.loads(line)
+        if transition.to_level is Level.OK:
+            self._held.discard((fields["robot"], fields["signal"]))
         for name, target in self.targets.items():
-            is_wanted = not target.after_s and self._wants(target, alert.transition_json, alert.level)
-            if self._queue(connection, name, alert, transition.repeat, is_wanted):
+            is_wanted = not target.after_s and self._wants(target, fields)
+            if self._queue(connection, name, fields, wall_s, is_wanted):
                 self.waiting[name] += 1
                 self._drop_superseded(connection, name)
 
@@ -285,7 +280,7 @@ class NotificationQueue:
         if target.group_wait_s:
             for row in rows:
                 if row.attempts:  # it may have arrived, whatever comes after it
-                    _store_notified(connection, target.name, _Alert(row.fingerprint, _UNCONFIRMED, *row[3:5]))
+                    _store_notified(connection, target.name, row)
             rows[:] = [row._replace(attempts=0) for row in rows]
         for fingerprint, last in {row.fingerprint: row for row in rows}.items():
             if len(parts) == _MOST_GROUPED:
@@ -308,10 +303,10 @@ class NotificationQueue:
                 key = taken.target, fingerprint
                 connection.execute("DELETE FROM notified WHERE target = ? AND fingerprint = ?", key)
             else:
-                before, sent = notification.before, notification.sent
-                since_s = before.since_s if before is not None and before.level is sent.level else sent.since_s
-                alert = _Alert(fingerprint, sent.level, since_s, notification.transition)
-                _store_notified(connection, taken.target, alert)
+                before, level = notification.before, notification.level
+                since_s = before.at_s if before is not None and before.level is level else notification.at_s
+                sent = Known(fingerprint, level, since_s, notification.transition)
+                _store_notified(connection, taken.target, sent, level)
             connection.execute("DELETE FROM notifications WHERE id = ?", (number,))
         self._count(connection, taken.target)
 
@@ -320,12 +315,12 @@ class NotificationQueue:
         ids = [(number,) for number, _ in taken.parts]
         connection.executemany("UPDATE notifications SET attempts = attempts - 1 WHERE id = ?", ids)
 
-    def open_at(self, connection: Connection, target: str) -> List[Notified]:
+    def open_at(self, connection: Connection, target: str) -> List[Notification]:
         """Returns the alerts that are open at a target and about which nothing else waits."""
         rows = connection.execute("SELECT DISTINCT fingerprint FROM notifications WHERE target = ?", (target,))
         waiting = {key for (key,) in rows}
         known = _known_at(connection, target).values()
-        return [row.notified() for row in known if row.fingerprint not in waiting and row.level is not _UNCONFIRMED]
+        return [row.notification for row in known if row.fingerprint not in waiting and row.level is not _UNCONFIRMED]
 
     def reconcile(self, connection: Connection) -> None:
         """Queues whatever a target does not know: after a start, or when a silence or a wait (`after_s`) is over."""
@@ -337,9 +332,9 @@ class NotificationQueue:
         for name, target in self.targets.items():
             query = "SELECT DISTINCT fingerprint FROM notifications WHERE target = ?"
             waiting = {key for (key,) in connection.execute(query, (name,))}
-            for alert in tuple(self._unknown_to(connection, target, now_s)):
-                if alert[0] not in waiting:
-                    self._queue(connection, name, alert, is_wanted=True)
+            for transition, at_s in tuple(self._unknown_to(connection, target, now_s)):
+                if transition["fingerprint"] not in waiting:
+                    self._queue(connection, name, transition, at_s, is_wanted=True)
             self._count(connection, name)
 
     def end_unwatched(self, connection: Connection, robots: Collection[str], wall_s: float) -> None:
@@ -348,8 +343,7 @@ class NotificationQueue:
             if alert.robot not in robots:
                 connection.execute("DELETE FROM open_alerts WHERE robot = ? AND signal = ?", alert[1:3])
                 for name in self.targets:
-                    ended = _Alert(alert.fingerprint, Level.OK, wall_s, _no_longer_watched(alert.transition_json))
-                    self._queue(connection, name, ended)
+                    self._queue(connection, name, _no_longer_watched(alert.transition_json), wall_s)
                     self._count(connection, name)
 
     def _note_silenced(self, connection: Connection, now_s: float) -> None:
@@ -368,43 +362,44 @@ class NotificationQueue:
         self,
         connection: Connection,
         target: str,
-        alert: _Alert,
-        is_repeat: bool = False,
+        transition: Mapping[str, Any],
+        at_s: float,
         is_wanted: bool = False,
     ) -> bool:
         """Queues a transition if the target wants it, or knows of the alert or will; returns whether that is so."""
-        transition = alert.transition_json
         values = {
-            "target": target, "fingerprint": alert.fingerprint, "level": alert.level, "at_s": alert.at_s,
-            "json": json.dumps(transition), "repeat": is_repeat, "wanted": is_wanted, "robot": transition["robot"],
+            **transition, "target": target, "level": Level[transition["to_level"]], "at_s": at_s,
+            "json": json.dumps(transition), "wanted": is_wanted,
             "source": f"{transition['robot']} {template_name(transition['signal'])}", "queued_s": self._wall_time_s(),
         }  # fmt: skip
         return connection.execute(_INSERT_IF_CONCERNED, values).rowcount > 0
 
-    def _unknown_to(self, connection: Connection, target: TargetSettings, now_s: float) -> Iterator[_Alert]:
-        """Yields each alert about which a target knows something else."""
+    def _unknown_to(
+        self, connection: Connection, target: TargetSettings, now_s: float
+    ) -> Iterator[Tuple[Mapping[str, Any], float]]:
+        """Yields the transition of each alert about which a target knows something else, with its time."""
         known = _known_at(connection, target.name)
         for alert in _open_alerts(connection):
             before = known.pop(alert.fingerprint, None)
-            if not self._wants(target, alert.transition_json, alert.level):
+            if not self._wants(target, alert.transition_json):
                 if before is not None:
-                    yield alert.as_alert()
+                    yield alert.transition_json, alert.at_s
             elif before is None or before.level is not alert.level:
                 if self._is_silenced(alert.robot, alert.signal):
                     self._held.add((alert.robot, alert.signal))
                 elif before is not None or now_s - alert.begun_s - alert.silenced_s >= target.after_s:
-                    yield alert.as_alert()
+                    yield alert.transition_json, alert.at_s
         for row in known.values():  # the history lost its end
-            yield row._replace(level=Level.OK, transition_json=_no_longer_watched(row.transition_json))
+            yield _no_longer_watched(row.transition_json), row.at_s
 
     def _decide(self, connection: Connection, target: TargetSettings, row: Waiting) -> Optional[Notification]:
         """Returns what a row means for a target now; None: nothing."""
         known = _known_at(connection, target.name, row.fingerprint).get(row.fingerprint)
-        before = None if known is None else known.notified()
+        before = None if known is None else known.notification
         transition = row.transition_json
         if self._page and transition.get("alert_id"):
             transition = {**transition, "link": f"{self._page}{transition['alert_id']}"}
-        is_wanted = self._wants(target, transition, row.level)
+        is_wanted = self._wants(target, transition)
         notification = Notification(transition, not is_wanted, row.at_s, before)
         name = notification.robot, notification.signal
         if not is_wanted:
@@ -413,19 +408,18 @@ class NotificationQueue:
         if self._is_silenced(*name):
             self._held.add(name)
             if row.attempts and known is None:
-                unconfirmed = _Alert(row.fingerprint, _UNCONFIRMED, row.at_s, row.transition_json)
-                _store_notified(connection, target.name, unconfirmed)
+                _store_notified(connection, target.name, row)
             return None
         is_known = known is not None and known.level is row.level
-        is_again = row.attempts or (row.is_repeat and target.type != "alertmanager")
+        is_again = row.attempts or (transition["repeat"] and target.type != "alertmanager")
         return notification if is_again or not is_known else None
 
     def _is_silenced(self, robot: str, signal: str) -> bool:
         return self._silences.silence_of(robot, signal) is not None
 
-    def _wants(self, target: TargetSettings, transition: Mapping[str, Any], level: Level) -> bool:
-        """Returns whether a target is to know that an alert has a level."""
-        robot, signal = str(transition["robot"]), str(transition["signal"])
+    def _wants(self, target: TargetSettings, transition: Mapping[str, Any]) -> bool:
+        """Returns whether a target is to know that an alert has the level of a transition."""
+        robot, signal, level = transition["robot"], transition["signal"], Level[transition["to_level"]]
         return (
             level is not Level.OK
             and level.severity >= target.min_level.severity
@@ -450,6 +444,10 @@ class NotificationQueue:
         self.waiting[target] = connection.execute(query, (target,)).fetchone()[0]
         if self.waiting[target] == 0:
             self.dropped[target] = 0
+
+
+def _alerted(targets: Sequence[TargetSettings]) -> Mapping[str, TargetSettings]:
+    return {target.name: target for target in targets if target.type != "heartbeat"}
 
 
 def is_transition(found: Mapping[str, Any]) -> bool:
@@ -481,15 +479,17 @@ def _open_alerts(connection: Connection) -> Rows[OpenAlert]:
     return _read(connection, "open_alerts", OpenAlert, "")
 
 
-def _known_at(connection: Connection, target: str, *fingerprint: str) -> Dict[str, _Alert]:
+def _known_at(connection: Connection, target: str, *fingerprint: str) -> Dict[str, Known]:
     """Returns what a target was last sent about an alert, or about each, by fingerprint."""
     tail = f"WHERE target = ? {'AND fingerprint = ?' if fingerprint else ''}"
-    return {row.fingerprint: row for row in _read(connection, "notified", _Alert, tail, (target, *fingerprint))}
+    return {row.fingerprint: row for row in _read(connection, "notified", Known, tail, (target, *fingerprint))}
 
 
-def _store_notified(connection: Connection, target: str, alert: _Alert) -> None:
-    """Stores what a target was sent about an alert."""
-    connection.execute(_STORE_NOTIFIED, (target, *alert[:3], json.dumps(dict(alert.transition_json))))
+def _store_notified(
+    connection: Connection, target: str, row: Union[Known, OpenAlert, Waiting], level: Level = _UNCONFIRMED
+) -> None:
+    """Stores that a target was sent the transition of a row, or that an attempt was made."""
+    connection.execute(_STORE_NOTIFIED, (target, row.fingerprint, level, row.at_s, json.dumps(row.transition_json)))
 
 
 def _matches(patterns: Sequence[str], name: str) -> bool:

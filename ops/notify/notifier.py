@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from sqlite3 import Connection
-from typing import Callable, Collection, Dict, List, Mapping, Optional, Sequence
+from typing import Callable, Collection, Dict, Mapping, Optional, Sequence
 
 from ...core.values.model import Transition
 from ..configuration import TargetSettings
@@ -26,6 +26,7 @@ _CLOSE_POLL_S = 0.02
 
 _SENDERS: Mapping[str, Callable[[TargetSettings], Sender]] = {
     "webhook": Webhook,
+    "heartbeat": Webhook,
     "command": Command,
     "apprise": AppriseTarget,
 }
@@ -49,16 +50,15 @@ class Notifier:
         for links; empty if there is none.
         """
         self._history = history
-        self._is_up_to_date = self._has_news = False
+        self._is_up_to_date = False
         self._watched: Optional[Collection[str]] = None
         self._callers: Dict[str, Caller] = {}  # by name of the target
         self._changing = threading.Lock()
 
-        self._queue = NotificationQueue(_alerted(targets), silences, is_simulated, history.wall_s, public_url)
+        self._queue = NotificationQueue(targets, silences, is_simulated, history.wall_s, public_url)
         self._start(targets)
         history.on_record.append(self._note)
         history.on_second.append(self._follow)
-        history.on_batch.append(self._wake_for_news)
         history.on_lost.append(self._prepare_again)
         self._follow()
 
@@ -73,7 +73,7 @@ class Notifier:
             ended = [name for name, settings in known.items() if wanted.get(name) != settings]
             started = [target for name, target in wanted.items() if known.get(name) != target]
             if ended or started:
-                self._history.run(lambda connection: self._catch_up(connection, _alerted(targets)))
+                self._history.run(lambda connection: self._catch_up(connection, targets))
             for name in ended:
                 self._end(name)
             self._start(started)
@@ -134,18 +134,14 @@ class Notifier:
         """Queues a transition; runs inside the transaction that stores it."""
         if self._queue.targets:
             self._queue.note(connection, transition, alert_id, wall_s)
-            self._has_news = True
+            # Behind the alert: the threads of the targets compete for the processor.
+            self._history.submit(Job(lambda connection: self._wake()), is_urgent=True)
 
     def _prepare_again(self, connection: Connection, lost: Sequence[str]) -> None:
         """A new database was begun without some tables of the old one."""
         if "notified" in lost:
             self._queue.assume_sent(connection)
         self._is_up_to_date = False
-
-    def _wake_for_news(self) -> None:
-        if self._has_news:
-            self._has_news = False
-            self._wake()
 
     def _wake(self) -> None:
         for name, caller in tuple(self._callers.items()):
@@ -160,24 +156,16 @@ class Notifier:
     def _catch_up(self, connection: Connection, targets: Optional[Sequence[TargetSettings]] = None) -> None:
         """Queues what the targets do not know yet; `targets`: those of another configuration."""
         watched = self._watched
-        if self._is_up_to_date and targets is None:
-            self._queue.reconcile(connection)
-        else:
-            self._history.state.keep_lines(connection)
-            self._queue.prepare(connection, targets)
-            if watched is not None:
-                self._queue.end_unwatched(connection, watched, self._history.wall_s())
-            self._is_up_to_date = self._watched is watched
-        self._has_news = True
-
-
-def _alerted(targets: Sequence[TargetSettings]) -> List[TargetSettings]:
-    """Returns those that are sent alerts."""
-    return [target for target in targets if target.type != "heartbeat"]
+        self._history.state.keep_lines(connection)
+        self._queue.prepare(connection, targets)
+        if watched is not None:
+            self._queue.end_unwatched(connection, watched, self._history.wall_s())
+        self._is_up_to_date = self._watched is watched
+        self._wake()
 
 
 def make_sender(settings: TargetSettings, wall_time_s: Callable[[], float] = time.time) -> Sender:
-    """Returns the sender for a target of any type except `heartbeat`, which sends no alerts."""
+    """Returns the sender for a target; that of a heartbeat is used for its address only."""
     if settings.type == "alertmanager":
         return Alertmanager(settings, wall_time_s)
     return _SENDERS[settings.type](settings)

@@ -6,6 +6,7 @@ An address that contains a secret is in a file. Of any address only scheme and h
 from __future__ import annotations
 
 import json
+import math
 import os
 import stat
 from abc import ABC, abstractmethod
@@ -23,26 +24,14 @@ _LONGEST = 4096  # bytes of a file with an address
 
 
 @dataclass(frozen=True)
-class Notified:
-    """What a target was last sent about an alert that is open there."""
-
-    robot: str
-    signal: str
-    level: Level
-    since_s: float  # wall time at which the level began, in s since 1970
-    text: str  # the alert line, after the name of the robot
-    annotations: Mapping[str, str] = field(default_factory=dict, hash=False)  # see `annotations_of`
-
-
-@dataclass(frozen=True)
 class Notification:
     """One message to one target."""
 
     transition: Mapping[str, Any] = field(hash=False)  # with the fields of `--json`
     is_resolved: bool  # the alert has ended, or is below the target's `min_level`
     at_s: float  # wall time of the transition, in s since 1970
-    before: Optional[Notified] = None
-    """What the target was last sent about this alert; None: nothing that is still open."""
+    before: Optional[Notification] = None
+    """What the target was last sent about this alert; None if that was nothing, or its end."""
     is_test: bool = False  # sent by `robot-health notify`
 
     @property
@@ -66,9 +55,15 @@ class Notification:
         return alert_line(self.transition)
 
     @property
-    def sent(self) -> Notified:
-        """What the target knows once it has received this."""
-        return Notified(self.robot, self.signal, self.level, self.at_s, self.text, annotations_of(self.transition))
+    def annotations(self) -> Mapping[str, str]:
+        """What there is beside the line: the black box, what to do, and a link to the alert's page."""
+        advice = str(self.transition.get("what_to_do", ""))
+        found = {
+            "black_box": self.transition.get("black_box"),
+            "runbook_url" if is_http(advice) else "what_to_do": advice,
+            "link": self.transition.get("link"),
+        }
+        return {name: str(value) for name, value in found.items() if value}
 
     def as_json(self) -> str:
         """Formats the transition as `--json` does, but for `text`, and with `notification`, `time` (UTC) and `test`."""
@@ -125,17 +120,6 @@ def alert_line(transition: Mapping[str, Any]) -> str:
     return f"{transition['robot']}: {with_hint(str(transition['text']), str(transition.get('hint', '')))}"
 
 
-def annotations_of(transition: Mapping[str, Any]) -> Mapping[str, str]:
-    """Returns what there is beside the line of an alert: its black box, what to do, and a link to its page."""
-    advice = str(transition.get("what_to_do", ""))
-    found = {
-        "black_box": transition.get("black_box"),
-        "runbook_url" if is_http(advice) else "what_to_do": advice,
-        "link": transition.get("link"),
-    }
-    return {name: str(value) for name, value in found.items() if value}
-
-
 class DeliveryError(ServiceError):
     """One attempt failed. `str()` is one line, without secrets: of an address only scheme and host."""
 
@@ -159,7 +143,7 @@ class DeliveryError(ServiceError):
 class Sender(ABC):
     """Delivers notifications to one target; used by one thread. A call may block until the target's timeout."""
 
-    repeat_every_s: Optional[float] = None  # period at which open alerts are repeated, in s; None: they are sent once
+    repeat_every_s = math.inf  # period at which open alerts are repeated, in s; infinity if they are sent once
     place: str  # where the target is, without secrets
     warning: str = ""  # one line that is no failure, such as an unprotected secret; empty: none
 
@@ -167,7 +151,7 @@ class Sender(ABC):
     def send(self, notification: Notification) -> str:
         """Delivers a notification and returns how the target responded; raises DeliveryError if that failed."""
 
-    def repeat(self, alerts: Sequence[Notified]) -> None:  # noqa: B027 - optional
+    def repeat(self, alerts: Sequence[Notification]) -> None:  # noqa: B027 - optional
         """Repeats open alerts; called only with `repeat_every_s`. Raises DeliveryError."""
 
     def close(self) -> None:  # noqa: B027 - optional

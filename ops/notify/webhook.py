@@ -44,13 +44,17 @@ class Answer(NamedTuple):
     retry_after_s: float  # wait that the server requests, in s; 0: none
 
 
-class HttpTarget(Address):
-    """A target that is called over HTTP, with failures as `DeliveryError`."""
+class Webhook(Address, Sender):
+    """Posts the JSON of `--json`, with the fields `notification` (firing or resolved) and `time`."""
 
     def __init__(self, settings: TargetSettings) -> None:
         """Connects only when something is sent."""
         super().__init__(settings)
         self._timeout_s = settings.timeout_s
+
+    def send(self, notification: Notification) -> str:
+        """Posts a notification."""
+        return self.deliver(notification.as_json())
 
     def call(self, body: Optional[str], path: str = "") -> Answer:
         """Returns the response to `request`, with a path appended to the address."""
@@ -80,14 +84,6 @@ class HttpTarget(Address):
             text += f"; the server asks to wait {duration_text(answer.retry_after_s)}"
         is_refused = 400 <= status < 500 and status not in _RETRIED
         raise DeliveryError(text, is_refused=is_refused, retry_after_s=answer.retry_after_s)
-
-
-class Webhook(HttpTarget, Sender):
-    """Posts the JSON of `--json`, with the fields `notification` (firing or resolved) and `time`."""
-
-    def send(self, notification: Notification) -> str:
-        """Posts a notification."""
-        return self.deliver(notification.as_json())
 
 
 class _NotConnectedError(LinkError):
@@ -217,19 +213,9 @@ def _wait_s(text: str, date_s: Optional[float]) -> float:
 
 
 def _problem(error: object, on_timeout: str, timeout_s: float) -> str:
-    """Describes an exception without its own text, unless that cannot contain the address."""
+    """Describes an exception, without the address: the texts of other classes may contain it."""
     if isinstance(error, (socket.timeout, TimeoutError)):
         return f"{on_timeout} within {timeout_s:g} s"
-    if isinstance(error, ssl.SSLCertVerificationError):
-        return f"certificate not accepted: {printable(error.verify_message)}"
-    if isinstance(error, ssl.SSLError):
-        return f"TLS failed: {printable(str(error.reason or 'unknown reason'))}"
-    if isinstance(error, http.client.RemoteDisconnected):
-        return "the server closed the connection without a response"
-    if isinstance(error, http.client.HTTPException):
-        return f"the response is not HTTP ({type(error).__name__})"
-    if isinstance(error, socket.gaierror):
-        return f"host not found: {error.strerror}"
     if isinstance(error, OSError):
-        return (error.strerror or printable(str(error))[:_MOST_SHOWN] or type(error).__name__).lower()
-    return type(error).__name__
+        return printable(error.strerror or str(error))[:_MOST_SHOWN]
+    return f"the response is not HTTP ({type(error).__name__})"

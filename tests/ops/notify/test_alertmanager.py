@@ -16,15 +16,17 @@ from robot_health_monitor.core import Level
 from robot_health_monitor.core.nodes.outlets import json_line
 from robot_health_monitor.ops.configuration import TargetSettings
 from robot_health_monitor.ops.notify.alertmanager import Alertmanager
-from robot_health_monitor.ops.notify.sender import DeliveryError, Notification, Notified
+from robot_health_monitor.ops.notify.sender import DeliveryError, Notification
 
 BEGIN_S = 1_700_000_000.0
-WARN = Notified("r3", "battery", Level.WARN, BEGIN_S, "r3: battery WARN: 19 %")
 
 
 def notification(level: str, at_s: float, **fields: Any) -> Notification:
     event = transition(to_level=Level[level], robot="r3", signal=fields.pop("signal", "battery"), text=f"line {level}")
     return Notification(json.loads(json_line(event)), level == "OK", at_s, **fields)
+
+
+WARN = notification("WARN", BEGIN_S)
 
 
 def target(url: str, wall_time_s: Any = time.time) -> Alertmanager:
@@ -112,12 +114,12 @@ def test_an_alert_appears_changes_level_and_resolves(alertmanager: RunningAlertm
     assert alert["status"]["state"] in ("active", "unprocessed")
     begin = datetime.datetime.strptime(alert["startsAt"][:23] + "+0000", "%Y-%m-%dT%H:%M:%S.%f%z")
     assert begin.timestamp() == pytest.approx(begin_s, abs=0.001)
-    second = notification("ERROR", begin_s + 10.0, before=first.sent)
+    second = notification("ERROR", begin_s + 10.0, before=first)
     pager.send(second)
     assert alertmanager.levels() == {"battery": "ERROR"}
-    pager.repeat([second.sent])
+    pager.repeat([second])
     assert alertmanager.levels() == {"battery": "ERROR"}
-    pager.send(notification("OK", begin_s + 20.0, before=second.sent))
+    pager.send(notification("OK", begin_s + 20.0, before=second))
     assert alertmanager.levels() == {}
 
 
@@ -136,5 +138,5 @@ def test_a_wrong_clock_neither_loses_nor_prolongs_an_alert(alertmanager: Running
         assert not caught.value.is_refused
     pager.send(first)
     assert alertmanager.levels() == {signal: "WARN"}
-    pager.send(notification("OK", wrong_s(), signal=signal, before=first.sent))
+    pager.send(notification("OK", wrong_s(), signal=signal, before=first))
     assert alertmanager.levels() == {}

@@ -189,7 +189,7 @@ def test_a_repetition_is_sent_again_except_to_alertmanager() -> None:
     assert bench.deliver() == [("battery", "WARN", None), ("battery", "WARN", "WARN")]
     assert bench.deliver("pager") == [("battery", "WARN", None)]
     begin_s = 1001.0  # that of the alert, not that of its repetition
-    assert [alert.since_s for alert in bench.queue.open_at(bench.connection, "chat")] == [begin_s]
+    assert [alert.at_s for alert in bench.queue.open_at(bench.connection, "chat")] == [begin_s]
 
 
 def test_nothing_is_sent_again_after_a_restart() -> None:
@@ -397,7 +397,7 @@ def test_alerts_about_which_something_waits_are_not_repeated() -> None:
     bench.deliver()
     bench.change("OK", "WARN")
     open_alerts = bench.queue.open_at(bench.connection, "chat")
-    assert [(alert.robot, alert.signal, alert.since_s, alert.text) for alert in open_alerts] == [
+    assert [(alert.robot, alert.signal, alert.at_s, alert.text) for alert in open_alerts] == [
         ("r3", "cpu", 1002.0, "r3: cpu WARN")
     ]
 
@@ -671,7 +671,7 @@ ODD = ("'text'", "9e999", "x'ff00'", "'{}'", "'[1]'")
     [
         *(("open_alerts", name) for name in ("robot", "level", "at_s", "transition_json")),
         *(("notified", name) for name in ("level", "at_s", "transition_json")),
-        *(("notifications", name) for name in ("level", "at_s", "transition_json", "attempts", "is_repeat", "place")),
+        *(("notifications", name) for name in ("level", "at_s", "transition_json", "attempts", "place")),
     ],
 )
 def test_an_odd_row_stops_no_other_notification(table: str, column: str, odd: str) -> None:

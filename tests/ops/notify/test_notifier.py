@@ -424,5 +424,5 @@ def test_a_monitor_without_targets_gets_some(server: HttpServer) -> None:
 def test_a_sender_can_be_made_for_each_type_and_contacts_nothing(type_name: str) -> None:
     sender = make_sender(TargetSettings("target", type_name, url="http://host.invalid", command=("horn",)))
     assert sender.place and not sender.warning
-    assert (sender.repeat_every_s is not None) == (type_name == "alertmanager")
+    assert (sender.repeat_every_s == 30.0) == (type_name == "alertmanager")
     sender.close()

@@ -10,10 +10,9 @@ from typing import Dict
 import pytest
 from harness.transitions import transition
 
-from robot_health_monitor.core import Level
 from robot_health_monitor.core.nodes.outlets import json_line
 from robot_health_monitor.ops.configuration import TargetSettings, shown
-from robot_health_monitor.ops.notify.sender import Address, DeliveryError, Notification, Notified, annotations_of
+from robot_health_monitor.ops.notify.sender import Address, DeliveryError, Notification
 
 
 def of_file(path: Path) -> Address:
@@ -129,12 +128,6 @@ def test_the_text_ends_with_the_hint_also_for_a_notification_stored_by_a_version
     assert Notification(fields, False, 0.0).text == "r3: battery STALE: silent"
 
 
-def test_what_a_target_knows_after_a_notification() -> None:
-    notification = Notification(json.loads(json_line(transition(robot="r3"))), False, 12.0)
-    text = "r3: battery_level WARN: 19.5 % is below 20 % (was OK for 312 s)"
-    assert notification.sent == Notified("r3", "battery_level", Level.WARN, 12.0, text)
-
-
 @pytest.mark.parametrize(
     ("fields", "annotations"),
     [
@@ -145,4 +138,4 @@ def test_what_a_target_knows_after_a_notification() -> None:
     ],
 )
 def test_what_there_is_beside_the_line_of_an_alert(fields: Dict[str, str], annotations: Dict[str, str]) -> None:
-    assert annotations_of({"black_box": "", **fields}) == annotations
+    assert Notification({"black_box": "", **fields}, False, 0.0).annotations == annotations

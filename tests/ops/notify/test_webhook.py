@@ -31,13 +31,13 @@ from robot_health_monitor.cli.commands.notify_command import try_target
 from robot_health_monitor.core.nodes.outlets import json_line
 from robot_health_monitor.ops.configuration import TargetSettings
 from robot_health_monitor.ops.notify.sender import DeliveryError, Notification
-from robot_health_monitor.ops.notify.webhook import HttpTarget, Webhook, request
+from robot_health_monitor.ops.notify.webhook import Webhook, request
 
 
 @pytest.mark.parametrize("status", [200, 201, 202, 204])
 def test_success(server: HttpServer, status: int) -> None:
     server.behave = responding(status)
-    assert HttpTarget(TargetSettings("chat", "webhook", url=server.url)).deliver("{}").startswith(str(status))
+    assert Webhook(TargetSettings("chat", "webhook", url=server.url)).deliver("{}").startswith(str(status))
 
 
 @pytest.mark.parametrize(
@@ -47,7 +47,7 @@ def test_success(server: HttpServer, status: int) -> None:
 def test_only_4xx_is_a_refusal_except_408_and_429(server: HttpServer, status: int, is_refused: bool) -> None:
     server.behave = responding(status, Retry_After="7")
     with pytest.raises(DeliveryError) as caught:
-        HttpTarget(TargetSettings("chat", "webhook", url=server.url)).deliver("{}")
+        Webhook(TargetSettings("chat", "webhook", url=server.url)).deliver("{}")
     assert (caught.value.is_refused, caught.value.may_have_arrived) == (is_refused, True)
     assert caught.value.retry_after_s == 7.0
 
@@ -55,14 +55,14 @@ def test_only_4xx_is_a_refusal_except_408_and_429(server: HttpServer, status: in
 def test_a_redirect_is_reported_and_retried(server: HttpServer) -> None:
     server.behave = redirecting_to_itself
     with pytest.raises(DeliveryError, match=r"^response 302 Found; redirects are not followed$") as caught:
-        HttpTarget(TargetSettings("chat", "webhook", url=server.url)).deliver("{}")
+        Webhook(TargetSettings("chat", "webhook", url=server.url)).deliver("{}")
     assert not caught.value.is_refused
 
 
 def test_nothing_of_a_secret_address_is_shown(server: HttpServer, tmp_path: Path) -> None:
     file = tmp_path / "chat.url"
     file.write_text(f"{server.url}/hooks/s3cret")
-    target = HttpTarget(TargetSettings("chat", "webhook", url_file=str(file)))
+    target = Webhook(TargetSettings("chat", "webhook", url_file=str(file)))
     server.behave = responding(404, b"no such page: /hooks/s3cret")
     with pytest.raises(DeliveryError, match=r"^response 404 Not Found$"):
         target.deliver("{}")
@@ -85,10 +85,10 @@ def test_the_servers_reason_is_not_shown_if_the_address_is_secret(
     server.behave = giving_reason(status, "no such page: /hooks/s3cret")
     file = tmp_path / "chat.url"
     file.write_text(f"{server.url}/hooks/s3cret")
-    secret = HttpTarget(TargetSettings("chat", "webhook", url_file=str(file)))
+    secret = Webhook(TargetSettings("chat", "webhook", url_file=str(file)))
     with pytest.raises(DeliveryError, match=rf"^response {shown}(; redirects are not followed)?$"):
         secret.deliver("{}")
-    known = HttpTarget(TargetSettings("chat", "webhook", url=server.url))
+    known = Webhook(TargetSettings("chat", "webhook", url=server.url))
     with pytest.raises(DeliveryError, match=rf"^response {status} no such page: /hooks/s3cret"):
         known.deliver("{}")
 
@@ -104,7 +104,7 @@ def test_the_reason_of_a_success_is_not_shown_either(server: HttpServer, tmp_pat
 
 def test_a_path_is_appended_once(server: HttpServer) -> None:
     for url in ("", "/", "/api/v2/alerts", "/am/"):
-        HttpTarget(TargetSettings("pager", "alertmanager", url=server.url + url)).call("[]", "/api/v2/alerts")
+        Webhook(TargetSettings("pager", "alertmanager", url=server.url + url)).call("[]", "/api/v2/alerts")
     assert [request.path for request in server.all()] == ["/api/v2/alerts"] * 3 + ["/am/api/v2/alerts"]
 
 
@@ -165,7 +165,7 @@ def test_redirects_are_not_followed(server: HttpServer) -> None:
 @pytest.mark.parametrize(
     ("behaviour", "text"),
     [
-        (closing_at_once, "the server closed the connection without a response"),
+        (closing_at_once, "Remote end closed connection without response"),
         (garbling, "the response is not HTTP (BadStatusLine)"),
     ],
 )
@@ -177,13 +177,13 @@ def test_a_response_that_is_none_is_a_failure(server: HttpServer, behaviour: Beh
 
 
 def test_a_refused_connection_certainly_did_not_deliver() -> None:
-    with pytest.raises(DeliveryError, match=r"^connection refused$") as caught:
+    with pytest.raises(DeliveryError, match=r"^Connection refused$") as caught:
         request(f"http://127.0.0.1:{free_port()}", b"{}", TIMEOUT_S)
     assert not caught.value.may_have_arrived
 
 
 def test_a_host_that_does_not_exist_is_named_as_the_cause() -> None:
-    with pytest.raises(DeliveryError, match=r"^host not found") as caught:
+    with pytest.raises(DeliveryError, match=r"^(Name|Temporary failure in name|No address)") as caught:
         request("http://robot.invalid", b"{}", TIMEOUT_S)
     assert not caught.value.may_have_arrived
 
@@ -203,7 +203,7 @@ def test_a_certificate_that_is_not_trusted_is_refused(tmp_path: Path) -> None:
 
         thread = threading.Thread(target=accept)
         thread.start()
-        with pytest.raises(DeliveryError, match=r"^certificate not accepted: ") as caught:
+        with pytest.raises(DeliveryError, match=r"certificate verify failed") as caught:
             request(f"https://127.0.0.1:{listener.getsockname()[1]}/secret", b"{}", TIMEOUT_S)
         thread.join()
     assert not caught.value.may_have_arrived and "secret" not in str(caught.value)
