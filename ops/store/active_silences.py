@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 import threading
 from sqlite3 import Connection
-from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple, TypeVar
+from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, TypeVar
 
 from ...core.values.errors import ServiceError
-from ...core.values.formatting import count_text, duration_text, printable
+from ...core.values.formatting import count_text, printable
 from ...core.values.model import Level, Transition
 from . import schema
 from .history import History
@@ -22,7 +22,6 @@ from .silences import (
     limit_to_durations,
     read_silences,
     resolve_alert,
-    time_text,
 )  # fmt: skip
 
 Changed = TypeVar("Changed")
@@ -51,11 +50,9 @@ class Silences:
         self._active: Sequence[Silence] = ()
         self._found: Dict[Alert, Optional[Silence]] = {}
         self._set_s = self._next_change_s = -math.inf
-        self._seen: Optional[Tuple[Connection, int]] = None
         self._stored: Sequence[Silence] = ()
         """As they were read last: one that is not active now may be so once the wall clock is set."""
         self._causes: Dict[str, Mapping[str, str]] = {}
-        self._followed_s = history.wall_s()
         history.on_record.append(self._note_transition)
         history.on_second.append(self._follow)
         history.on_lost.append(self._restore)
@@ -83,7 +80,7 @@ class Silences:
         now_s = self._wall_time_s()
         with self._lock:
             if not self._set_s <= now_s < self._next_change_s:
-                self._set_active(self._active, now_s)
+                self._set_active(now_s)
             key = printable(robot), printable(signal)
             if key not in self._found:
                 if len(self._found) >= _MOST_CACHED:
@@ -101,14 +98,17 @@ class Silences:
         return [silence.seen_at(now_s) for silence in self._active if silence.is_active(now_s)]
 
     def look(self, connection: Connection) -> None:
-        """Reads the silences again if another process has changed the file: call before a notification is sent.
+        """Reads the silences, which another process may have changed: call before a notification is sent.
 
         Call with the history's connection inside a transaction, in which another process cannot add a silence.
         """
-        seen = (connection, connection.execute("PRAGMA data_version").fetchone()[0])
-        if seen != self._seen:
-            self._take_over(connection)
-            self._seen = seen
+        now_s = self._wall_time_s()
+        silences = read_silences(connection, active_at_s=now_s)
+        with self._lock:
+            if silences != self._stored:
+                self._stored = silences
+                self._set_active(now_s)
+        self._faults.clear(_FAULT)
 
     def add(self, matchers: Sequence[Matcher], **options: Any) -> Silence:
         """Adds a silence, as `add_silence`; a ServiceError says that the history failed or did not answer."""
@@ -121,10 +121,7 @@ class Silences:
     def _follow(self, connection: Connection) -> None:
         """Looks whether others changed the silences, or the wall clock was set."""
         now_s = self._wall_time_s()
-        if now_s < self._followed_s:
-            self._seen = None
-        self._followed_s = now_s
-        self.look(connection)
+        self.look(connection)  # also if nothing but the clock has changed
         if any(each.is_in_future(now_s) for each in self._stored):
             with schema.transaction(connection):
                 self._limit(connection)
@@ -139,11 +136,11 @@ class Silences:
 
     def _limit(self, connection: Connection) -> None:
         """Limits silences that were made in the future to their duration, with one line."""
-        now_s = self._wall_time_s()
-        noticed = limit_to_durations(connection, now_s)
+        noticed = limit_to_durations(connection, self._wall_time_s())
         if noticed:
-            self._faults.report(_CLOCK_FAULT, _limit_text(noticed, now_s), Level.WARN)
-        self._take_over(connection)
+            text = f"{count_text(noticed, 'silence')} made in the future: each ends after its duration from now on"
+            self._faults.report(_CLOCK_FAULT, text, Level.WARN)
+        self.look(connection)
 
     def _change(self, change: Callable[[Connection, float], Changed]) -> Changed:
         """Changes the stored silences in a transaction, with the present time in s since 1970."""
@@ -151,48 +148,20 @@ class Silences:
 
         def change_and_read(connection: Connection) -> Changed:
             changed = change(connection, now_s)
-            self._take_over(connection)
+            self.look(connection)
             return changed
 
         return self._history.run(change_and_read, _TIMEOUT_S)
 
-    def _take_over(self, connection: Connection) -> None:
-        """Reads the silences, in the history's writer thread."""
-        now_s = self._wall_time_s()
-        silences = read_silences(connection, active_at_s=now_s)
-        with self._lock:
-            self._stored = silences
-            self._set_active(silences, now_s)
-        self._faults.clear(_FAULT)
-
-    def _set_active(self, silences: Sequence[Silence], now_s: float) -> None:
+    def _set_active(self, now_s: float) -> None:
         """Call with the lock held."""
-        self._active = tuple(silence for silence in silences if silence.is_active(now_s))
+        self._active = tuple(silence for silence in self._stored if silence.is_active(now_s))
         self._found = {}
         self._set_s = now_s
         self._next_change_s = min((silence.change_s(now_s) for silence in self._active), default=math.inf)
 
     def _note_transition(self, connection: Connection, alert_id: int, transition: Transition, wall_s: float) -> None:
         """Ends silences whose last alert has resolved; runs in the transaction that stores the transition."""
-        if transition.to_level is not Level.OK:
-            return
         alert = printable(transition.robot), printable(transition.signal)
-        if not resolve_alert(connection, alert, wall_s):
-            return
-        with self._lock:
-            self._set_active([_without(silence, alert, wall_s) for silence in self._active], self._wall_time_s())
-
-
-def _limit_text(silences: Sequence[Silence], now_s: float) -> str:
-    first = silences[0]
-    for_s = (first.until_s or first.created_s) - first.created_s
-    text = f"silence {first.id} was made at {time_text(first.created_s)}, which is in the future"
-    text += f"; it ends in {duration_text(for_s)}, at {time_text(now_s + for_s)}"
-    if len(silences) > 1:
-        text += f"; so do {count_text(len(silences) - 1, 'more silence')}, each after its duration"
-    return text
-
-
-def _without(silence: Silence, alert: Alert, now_s: float) -> Silence:
-    alerts = silence.alerts - {alert}
-    return silence._replace(alerts=alerts, ended_s=now_s if silence.until_resolved and not alerts else silence.ended_s)
+        if transition.to_level is Level.OK and resolve_alert(connection, alert, wall_s):
+            self.look(connection)

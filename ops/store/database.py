@@ -17,25 +17,18 @@ import sqlite3
 import threading
 import time
 from collections import deque
+from dataclasses import dataclass
 from sqlite3 import Connection
 from typing import Any, Callable, Deque, Generic, List, Optional, Sequence, TypeVar
 
-from ...core.values.errors import ServiceError
+from ...core.values.errors import ConfigError, ServiceError
 from ...core.values.faults import Faults
 from ...core.values.model import Level
 from ...runtime.backoff import Backoff
 from ...runtime.threads import MonotonicEvent, StepThread
 from ..configuration import HistorySettings
 from . import samples, schema
-from .database_file import (
-    DatabaseFile,
-    is_damage,
-    is_file_error,
-    open_read_only,
-    reading,
-    reason,
-    set_aside,
-)  # fmt: skip
+from .database_file import DatabaseFile, is_damage, is_file_error, reading, reason, set_aside
 from .present_state import PresentState
 from .retention import AgeClock, Retention
 from .rows import CheckedConnection
@@ -54,43 +47,35 @@ SLOW_S = 3.0
 MAX_WAITING = 2_000
 """Most jobs that wait; a transition with its evidence takes up to 8 kB."""
 
-_MAX_BATCH = 50  # jobs per transaction: about 200 kB
 _MAX_ATTEMPTS = 3
 _PERIOD_S = 1.0  # of the sign of life, and of looking after the file
 _MEMORY_BYTES = 16e6
 _EMPTY_BYTES = 120_000
 """Of a database without rows: each table takes a page or two."""
 _LOG_BYTES = 8e6
-_BATCH_BYTES = 200e3
+_JOB_BYTES = 200e3  # that a transaction adds at most
 _FIRST_RETRY_S, _LAST_RETRY_S = 5.0, 60.0
 _RETENTION_PERIOD_S = 60.0
 _DAY_S = 86_400.0
 
 
+@dataclass(eq=False)
 class Job(Generic[Result]):
     """A function to run in the writer's thread, inside a transaction; again if the database has to be replaced."""
 
-    def __init__(self, function: Callable[[Connection], Result], is_foreign: bool = False) -> None:
-        """`is_foreign`: a function of another module, in a separate transaction; its errors go to the caller."""
-        self.function = function
-        self.is_foreign = is_foreign
-        self.event: Optional[MonotonicEvent] = None
-        """Set when it is done, if something waits for that."""
-        self.is_done = False
-        self.is_cancelled = False
-        self.result: Optional[Result] = None
-        self.error: Optional[BaseException] = None
-
-    def end(self, error: Optional[BaseException]) -> None:
-        """Notes that it has run."""
-        self.error, self.is_done = error, True
-        event = self.event
-        if event is not None:
-            event.set()
+    function: Callable[[Connection], Result]
+    is_foreign: bool = False
+    """Whether it is a function of another module, whose errors go to the caller."""
+    event: Optional[MonotonicEvent] = None
+    """Set when it is done, if something waits for that."""
+    is_done: bool = False
+    is_cancelled: bool = False
+    result: Optional[Result] = None
+    error: Optional[BaseException] = None
 
 
 class Database:
-    """Owns the connection and its thread, which runs jobs: several in one transaction if they are waiting."""
+    """Owns the connection and its thread, which runs jobs, each in a transaction."""
 
     def __init__(
         self, settings: Optional[HistorySettings], wall_time_s: Callable[[], float], faults: Optional[Faults]
@@ -106,7 +91,7 @@ class Database:
         keep_bytes = keep.keep_mb * 1e6
         self._log_bytes = min(_LOG_BYTES, 0.2 * keep_bytes)
         self._max_log_bytes = 1.5 * self._log_bytes
-        self._max_bytes = 1.05 * keep_bytes - self._max_log_bytes - _BATCH_BYTES
+        self._max_bytes = 1.05 * keep_bytes - self._max_log_bytes - _JOB_BYTES
         self._max_memory_bytes = (
             _MEMORY_BYTES if settings is None else min(_MEMORY_BYTES, _EMPTY_BYTES + 0.5 * self._log_bytes)
         )
@@ -114,8 +99,6 @@ class Database:
         """What a new database begins with."""
         self.on_second: List[Callable[[Connection], object]] = []
         """Called about once a second by the writer's thread, outside of a transaction."""
-        self.on_batch: List[Callable[[], object]] = []
-        """Called by the writer's thread when jobs are done and something may wait for the next ones."""
         self.on_lost: List[Callable[[Connection, Sequence[str]], object]] = []
         """Called inside the transaction that begins a new database, with the tables of the present state that could
         not be read."""
@@ -125,14 +108,12 @@ class Database:
         self._backoff = Backoff(_FIRST_RETRY_S, _LAST_RETRY_S)
         self._next_retry_s = 0.0
         self._retention: Optional[Retention] = None
-        self._age_clock = AgeClock(wall_time_s(), _boot_s())
+        self._age_clock = AgeClock(wall_time_s())
         self._maintain_at_s = time.monotonic() + _PERIOD_S
         self._old_at_s = self._surplus_at_s = 0.0
         self._is_too_large = self._is_closing = False
         self._lock = threading.Lock()
         self._jobs: Deque[Job[Any]] = deque()
-        self._events = [MonotonicEvent()]
-        """Those that nothing waits for."""
         self._busy_since_s: Optional[float] = time.monotonic()
         self._thread = StepThread("history", self._step, lambda error: self._report(f"internal error: {error!r}"))
         self._thread.start()
@@ -156,16 +137,9 @@ class Database:
 
     def wait(self, job: Job[Result], timeout_s: float) -> bool:
         """Waits until a job is done, whatever becomes of the wall clock; returns whether it is."""
-        until_s = time.monotonic() + timeout_s
-        event = self._events.pop() if self._events else MonotonicEvent()
-        event.clear()
-        job.event = event
-        while not job.is_done and time.monotonic() < until_s:
-            event.clear()
-            if not job.is_done:
-                event.wait(until_s - time.monotonic())
-        job.event = None
-        self._events.append(event)
+        job.event = MonotonicEvent()
+        if not job.is_done:
+            job.event.wait(timeout_s)
         return job.is_done
 
     def put(self, function: Callable[[Connection], object]) -> None:
@@ -174,7 +148,7 @@ class Database:
         self.submit(Job(function))
 
     def run(self, function: Callable[[Connection], Result], timeout_s: float = 5.0) -> Result:
-        """Runs a function in the writer's thread, in a separate transaction. Not for the path of an alert.
+        """Runs a function in the writer's thread, in a transaction. Not for the path of an alert.
 
         The function must not keep the connection; it is not run if it has not begun after `timeout_s`.
 
@@ -239,9 +213,10 @@ class Database:
                 self._use_memory(None)
             else:
                 self._open_file()
-        batch = self._next_batch()
-        if batch:
-            self._run_batch(batch)
+        with self._lock:
+            job = self._jobs.popleft() if self._jobs else None
+        if job is not None and not job.is_cancelled:
+            self._run(job)
         self._is_too_large = self._care(self._limit_size) is True
         now_s = time.monotonic()
         if now_s >= self._maintain_at_s:
@@ -256,40 +231,24 @@ class Database:
             self._thread.close()
         return 0.0 if self._is_too_large or not is_idle else max(0.0, self._maintain_at_s - time.monotonic())
 
-    def _next_batch(self) -> List[Job[Any]]:
-        batch: List[Job[Any]] = []
-        with self._lock:
-            while self._jobs and len(batch) < _MAX_BATCH:
-                if batch and (self._jobs[0].is_foreign or batch[0].is_foreign):
-                    break
-                job = self._jobs.popleft()
-                if not job.is_cancelled:
-                    batch.append(job)
-        return batch
-
-    def _run_batch(self, batch: List[Job[Any]]) -> None:
-        error: Optional[BaseException] = None
+    def _run(self, job: Job[Any]) -> None:
         for _ in range(_MAX_ATTEMPTS):
-            error = self._attempt(batch)
-            if error is None or not self._handle(error, not batch[0].is_foreign):
-                break
-        if error is not None and batch[0].event is None:
-            self._report(f"internal error: {type(error).__name__}")
-        for job in batch:
-            job.end(error)
-        for hook in self.on_batch:
-            hook()
-
-    def _attempt(self, batch: List[Job[Any]]) -> Optional[BaseException]:
-        connection = self.connection
-        try:
-            with schema.transaction(connection):
-                for job in batch:
-                    job.result = job.function(connection)
-        except Exception as error:
-            return error
-        self._note_committed()
-        return None
+            job.error = None
+            try:
+                with schema.transaction(self.connection):
+                    job.result = job.function(self.connection)
+            except Exception as error:
+                job.error = error
+                if self._handle(error, not job.is_foreign):
+                    continue
+            else:
+                self._note_committed()
+            break
+        if job.error is not None and job.event is None:
+            self._report(f"internal error: {type(job.error).__name__}")
+        job.is_done = True
+        if job.event is not None:
+            job.event.set()
 
     def _care(self, step: Callable[[], Result]) -> Optional[Result]:
         """Runs a step of the database's own work."""
@@ -307,23 +266,19 @@ class Database:
         """
         if was_own:
             self._retention = None  # it has counted what was rolled back
-        if self._file is None:
+        file = self._file
+        if file is None:
             return False
         if not is_file_error(error) and isinstance(error, sqlite3.OperationalError):
             with contextlib.suppress(sqlite3.Error):
-                error = schema.altered_error(self._file.connection) or error
+                error = schema.altered_error(file.connection) or error
         if not (is_file_error(error) or (was_own and isinstance(error, sqlite3.Error))):
             return False
-        file = self._file
-        self._leave(file, error)
+        self._leave(file)
         if is_damage(error):
-            try:
-                self._put_aside(file.path, error)
-            except OSError as rename_error:
-                problem = reason(rename_error, file.path)
-                self._report(f"{file.path} is damaged ({error}) and {problem}; continuing in memory")
-            else:
-                self._open_file()
+            self._open_file(error)
+        else:
+            self._retry_later(f"{self.file}: {error}")
         return True
 
     def _note_committed(self) -> None:
@@ -364,7 +319,7 @@ class Database:
         return True
 
     def _age_s(self) -> float:
-        return self._age_clock.now_s(self.wall_s(), _boot_s())
+        return self._age_clock.now_s(self.wall_s())
 
     def _close(self) -> None:
         """Closes the database; what is in memory is stored in the file if that is possible now."""
@@ -376,19 +331,36 @@ class Database:
         if self._memory is not None:
             self._memory.close()
 
-    def _open_file(self) -> None:
-        """Opens the file and moves what is in memory into it, or uses memory."""
-        assert self.file is not None
+    def _open_file(self, damage: Optional[BaseException] = None) -> None:
+        """Opens the file and moves what is in memory into it, or goes on in memory.
+
+        A damaged file is replaced; `damage` says that it is one.
+        """
+        path = str(self.file)
         try:
-            file = self._opened(self.file)
+            try:
+                if damage is not None:
+                    raise damage
+                file = self._adopted(path)
+            except sqlite3.DatabaseError as error:
+                if not is_damage(error):
+                    raise
+                text = f"{path} is damaged ({error}): kept as {set_aside(path, self.wall_s())}, a new history was begun"
+                self.faults.report(REPLACED_PART, text)
+                file = self._adopted(path)
         except schema.UnusableFileError as error:
             self._backoff.reset()
-            self._report(f"{self.file} is not used: {error}; continuing without a history file")
-            self._require_memory(None)
+            self._report(f"{path} is not used: {error}; continuing without a history file")
+            if self._memory is None:
+                self._use_memory(None)
         except (OSError, sqlite3.Error) as error:
-            self._retry_later()
-            self._report(f"{reason(error, self.file)}; continuing in memory")
-            self._require_memory(self.file)
+            self._retry_later(reason(error, path))
+            if self._memory is None:
+                try:
+                    with reading(path) as source:
+                        self._use_memory(source)
+                except ConfigError:
+                    self._use_memory(None)
         else:
             if self._memory is not None:
                 self._memory.close()
@@ -396,17 +368,9 @@ class Database:
             self._backoff.reset()
             self.faults.clear(PART)
 
-    def _opened(self, path: str) -> DatabaseFile:
-        """Returns the open file with the present run in it; a damaged one is replaced. Raises as `DatabaseFile`."""
-        try:
-            return self._adopted(DatabaseFile(path, self._log_bytes))
-        except sqlite3.Error as error:
-            if not is_damage(error):
-                raise
-            self._put_aside(path, error)
-            return self._adopted(DatabaseFile(path, self._log_bytes))
-
-    def _adopted(self, file: DatabaseFile) -> DatabaseFile:
+    def _adopted(self, path: str) -> DatabaseFile:
+        """Returns the open file with the present run in it. Raises as `DatabaseFile`."""
+        file = DatabaseFile(path, self._log_bytes)
         connection = file.connection
         try:
             self._shorten_log(file)
@@ -415,7 +379,7 @@ class Database:
                 raise altered
             with schema.transaction(connection):
                 if self._memory is None:
-                    self._age_clock = AgeClock(self.state.begin(connection), _boot_s())
+                    self._age_clock = AgeClock(self.state.begin(connection))
                 else:
                     self._move_from_memory(self._memory, connection)
         except BaseException:
@@ -423,11 +387,11 @@ class Database:
             raise
         return file
 
-    def _leave(self, file: DatabaseFile, error: Optional[BaseException] = None) -> None:
+    def _leave(self, file: DatabaseFile) -> None:
         """Goes on in memory, with what can be read of the file."""
         self._file = None
         try:
-            self._use_memory(file.connection, error)
+            self._use_memory(file.connection)
         finally:
             file.close()
 
@@ -445,14 +409,8 @@ class Database:
         else:
             self.faults.clear(PART)
 
-    def _put_aside(self, path: str, error: BaseException) -> None:
-        """Renames a damaged file, or raises OSError."""
-        aside = set_aside(path, self.wall_s())
-        text = f"{path} is damaged ({error}): kept as {aside}, a new history was begun"
-        self.faults.report(REPLACED_PART, text)
-
-    def _use_memory(self, source: Optional[Connection], error: Optional[BaseException] = None) -> None:
-        """Goes on in memory, with what can be read of `source`, which was used until now; `error`: why no longer."""
+    def _use_memory(self, source: Optional[Connection]) -> None:
+        """Goes on in memory, with what can be read of `source`."""
         memory = schema.in_memory(CheckedConnection)
         with schema.transaction(memory):
             unreadable = schema.LIVE_TABLES if source is None else schema.copy_state(source, memory)
@@ -464,24 +422,10 @@ class Database:
                 for hook in self.on_lost:
                     hook(memory, unreadable)
         self._memory, self._retention = memory, None
-        if error is not None:
-            self._report(f"{reason(error, str(self.file))}; continuing in memory")
-            self._retry_later()
 
-    def _require_memory(self, readable: Optional[str]) -> None:
-        """Goes on in memory unless that is already so; `readable`: path of a file that may have the present state."""
-        if self._memory is not None:
-            return
-        try:
-            source = None if readable is None else open_read_only(readable)
-        except (OSError, sqlite3.Error, schema.UnusableFileError):
-            source = None
-        self._use_memory(source)
-        if source is not None:
-            source.close()
-
-    def _retry_later(self) -> None:
+    def _retry_later(self, problem: str) -> None:
         self._next_retry_s = time.monotonic() + self._backoff.next_s()
+        self._report(f"{problem}; continuing in memory")
 
     def _move_from_memory(self, memory: Connection, connection: Connection) -> None:
         for table in schema.tables(memory):
@@ -515,8 +459,3 @@ class Database:
         """Reports the first row that was skipped because of its values; the fault lasts until a restart."""
         if isinstance(connection, CheckedConnection) and connection.skipped and ROWS_PART not in self.faults.current():
             self.faults.report(ROWS_PART, connection.skipped_text, Level.WARN)
-
-
-def _boot_s() -> float:
-    """Returns monotonic seconds that include suspension."""
-    return time.clock_gettime(time.CLOCK_BOOTTIME)

@@ -15,7 +15,7 @@ from contextlib import contextmanager
 from sqlite3 import Connection, OperationalError
 from typing import Any, Callable, Deque, Dict, Iterable, Iterator, List, Mapping, Optional, Sequence, Tuple, TypeVar
 
-from ...core.judge.sample_summary import SampleSummary
+from ...core.judge.sample_summary import PERIOD_S, SampleSummary
 from ...core.judge.saved_state import SavedSignal
 from ...core.values.errors import ServiceError
 from ...core.values.faults import Faults
@@ -26,7 +26,7 @@ from .database import PART, Database, Job
 from .database_file import is_file_error
 from .queries import read_states
 from .rows import INSERT_TRANSITION, pack_samples, transition_row
-from .samples import StoredSamples, store, summaries_of
+from .samples import StoredSamples, store
 from .schema import altered_error
 
 Result = TypeVar("Result")
@@ -42,7 +42,12 @@ LOST_PART = "history queue"
 """The part whose fault counts transitions that were not stored."""
 
 _MOST_EVIDENT = 1_000  # signals per robot whose latest samples are known: a driver may rename itself
-_MOST_EFFECTS = 1_000  # names that are stored with an alert, likewise
+# At most 1,000 are stored with an alert, likewise.
+_STORE_EFFECT = """
+    INSERT OR IGNORE INTO effects (transition_id, signal)
+    SELECT alert_id, ? FROM open_alerts WHERE robot = ? AND signal = ?
+        AND (SELECT count(*) FROM effects WHERE transition_id = alert_id) < 1000
+"""
 _RESTORE_TIMEOUT_S = 5.0
 _HOOK_PART = "notifications"
 
@@ -201,21 +206,19 @@ class RobotHistory:
     def record_samples(self, samples: Mapping[str, Sequence[SampleSummary]]) -> None:
         """Stores what was collected of the samples of signals, by their names; returns at once."""
         with self._reporting("samples were not stored"):
-            rows = (summaries_of(self._robot, printable(signal), each) for signal, each in samples.items())
-            self._history.put_samples(row for summaries in rows for row in summaries)
+            self._history.put_samples(
+                StoredSamples(self._robot, printable(signal), each.start_s, PERIOD_S, *each[1:])
+                for signal, summaries in samples.items()
+                for each in summaries
+            )
 
     def record_effects(self, effects: Mapping[str, Sequence[str]]) -> None:
         """Stores with open alerts, by the names of their signals, which signals they keep from being announced."""
 
         def add(connection: Connection) -> None:
-            where = "WHERE id = (SELECT alert_id FROM open_alerts WHERE robot = ? AND signal = ?)"
             for cause, names in effects.items():
-                alert = (printable(self._robot), printable(cause))
-                row = connection.execute(f"SELECT affected FROM transitions {where}", alert).fetchone()
-                if row is not None:
-                    known = dict.fromkeys([*filter(None, str(row[0]).split("\n")), *map(printable, names)])
-                    affected = "\n".join([*known][:_MOST_EFFECTS])
-                    connection.execute(f"UPDATE transitions SET affected = ? {where}", (affected, *alert))
+                rows = [(printable(name), printable(self._robot), printable(cause)) for name in names]
+                connection.executemany(_STORE_EFFECT, rows)
 
         self._history.put(add)
 

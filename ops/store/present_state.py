@@ -111,7 +111,7 @@ class PresentState:
 
     def continue_numbers(self, connection: Connection) -> None:
         """Lets the numbers of transitions continue, also in a new file."""
-        schema.number_from(connection, self._last_id, ("transitions",))
+        schema.number_from(connection, self._last_id, "transitions")
 
     def begin_watch(self, connection: Connection, robot: str) -> None:
         """Stores that a robot is watched from now on."""

@@ -114,13 +114,10 @@ def read_states(connection: Connection, robot: str) -> Dict[str, Any]:
     One that is not a JSON object is the level that was announced last; None if that is unknown, too.
     """
     query = "SELECT signal, state FROM signal_states WHERE robot = ?"
-    states: Dict[str, Any] = dict(select(connection, "signal_states", (str, dict), query, (robot,)))
-    names = [name for (name,) in connection.execute("SELECT signal FROM signal_states WHERE robot = ?", (robot,))]
-    damaged = [name for name in names if isinstance(name, str) and name not in states]
-    for name in damaged:
-        query = (
-            "SELECT to_level FROM transitions WHERE robot = ? AND signal = ? AND NOT repeat ORDER BY id DESC LIMIT 1"
-        )
+    rows = select(connection, "signal_states", (str, dict), query, (robot,))
+    states: Dict[str, Any] = dict(rows)
+    query = "SELECT to_level FROM transitions WHERE robot = ? AND signal = ? AND NOT repeat ORDER BY id DESC LIMIT 1"
+    for name in [row[0] for row in rows.found if isinstance(row[0], str) and row[0] not in states]:
         levels = select(connection, "transitions", (Level,), query, (robot, name))
         states[name] = {"announced": {"level": levels[0][0].name}} if levels else None
     return states
@@ -169,12 +166,13 @@ def evidence(connection: Connection, transition_id: int) -> Sequence[Tuple[float
 
 def gaps(connection: Connection, since_s: float = 0.0) -> List[Gap]:
     """Returns the times in which the monitor did not run, oldest first, without those that ended before `since_s`."""
-    query = """
-        SELECT coalesce(stopped_s, alive_s) AS from_s, lead(started_s) OVER (ORDER BY id) AS to_s FROM runs ORDER BY id
-    """
     # The present run has no end, and the wall clock may have been set back in the meantime.
-    rows = select(connection, "runs", (float, Optional[float]), query)
-    return [Gap(*row) for row in rows if row[1] is not None and row[1] > row[0] and row[1] >= since_s]
+    query = """
+        SELECT from_s, to_s FROM (
+            SELECT id, coalesce(stopped_s, alive_s) AS from_s, lead(started_s) OVER (ORDER BY id) AS to_s FROM runs
+        ) WHERE to_s > from_s AND to_s >= ? ORDER BY id
+    """
+    return [Gap(*row) for row in select(connection, "runs", (float, float), query, (since_s,))]
 
 
 def configuration(connection: Connection, robot: str, at_s: float) -> Optional[Dict[str, Any]]:

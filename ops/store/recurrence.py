@@ -17,7 +17,6 @@ DAYS = ("mon", "tue", "wed", "thu", "fri", "sat", "sun")
 _RULE = re.compile(r"(?:(?P<days>[a-z,-]+) +)?(?P<begin>\d\d:\d\d)-(?P<end>\d\d:\d\d)\Z", re.ASCII)
 _ZONES = "/zoneinfo/"
 _MINUTE = timedelta(minutes=1)
-_LONGEST_GAP = 24 * 60  # minutes that a clock is set forward: a country that changes its side of the date line
 
 
 @dataclass(frozen=True)
@@ -132,9 +131,8 @@ def _time(text: str) -> Tuple[int, int]:
 def _moment_s(day: datetime, time: Tuple[int, int], zone: tzinfo) -> float:
     """Returns a local time in s since 1970: of an ambiguous one the first, else the next one that exists."""
     local = day.replace(hour=time[0], minute=time[1])
-    for _ in range(_LONGEST_GAP):
-        moment = local.replace(tzinfo=zone)
-        if moment.astimezone(timezone.utc).astimezone(zone).replace(tzinfo=None) == local:
-            break
+    while True:
+        moment_s = local.replace(tzinfo=zone).timestamp()
+        if datetime.fromtimestamp(moment_s, zone).replace(tzinfo=None) == local:
+            return moment_s
         local += _MINUTE
-    return local.replace(tzinfo=zone).timestamp()

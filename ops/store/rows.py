@@ -146,7 +146,12 @@ class StoredTransition(NamedTuple):
 
 
 _GIVEN = StoredTransition._fields[1:-2]
-TRANSITION_COLUMNS = f"id, {', '.join(_GIVEN)}, coalesce(alert_id, id), affected"
+AFFECTED = """(
+    SELECT coalesce(group_concat(signal, char(10)), '')
+    FROM (SELECT signal FROM effects WHERE transition_id = transitions.id ORDER BY rowid)
+)"""
+"""The effects of a transition, a line each."""
+TRANSITION_COLUMNS = f"id, {', '.join(_GIVEN)}, coalesce(alert_id, id), {AFFECTED}"
 """The columns of a transition, in the order of the fields of `StoredTransition`."""
 
 INSERT_TRANSITION = f"INSERT INTO transitions ({', '.join(_GIVEN)}, alert_id) VALUES ({', '.join('?' * 18)})"

@@ -10,10 +10,10 @@ from sqlite3 import Connection
 from typing import Any, Dict, Iterable, Iterator, List, NamedTuple, Optional, Sequence, Tuple, get_type_hints
 
 from ...core.config.schema import LATEST_S
-from ...core.judge.sample_summary import PERIOD_S, SampleSummary
+from ...core.judge.sample_summary import PERIOD_S
 from ...core.values.model import Level
-from ...core.values.patterns import matches_pattern
 from ...runtime.times import iso_time
+from .queries import pattern_condition
 from .rows import Rows, records, select
 
 MERGED_S = 300.0
@@ -66,6 +66,19 @@ _COARSE = f"""
     )
 """
 
+# From each robot to the next, and then from each of its signals: DISTINCT would read every row.
+_SERIES = """
+    WITH RECURSIVE robots (robot) AS (
+        SELECT min(robot) FROM samples
+        UNION ALL SELECT (SELECT min(robot) FROM samples WHERE robot > robots.robot) FROM robots WHERE robot IS NOT NULL
+    ), series (robot, signal) AS (
+        SELECT robot, (SELECT min(signal) FROM samples WHERE robot = robots.robot) FROM robots WHERE robot IS NOT NULL
+        UNION ALL SELECT robot, (SELECT min(signal) FROM samples WHERE robot = series.robot AND signal > series.signal)
+        FROM series WHERE signal IS NOT NULL
+    )
+    SELECT robot, signal FROM series WHERE signal IS NOT NULL
+"""
+
 CELL_S = 900.0
 """Length of the cells in which the worst level of each robot is kept, in s."""
 
@@ -116,11 +129,6 @@ def store(connection: Connection, samples: Iterable[StoredSamples]) -> None:
         connection.execute(_NOTE_LEVEL, (*cell, each.level, each.level.severity))
 
 
-def summaries_of(robot: str, signal: str, summaries: Iterable[SampleSummary]) -> List[StoredSamples]:
-    """Returns what `store` takes."""
-    return [StoredSamples(robot, signal, each.start_s, PERIOD_S, *each[1:]) for each in summaries]
-
-
 def read(
     connection: Connection,
     *,
@@ -138,7 +146,7 @@ def read(
         since_s: only periods that end after this time, in s since 1970.
         until_s: only periods that begin before this time.
     """
-    for series in _chosen_series(connection, robot, signal):
+    for series in _series(connection, robot, signal):
         after_s = -LATEST_S if since_s is None else since_s - MERGED_S
         while True:  # page by page: an open query would keep the writer's log from being shortened
             values = (after_s, LATEST_S if until_s is None else until_s)
@@ -200,7 +208,7 @@ class SampleUpkeep:
         """
         if not self._due:
             self._round_until_s = (now_s - self._fine_s) // MERGED_S * MERGED_S
-            self._due = [*_series(self._connection)]
+            self._due = _series(self._connection)
             self._connection.execute("DELETE FROM robot_levels WHERE start_s < ?", (now_s - FINE_S,))
         work = 0.0
         while self._due and work < 1.0:
@@ -255,23 +263,11 @@ class SampleUpkeep:
         return len(rows.found)
 
 
-def _chosen_series(connection: Connection, robot: Optional[str], signal: Optional[str]) -> Iterator[_Series]:
-    if robot is not None and signal is not None and not {"*", "?"} & {*robot, *signal}:
-        yield robot, signal
-        return
-    for series in _series(connection):
-        if all(pattern is None or matches_pattern(name, pattern) for name, pattern in zip(series, (robot, signal))):
-            yield series
-
-
-def _series(connection: Connection) -> Iterator[_Series]:
-    """Yields robot and signal of all samples, sorted; does not read every row."""
-    query = "SELECT robot, signal FROM samples {} ORDER BY robot, signal LIMIT 1"
-    found = connection.execute(query.format("")).fetchone()
-    while found is not None:
-        if isinstance(found[0], str) and isinstance(found[1], str):
-            yield found
-        found = connection.execute(query.format("WHERE (robot, signal) > (?, ?)"), found).fetchone()
+def _series(connection: Connection, robot: Optional[str] = None, signal: Optional[str] = None) -> List[_Series]:
+    """Returns robot and signal of all samples, sorted, or of those that match; does not read every row."""
+    query = f"{_SERIES} AND {pattern_condition(connection, 'robot', 'signal')} ORDER BY robot, signal"
+    rows = select(connection, "samples", (str, str), query, {"robot": robot, "signal": signal})
+    return [(row[0], row[1]) for row in rows]
 
 
 def _rows(

@@ -8,7 +8,7 @@ from __future__ import annotations
 import sqlite3
 from contextlib import closing, contextmanager
 from sqlite3 import Connection
-from typing import Iterator, List, Mapping, Optional, Sequence, Tuple, Type
+from typing import Iterator, List, Mapping, Optional, Sequence, Type
 
 from ...core.values.errors import ConfigError
 
@@ -64,14 +64,19 @@ CREATE TABLE transitions (
     hint TEXT NOT NULL,                  -- why there were no samples
     black_box TEXT NOT NULL,             -- name of the file that records it
     alert_id INTEGER,                    -- the transition that began the alert; NULL: this one
-    cause TEXT NOT NULL,                 -- name of the alert whose effect the signal was
-    affected TEXT NOT NULL DEFAULT ''    -- names of its effects, a line each, if it began an alert
+    cause TEXT NOT NULL                  -- name of the alert whose effect the signal was
 );
 CREATE INDEX transitions_by_time ON transitions(wall_s) WHERE {INDEXED};
 -- The samples of the window at the time of a transition; see rows.py.
 CREATE TABLE evidence (
     transition_id INTEGER PRIMARY KEY REFERENCES transitions(id),
     samples BLOB NOT NULL
+);
+-- The signals that an alert kept from being announced, in the order in which they were noticed.
+CREATE TABLE effects (
+    transition_id INTEGER NOT NULL REFERENCES transitions(id),
+    signal TEXT NOT NULL,
+    PRIMARY KEY (transition_id, signal)
 );
 -- What happened to the samples of each signal; see samples.py.
 CREATE TABLE samples (
@@ -186,8 +191,7 @@ CREATE TABLE notifications (
     at_s REAL NOT NULL,
     queued_s REAL NOT NULL,              -- since when it waits
     transition_json TEXT NOT NULL,
-    attempts INTEGER NOT NULL DEFAULT 0,
-    is_repeat INTEGER NOT NULL DEFAULT 0
+    attempts INTEGER NOT NULL DEFAULT 0
 );
 CREATE INDEX notifications_by_alert ON notifications(target, fingerprint, id);
 CREATE INDEX notifications_by_place ON notifications(target, attempts, place, id);
@@ -291,13 +295,11 @@ ALTERED = "was altered"
 
 
 def altered_error(connection: Connection) -> Optional[sqlite3.DatabaseError]:
-    """Returns an error that names the first table that lacks a column; None if all tables are as they were made."""
+    """Returns an error that names a table that lacks a column; None if all tables are as they were made."""
+    query = "SELECT made.name, had.name FROM sqlite_master AS made, pragma_table_info(made.name) AS had"
     with closing(in_memory()) as intact:
-        for table in tables(intact):
-            query = f"PRAGMA table_info({table})"
-            if {row[1] for row in intact.execute(query)} - {row[1] for row in connection.execute(query)}:
-                return sqlite3.DatabaseError(f"its table {table} {ALTERED}")
-    return None
+        missing = {*intact.execute(query)} - {*connection.execute(query)}
+    return sqlite3.DatabaseError(f"its table {min(missing)[0]} {ALTERED}") if missing else None
 
 
 def in_memory(factory: Type[Connection] = Connection) -> Connection:
@@ -330,13 +332,11 @@ def copy_table(source: Connection, target: Connection, table: str) -> None:
             pass  # edited by hand
 
 
-def number_from(connection: Connection, number: int, tables: Tuple[str, ...] = ()) -> None:
-    """Makes the numbers of rows continue after `number` where they are below it; no tables: all that have numbers."""
-    if not tables:
-        query = "SELECT name FROM sqlite_master WHERE type = 'table' AND sql LIKE '%AUTOINCREMENT%'"
-        tables = tuple(name for (name,) in connection.execute(query))
-    for table in tables:
-        found = connection.execute("SELECT max(seq) FROM sqlite_sequence WHERE name = ?", (table,)).fetchone()[0]
-        if not isinstance(found, int) or found < number:
-            connection.execute("DELETE FROM sqlite_sequence WHERE name = ?", (table,))
-            connection.execute("INSERT INTO sqlite_sequence (name, seq) VALUES (?, ?)", (table, number))
+def number_from(connection: Connection, number: int, table: str = "%") -> None:
+    """Makes the numbers of a table's rows continue after `number` where they are below it; by default of all tables."""
+    query = "SELECT name FROM sqlite_master WHERE type = 'table' AND sql LIKE '%AUTOINCREMENT%' AND name LIKE ?"
+    for (name,) in connection.execute(query, (table,)).fetchall():
+        delete = "DELETE FROM sqlite_sequence WHERE name = ? AND NOT (typeof(seq) = 'integer' AND seq >= ?)"
+        connection.execute(delete, (name, number))
+        insert = "INSERT INTO sqlite_sequence SELECT ?1, ?2 WHERE ?1 NOT IN (SELECT name FROM sqlite_sequence)"
+        connection.execute(insert, (name, number))

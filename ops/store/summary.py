@@ -21,115 +21,80 @@ from ...core.judge.sources import is_source
 from ...core.values.model import Level
 from ...core.values.patterns import matches_pattern
 from .queries import pattern_condition
-from .rows import select
+from .rows import AFFECTED, select
 
 MOST_LEVELS = 5_000
 """Most changes in the course of a level; after them it is unknown."""
 
 _PAGE = 5_000
-_ROUNDING_S = 1e-6
+_ROUNDING_S, _ROUNDING = 1e-6, 1e-9
 _TYPES = (int, float, str, str, Level, Level, float, str)
 
 _Spans = List[Tuple[float, float]]
 """Times from begin to end that are sorted and do not overlap."""
 
 
-@dataclass(frozen=True)
+@dataclass
 class SignalSummary:
-    """The past of one signal."""
+    """The past of one signal, from its transitions in their order. Durations are in s, times in s since 1970."""
 
     robot: str
     signal: str
-    duration_s: float
-    """Length of the time that is summarized, in s; the shares refer to it."""
-    shares: Mapping[Level, float]
-    """Share of time per announced level, 0 to 1; levels that did not occur are missing."""
-    unknown: float
-    """Share of time in which the level is not known, 0 to 1."""
-    alerts: int
-    """Alerts that began in this time; one that changes its level is one."""
-    longest_outage_s: float
-    """Longest time in which the level was not OK, in s. Unknown time neither ends an outage nor counts."""
-    mean_time_to_recover_s: Optional[float]
-    """Mean length of the outages that began and ended in this time, in s; as before, unknown time does not count.
-    None: there was none."""
-    levels: Sequence[Tuple[float, Optional[Level]]]
-    """The course of the level: begin of each, in s since 1970; None: unknown."""
-    cause: str = ""
-    """Name of the latest alert of which it was an effect, if it was not announced itself; empty: none."""
-
-    @property
-    def availability(self) -> Optional[float]:
-        """Share of OK of the known time, 0 to 1; None: nothing is known."""
-        known = sum(self.shares.values())
-        return self.shares.get(Level.OK, 0.0) / known if known > 0.0 else None
-
-
-def summarize(
-    connection: Connection,
-    now_s: float,
-    *,
-    since_s: Optional[float] = None,
-    robot: Optional[str] = None,
-    signal: Optional[str] = None,
-) -> List[SignalSummary]:
-    """Returns a summary per robot and signal, and per topic that was silent, sorted by their names.
-
-    It reaches from `since_s` (None: when the robot was first watched) to `now_s`, in s since 1970. In `robot` and
-    `signal`, `*` and `?` work as in file names.
-    """
-    watched = _watched(connection, robot)
-    reachable = _reachable(connection, robot, watched)
-    signals: Dict[Tuple[str, str], _Signal] = {}
-
-    def signal_of(name: str, signal_name: str) -> _Signal:
-        spans = (watched if signal_name == LINK else reachable)[name]
-        begin_s = max(watched[name][0][0], since_s or 0.0)
-        return signals.setdefault((name, signal_name), _Signal(spans, begin_s, now_s, begin_s))
-
-    for name, signal_name, state in connection.execute("SELECT robot, signal, state FROM signal_states"):
-        if name in watched and isinstance(signal_name, str):
-            signal_of(name, signal_name).lasting_s = _known_s(state, now_s)
-    causes: Dict[Tuple[str, str], str] = {}  # the alert of which each signal was an effect at last
-    for wall_s, name, signal_name, *levels, lasted_s, affected in _transitions(connection, robot, "NOT repeat"):
-        if name in watched:
-            causes.update(((name, effect), signal_name) for effect in affected.split("\n"))
-            signal_of(name, signal_name).apply(wall_s, levels[0], levels[1], lasted_s)
-    summaries = []
-    for (name, signal_name), found in sorted(signals.items()):
-        if now_s > found.begin_s and (signal is None or matches_pattern(signal_name, signal)):
-            # An element without a state has ended (forget_after_s): what came after is not known.
-            without_state_s = math.inf if signal_name == template_name(signal_name) else 0.0
-            found.advance(now_s, without_state_s if found.lasting_s is None else found.lasting_s)
-            was_ok = found.times.keys() <= {Level.OK}
-            if not (was_ok and is_source(signal_name)):  # topics are shown while they are silent
-                cause = causes.get((name, signal_name), "") if was_ok else ""
-                summaries.append(found.summary(name, signal_name, cause))
-    return summaries
-
-
-@dataclass
-class _Signal:
-    """One signal, while its transitions are read in their order."""
-
     spans: _Spans
     """When its level is known."""
     begin_s: float
+    """Begin of the time that is summarized."""
     end_s: float
-    advanced_to_s: float
     lasting_s: Optional[float] = None
-    """For how long its present level has been known by its state; None: it has none."""
+    """For how long its present level has been known by its state; None if it has none."""
     level: Optional[Level] = None
-    """None before the first transition: OK, if there is none."""
+    """The level now; None before the first transition, where it is OK if there is none."""
     times: Dict[Level, float] = field(default_factory=dict)
+    """Duration of each level as far as it is known."""
     alerts: int = 0
+    """Alerts that began in this time; one that changes its level is one."""
     outage_s: float = 0.0
-    longest_outage_s: float = 0.0
+    """Duration of the present outage."""
     began_in_time: bool = False
-    """Whether the present outage began in the time that is summarized."""
-    recoveries_s: Tuple[int, float] = (0, 0.0)
-    """Number and sum of the outages that began and ended in the time."""
+    """Whether it began in this time."""
+    longest_outage_s: float = 0.0
+    """Longest time in which the level was not OK. Unknown time neither ends an outage nor counts."""
+    recoveries_s: List[float] = field(default_factory=list)
+    """Duration of each outage that began and ended in this time; as before, unknown time does not count."""
     levels: List[Tuple[float, Optional[Level]]] = field(default_factory=list)
+    """The course of the level: begin of each; None where it is unknown."""
+    cause: str = ""
+    """Name of the latest alert of which it was an effect, if it was not announced itself; else empty."""
+
+    def __post_init__(self) -> None:
+        self._advanced_to_s = self.begin_s
+
+    @property
+    def duration_s(self) -> float:
+        """Length of the time that is summarized, in s; the shares refer to it."""
+        return self.end_s - self.begin_s
+
+    @property
+    def shares(self) -> Mapping[Level, float]:
+        """Share of time per announced level, 0 to 1; levels that did not occur are missing."""
+        return {level: seconds / self.duration_s for level, seconds in self.times.items()}
+
+    @property
+    def unknown(self) -> float:
+        """Share of time in which the level is not known, 0 to 1."""
+        unknown = 1.0 - sum(self.shares.values())
+        return unknown if unknown > _ROUNDING else 0.0
+
+    @property
+    def availability(self) -> Optional[float]:
+        """Share of OK of the known time, 0 to 1; None if nothing is known."""
+        known_s = sum(self.times.values())
+        return self.times.get(Level.OK, 0.0) / known_s if known_s > 0.0 else None
+
+    @property
+    def mean_time_to_recover_s(self) -> Optional[float]:
+        """Mean of `recoveries_s`; None if there was none."""
+        return sum(self.recoveries_s) / len(self.recoveries_s) if self.recoveries_s else None
 
     def apply(self, wall_s: float, from_level: Level, to_level: Level, lasted_s: float) -> None:
         """Applies a transition; `from_level` was announced and known for `lasted_s`."""
@@ -141,8 +106,7 @@ class _Signal:
             self.alerts += 1
         if to_level is Level.OK:
             if self.began_in_time and is_in_time:
-                number, sum_s = self.recoveries_s
-                self.recoveries_s = number + 1, sum_s + self.outage_s
+                self.recoveries_s.append(self.outage_s)
             self.outage_s = 0.0
         elif self.level is Level.OK:
             self.began_in_time = is_in_time
@@ -150,10 +114,10 @@ class _Signal:
 
     def advance(self, until_s: float, lasted_s: float) -> None:
         """Adds the time since the last call to the level, as far as it is known: of an OK at most the last seconds."""
-        level, from_s, until_s = self.level or Level.OK, self.advanced_to_s, min(until_s, self.end_s)
+        level, from_s, until_s = self.level or Level.OK, self._advanced_to_s, min(until_s, self.end_s)
         if until_s <= from_s:
             return  # the wall clock was set back
-        self.advanced_to_s = until_s
+        self._advanced_to_s = until_s
         pieces = [*_within(self.spans, from_s, until_s)]
         unknown_s = 0.0
         if level is Level.OK:
@@ -181,16 +145,51 @@ class _Signal:
         if not levels or levels[-1][1] is not level:
             levels.append((wall_s, level if len(levels) < MOST_LEVELS else None))
 
-    def summary(self, robot: str, name: str, cause: str) -> SignalSummary:
-        """Returns what was added."""
-        duration_s, (recoveries, recovery_s) = self.end_s - self.begin_s, self.recoveries_s
-        shares = {level: seconds / duration_s for level, seconds in sorted(self.times.items())}
-        unknown = max(0.0, 1.0 - sum(shares.values()))
-        levels = [each for each in self.levels if each[0] < self.end_s]
-        return SignalSummary(
-            robot, name, duration_s, shares, unknown if unknown > 1e-9 else 0.0, self.alerts, self.longest_outage_s,
-            recovery_s / recoveries if recoveries else None, levels, cause,
-        )  # fmt: skip
+
+def summarize(
+    connection: Connection,
+    now_s: float,
+    *,
+    since_s: Optional[float] = None,
+    robot: Optional[str] = None,
+    signal: Optional[str] = None,
+) -> List[SignalSummary]:
+    """Returns a summary per robot and signal, and per topic that was silent, sorted by their names.
+
+    It reaches from `since_s` (None: when the robot was first watched) to `now_s`, in s since 1970. In `robot` and
+    `signal`, `*` and `?` work as in file names.
+    """
+    watched = _watched(connection, robot)
+    reachable = _reachable(connection, robot, watched)
+    signals: Dict[Tuple[str, str], SignalSummary] = {}
+
+    def signal_of(name: str, signal_name: str) -> SignalSummary:
+        spans = (watched if signal_name == LINK else reachable)[name]
+        begin_s = max(watched[name][0][0], since_s or 0.0)
+        made = SignalSummary(name, signal_name, spans, begin_s, now_s)
+        return signals.setdefault((name, signal_name), made)
+
+    for name, signal_name, state in connection.execute("SELECT robot, signal, state FROM signal_states"):
+        if name in watched and isinstance(signal_name, str):
+            signal_of(name, signal_name).lasting_s = _known_s(state, now_s)
+    causes: Dict[Tuple[str, str], str] = {}  # the alert of which each signal was an effect at last
+    for wall_s, name, signal_name, *levels, lasted_s, affected in _transitions(connection, robot, "NOT repeat"):
+        if name in watched:
+            causes.update(((name, effect), signal_name) for effect in affected.split("\n"))
+            signal_of(name, signal_name).apply(wall_s, levels[0], levels[1], lasted_s)
+    summaries = []
+    for (name, signal_name), found in sorted(signals.items()):
+        if found.duration_s > 0.0 and (signal is None or matches_pattern(signal_name, signal)):
+            # An element without a state has ended (forget_after_s): what came after is not known.
+            without_state_s = math.inf if signal_name == template_name(signal_name) else 0.0
+            found.advance(now_s, without_state_s if found.lasting_s is None else found.lasting_s)
+            found.levels = [each for each in found.levels if each[0] < now_s]
+            was_ok = found.times.keys() <= {Level.OK}
+            if was_ok:
+                found.cause = causes.get((name, signal_name), "")
+            if not (was_ok and is_source(signal_name)):  # topics are shown while they are silent
+                summaries.append(found)
+    return summaries
 
 
 def _within(spans: _Spans, from_s: float, to_s: float) -> Iterator[Tuple[float, float]]:
@@ -250,7 +249,7 @@ def _watched(connection: Connection, robot: Optional[str]) -> Dict[str, _Spans]:
 def _transitions(connection: Connection, robot: Optional[str], where: str) -> Iterator[Sequence[Any]]:
     """Yields wall time, robot, signal, levels, duration of the earlier level, and effects."""
     query = f"""
-        SELECT id, wall_s, robot, signal, from_level, to_level, now_s - since_s, affected FROM transitions
+        SELECT id, wall_s, robot, signal, from_level, to_level, now_s - since_s, {AFFECTED} FROM transitions
         WHERE id > :id AND {where} AND {pattern_condition(connection, "robot")} ORDER BY id LIMIT {_PAGE}
     """
     found: Sequence[Sequence[Any]] = ((0,),)

@@ -214,6 +214,7 @@ def test_an_alert_that_has_just_changed_is_in_the_summary(tmp_path: Path, capsys
     for second, before, after in zip((1.0, 2.0, 2.5), levels, levels[1:]):
         now_s[0] = START_S + second
         robot.record(transition(0, after, from_level=before), {}, [])
+    history.run(lambda connection: None, 60.0)  # all of it is stored
     [summary] = [json.loads(line) for line in output(capsys, history.file, "--summary", "--json").splitlines()]
     assert (summary["alerts"], summary["longest_outage_s"]) == (1, 1.5)  # one alert, whatever its levels
     history.close()

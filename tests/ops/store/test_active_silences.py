@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sqlite3
 from pathlib import Path
 from typing import List
 
@@ -62,8 +61,7 @@ def test_a_silence_that_was_made_in_the_future_ends_after_its_duration_with_one_
     wait_for(lambda: "wall clock" in faults.current())
     level, text = faults.current()["wall clock"]
     assert level is Level.WARN
-    assert text.startswith("silence 1 was made at 2026-09-18 ")
-    assert ", which is in the future; it ends in 10 min, at 2025-11-22 " in text
+    assert text == "1 silence made in the future: each ends after its duration from now on"
     found = silences.silence_of("r3", "link")
     assert found is not None
     assert found.until_s == NOON_S + 600.0
@@ -103,7 +101,7 @@ def test_several_silences_that_were_made_in_the_future_are_one_line(tmp_path: Pa
         history.run(lambda file: add_silence(file, parse_matchers("robot=r3"), NOON_S + 1000.0, for_s=60.0))
     Silences(history)
     text = faults.current()["wall clock"].text
-    assert text.endswith("; so do 2 more silences, each after its duration")
+    assert text.startswith("3 silences made in the future: ")
     history.close()
 
 
@@ -117,24 +115,6 @@ def test_what_another_process_writes_is_in_force_for_whoever_looks(history: Hist
     on_file(history, lambda file: expire_silence(file, 1, clock.now_s))
     history.run(silences.look)
     assert silences.silence_of("r3", "link") is None
-
-
-def test_looking_reads_the_silences_only_if_another_process_has_written(history: History, clock: Clock) -> None:
-    silences = Silences(history)
-    statements: List[str] = []
-
-    def look(connection: sqlite3.Connection) -> List[str]:
-        statements.clear()
-        connection.set_trace_callback(statements.append)
-        silences.look(connection)
-        connection.set_trace_callback(None)
-        return list(statements)
-
-    history.run(look)
-    announce(history, "r3", "link", Level.WARN)
-    assert history.run(look) == ["PRAGMA data_version"]
-    on_file(history, lambda file: file.execute("INSERT INTO resets (wall_s, robot) VALUES (1.0, 'r3')"))
-    assert len(history.run(look)) > 1
 
 
 def test_of_several_silences_the_one_that_ends_last_is_shown(silences: Silences, clock: Clock) -> None:

@@ -145,5 +145,5 @@ def test_a_row_that_the_tables_do_not_allow_is_left_out() -> None:
 def test_numbers_continue_after_the_larger_one(number: int, expected: int) -> None:
     connection = database()
     connection.execute("INSERT INTO resets VALUES (10, 1.0, 'r1')")
-    schema.number_from(connection, number, ("resets",))
+    schema.number_from(connection, number, "resets")
     assert connection.execute("INSERT INTO resets (wall_s, robot) VALUES (2.0, 'r1')").lastrowid == expected

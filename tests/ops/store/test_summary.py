@@ -253,7 +253,8 @@ def test_a_topic_is_listed_only_if_it_was_silent(connection: sqlite3.Connection)
     insert = "INSERT INTO signal_states VALUES ('r1', ?, '{}')"
     connection.executemany(insert, [(name,) for name in ("/imu", "/scan", "left", "low")])
     change(connection, 40.0, OK, STALE, "/scan")
-    connection.execute("UPDATE transitions SET affected = 'left\nlow'")
+    effects = "SELECT 'left' AS name UNION SELECT 'low'"
+    connection.execute(f"INSERT INTO effects SELECT id, name FROM transitions, ({effects})")
     change(connection, 60.0, STALE, OK, "/scan")
     change(connection, 70.0, OK, WARN, "low")
     found = summarize(connection, 100.0)
