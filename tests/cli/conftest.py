@@ -12,6 +12,8 @@ import pytest
 from harness import reserved
 from harness.line_process import Line, LineProcess
 
+from robot_health_monitor.ops.store import history as store_history
+
 ROOT = Path(__file__).resolve().parents[2]
 
 CALM = """
@@ -45,6 +47,12 @@ battery_sensor:
     cpu_usage: {source: none}
 """
 """A battery that is empty after a second and full again half a second later."""
+
+
+@pytest.fixture(autouse=True)
+def _every_commit_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A busy machine must not look like a disk that hangs: `record` returns when the transition is committed."""
+    monkeypatch.setattr(store_history, "COMMIT_TIMEOUT_S", 60.0)
 
 
 @pytest.fixture

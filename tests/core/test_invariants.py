@@ -337,8 +337,8 @@ def test_reports_between_the_calls_change_nothing(config: MonitorConfig, sequenc
 
 
 @pytest.mark.newest_python
-def test_a_hundred_thousand_random_calls_raise_nothing() -> None:
-    """`make fuzz` makes more of them."""
+def test_many_random_calls_raise_nothing() -> None:
+    calls = examples(30_000)
     chance = random.Random(fixed_seed())
     config = load_config({"signals": {f"s{number}": tree for number, tree in enumerate(FEATURES)}})
     names = [*config.signals, "unknown"]
@@ -346,7 +346,7 @@ def test_a_hundred_thousand_random_calls_raise_nothing() -> None:
     observe, tick = monitor.observe, monitor.tick
     random_number, random_normal, choose = chance.random, chance.gauss, chance.choice
     now_s, seen = 0.0, 0
-    for _ in range(100_000):
+    for _ in range(calls):
         kind = random_number()
         now_s += random_number() * 0.2
         if kind < 0.9:
@@ -364,7 +364,7 @@ def test_a_hundred_thousand_random_calls_raise_nothing() -> None:
             now_s = choose((now_s - 5.0, 0.0, 1e9, now_s + 100.0))
         else:
             tick(choose((math.nan, math.inf, -math.inf)))
-    assert seen > 1_000
+    assert seen > calls / 100
 
 
 # --- whole numbers, which may come as int or as float ---------------------------------------------------------------

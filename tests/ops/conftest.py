@@ -9,8 +9,15 @@ import pytest
 from harness.silences import Clock
 
 from robot_health_monitor.ops.configuration import HistorySettings
+from robot_health_monitor.ops.store import history as store_history
 from robot_health_monitor.ops.store.active_silences import Silences
 from robot_health_monitor.ops.store.history import History
+
+
+@pytest.fixture(autouse=True)
+def _every_commit_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A busy machine must not look like a disk that hangs: `record` returns when the transition is committed."""
+    monkeypatch.setattr(store_history, "COMMIT_TIMEOUT_S", 60.0)
 
 
 @pytest.fixture
