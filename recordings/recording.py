@@ -14,6 +14,7 @@ import abc
 import bz2
 import os
 import struct
+from itertools import chain
 from operator import itemgetter
 from typing import Any, BinaryIO, Dict, Iterable, Iterator, List, Mapping, NamedTuple, Optional, Tuple, Type, TypeVar
 
@@ -123,7 +124,10 @@ class RecordedFile(abc.ABC):
         wanted = {number: targets[channel] for number, channel in self._channels.items() if channel in targets}
         messages = self._messages(wanted)
         is_cdr = any(channel.raw_format.message_encoding == "cdr" for channel in targets)
-        return self._unpacked(messages) if is_cdr else messages
+        for first in messages:
+            is_packed = is_cdr and first[2][:4] == _ZSTD_MAGIC  # then all are
+            rest = chain([first], messages)
+            yield from self._unpacked(rest) if is_packed else rest
 
     @abc.abstractmethod
     def _open(self, file: BinaryIO) -> None:
@@ -160,18 +164,15 @@ class RecordedFile(abc.ABC):
 
     def _unpacked(self, messages: Iterator[RawMessage[Target]]) -> Iterator[RawMessage[Target]]:
         """Unpacks messages that rosbag2 has compressed with zstd one by one."""
-        damaged = 0
-        for message in messages:
-            if message[2][:4] != _ZSTD_MAGIC:
-                yield message
-                continue
-            with libraries(*RECORDINGS):
-                import zstandard
+        with libraries(*RECORDINGS):
+            import zstandard
 
-            time_ns, target, data = message
+        decompressor = zstandard.ZstdDecompressor(max_window_size=LARGEST)
+        damaged = 0
+        for time_ns, target, data in messages:
             try:
                 check_size(zstandard.frame_content_size(data), len(data))
-                unpacked = zstandard.ZstdDecompressor(max_window_size=LARGEST).decompress(data, LARGEST)
+                unpacked = decompressor.decompress(data, max_output_size=LARGEST)
             except (zstandard.ZstdError, Damaged):
                 damaged += 1
                 self.has_holes = True

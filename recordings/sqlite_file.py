@@ -74,31 +74,31 @@ class SqliteFile(RecordedFile):
         problem = self.problem if self._missing else ""
         try:
             for number, time_ns, data in database.execute(query, list(wanted)):
-                if type(time_ns) is not int or type(data) is not bytes or self._is_cut(data):
+                if type(time_ns) is not int or type(data) is not bytes or (self._missing and self._is_cut(data)):
                     self.has_holes = True
                     if self._missing:
                         break  # the rest of the page is missing, too
                     self.problem = self.problem or f"{self.name}: a row without a time or data is left out"
                 elif number in wanted:
                     size += len(data)
-                    left -= len(data)
-                    if left < 0:
-                        raise Damaged("it has more data than bytes")
-                    last_ns = max(last_ns, time_ns)
                     batch.append((time_ns, wanted[number], data))
                     if len(batch) == _BATCH or size > _BATCH_BYTES:
+                        left -= size
+                        if left < 0:
+                            raise Damaged("it has more data than bytes")
+                        last_ns = max(last_ns, time_ns)
                         yield batch
                         batch, size = [], 0
         except _DAMAGE as error:
             problem = problem or f"{self.name}: damaged ({error}): read as far as possible"
         if problem:
             self.has_holes, self.problem = True, problem
-            self._end_span(last_ns)
+            self._end_span(max(last_ns, batch[-1][0]) if batch else last_ns)
         yield batch
 
     def _is_cut(self, data: bytes) -> bool:
         """Returns whether data may go beyond the end of the file: SQLite fills its last page with zeros."""
-        return bool(self._missing and data) and data.endswith(bytes(min(self._missing, len(data))))
+        return bool(data) and data.endswith(bytes(min(self._missing, len(data))))
 
     def _missing_bytes(self, header: bytes) -> int:
         """Returns how many bytes its last page lacks if the file is shorter than its header says, which is a problem.

@@ -141,8 +141,7 @@ class StepThread(threading.Thread):
         self._step = step
         self._on_error = on_error
         self._wake = MonotonicEvent()
-        self.active = True
-        """False from `close` on."""
+        self._is_closed = False
 
     def wake(self) -> None:
         """Ends the present wait; returns at once."""
@@ -150,7 +149,7 @@ class StepThread(threading.Thread):
 
     def close(self) -> None:
         """Ends the thread after the present step; returns at once."""
-        self.active = False
+        self._is_closed = True
         self._wake.set()
 
     def join(self, timeout: Optional[float] = None) -> None:
@@ -162,9 +161,9 @@ class StepThread(threading.Thread):
     def run(self) -> None:
         """Calls the function until `close`."""
         with closing(self._wake):
-            while self.active:
+            while not self._is_closed:
                 self._wake.clear()
-                if not self.active:  # closed before `clear`
+                if self._is_closed:  # closed before `clear`
                     return
                 try:
                     wait_s = self._step()
