@@ -10,7 +10,6 @@ import asyncio
 import re
 import time
 from contextlib import suppress
-from dataclasses import replace
 from typing import Any, Callable, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
 
 from ..core.nodes import AlertSystem
@@ -88,13 +87,13 @@ class Fleet:
         self.on_change: List[Callable[[Sequence[Robot], Sequence[Robot]], object]] = []
         """Called in the loop with the robots that were added and those that were removed."""
         self._is_running = False
-        self_report = replace(
-            self_report,
-            signals=self._count_signals,
-            robots=lambda: len(self.robots),
-            unreachable=lambda: sum(not robot.connected for robot in self.robots),
-        )
-        self._self_monitor = SelfMonitor(self._node, host_name(), CHECK_PERIOD_S, outlet(NODE), self_report)
+        self_report = {
+            **self_report,
+            "signals": self._count_signals,
+            "robots": lambda: len(self.robots),
+            "unreachable": lambda: sum(not robot.connected for robot in self.robots),
+        }
+        self._self_monitor = SelfMonitor(self._node, host_name(), outlet(NODE), self_report)
         self._node.create_timer(CHECK_PERIOD_S, self._check)
         try:
             self.apply(reader.read())
@@ -263,7 +262,7 @@ class Robot:
             {"output": fleet.outlet(settings.name)},
             log_alerts=False,
             announce_pauses=False,
-            self_report=SelfReport(dropped=lambda: self._node.dropped),
+            self_report={"dropped": lambda: self._node.dropped},
         )
         started = True
 

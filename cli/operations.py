@@ -8,7 +8,6 @@ from __future__ import annotations
 import threading
 import time
 from contextlib import ExitStack
-from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, Callable, Dict, List, Mapping, NamedTuple, Optional
 
@@ -115,11 +114,11 @@ class Operations:
                 history=history,
                 silence_of=partial(self.silence_text, name),
                 black_box_of=(lambda transition: "") if black_box is None else black_box.of_alert,
-                self_report=replace(
-                    self_report,
-                    pending_notifications=lambda: self.notifier.waiting,
-                    black_box_s=lambda: None if black_box is None else black_box.reach_s,
-                ),
+                self_report={
+                    **self_report,
+                    "pending_notifications": lambda: self.notifier.waiting,
+                    "black_box_s": lambda: None if black_box is None else black_box.reach_s,
+                },
                 **options,
             )
             undo.pop_all()
@@ -161,13 +160,13 @@ class Operations:
 
     def self_report(self) -> SelfReport:
         """Returns what the status of a process shows of its operations and its server."""
-        return SelfReport(
-            clients=lambda: 0 if self.server is None else self.server.clients,
-            pending_notifications=lambda: self.notifier.waiting,
-            silenced=self.count_silenced,
-            clients_dropped=lambda: None if self.server is None else self.server.dropped,
-            black_box_dropped=lambda: None if self.black_box is None else self.black_box.ring.dropped,
-        )
+        return {
+            "clients": lambda: 0 if self.server is None else self.server.clients,
+            "pending_notifications": lambda: self.notifier.waiting,
+            "silenced": self.count_silenced,
+            "clients_dropped": lambda: None if self.server is None else self.server.dropped,
+            "black_box_dropped": lambda: None if self.black_box is None else self.black_box.ring.dropped,
+        }
 
     def silence_text(self, robot: str, signal: str) -> Optional[str]:
         """Returns reason and end of an alert's silence, None if it is not silenced. May be called in any thread."""

@@ -47,14 +47,8 @@ class Channels:
         """What is called with each message, by subscription."""
         self._ids = itertools.count()
 
-    def begin(self) -> None:
-        """Forgets what an earlier connection offered."""
-        with self._lock:
-            self.end()
-            self._ids = itertools.count()
-
     def end(self) -> None:
-        """Forgets what the server offered; what is received stays."""
+        """Forgets what the server offered, when a connection has ended; what is received stays."""
         with self._lock:
             for known in (self._channels, self._by_topic, self._schemas, self._subscribed, self._delivered):
                 known.clear()

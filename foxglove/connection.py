@@ -17,9 +17,9 @@ from ..runtime.bridge.cause import Cause
 from ..runtime.bridge.connection import LONGEST_TEXT, BridgeConnection
 from ..runtime.bridge.websocket import Wire
 from ..runtime.event_loops import run_in_daemon_thread
-from ..runtime.sockets import ignore_result, within
+from ..runtime.sockets import within
 from .channels import Channels
-from .protocol import SUBPROTOCOLS, Advertise, ServerMessage, Status, Unadvertise, read_message, read_text
+from .protocol import SUBPROTOCOLS, ServerMessage, read_message, read_text
 
 _LARGE_TEXT = 200_000
 """Characters of a text above which it is parsed in a thread."""
@@ -40,15 +40,17 @@ class FoxgloveConnection(BridgeConnection):
         `url` is `foxglove://host:port`, or `foxglove+tls://host:port` for TLS.
         """
         super().__init__(url, **options)
-        self.channels = Channels(self.send_wire, functools.partial(self._log.write, "channels", Severity.WARN))
+        self.receivers = self.channels = Channels(
+            self.send_wire, functools.partial(self._log.write, "channels", Severity.WARN)
+        )
         self._is_refused = False
         self._answered: Optional[asyncio.Event] = None
 
-    def _begin(self, subprotocol: Optional[str]) -> None:
-        self.channels.begin()
+    def _begin(self, subprotocol: Optional[str]) -> bool:
         self._is_refused = subprotocol is None
         if self._is_refused:
             self.send_wire(json.dumps({"op": "call_service", "id": "a", "service": "/rosapi/get_time", "args": {}}))
+        return not self._is_refused
 
     def _went_down(self) -> None:
         self.channels.end()
@@ -63,10 +65,6 @@ class FoxgloveConnection(BridgeConnection):
         if answered.is_set():
             return Cause(f"this is a rosbridge server: ws{self.address[self.address.index(':') :]}")
         return Cause("not a foxglove server: it does not speak Foxglove's protocol")
-
-    def _report(self, up: bool, cause: Cause) -> None:
-        if not (up and self._is_refused):
-            super()._report(up, cause)
 
     def _receive(self, data: Wire, now_s: float) -> Optional[Awaitable[None]]:
         if isinstance(data, bytes):
@@ -85,16 +83,11 @@ class FoxgloveConnection(BridgeConnection):
 
     async def _receive_large(self, text: str) -> None:
         """Parses in a thread: a list of many channels takes as long as a second."""
-        parsing = asyncio.ensure_future(run_in_daemon_thread(functools.partial(read_text, text)))
-        parsing.add_done_callback(ignore_result)
-        await asyncio.wait({parsing})
-        self._process(parsing.result())
+        self._process(await run_in_daemon_thread(functools.partial(read_text, text)))
 
     def _process(self, message: ServerMessage) -> None:
-        if isinstance(message, Advertise):
-            self.channels.advertise(message.channels)
-        elif isinstance(message, Unadvertise):
-            self.channels.unadvertise(message.channel_ids)
-        elif isinstance(message, Status) and message.level >= _STATUS_ERROR:
+        self.channels.unadvertise(message.channel_ids)
+        self.channels.advertise(message.channels)
+        if message.level >= _STATUS_ERROR:
             text = printable(message.message)[:LONGEST_TEXT]
             self._log.write("status", Severity.WARN, f"{self.address} reports: {text}")

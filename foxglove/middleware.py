@@ -9,9 +9,9 @@ import math
 from typing import Any, Callable, List, Mapping, Optional
 
 from ..core.messages.serialized import SerializedType
-from ..core.messages.standard_messages import check_field, check_type
+from ..core.messages.standard_messages import check_field
 from ..core.port.hints import Answer
-from ..core.port.middleware import Callback, RawCallback, Severity
+from ..core.port.middleware import Callback, Severity
 from ..core.values.errors import ConfigError, MessageError
 from ..core.values.field_path import ABSENT
 from ..core.values.formatting import printable
@@ -55,26 +55,17 @@ class FoxgloveMiddleware(BridgeNode):
     def _channels(self) -> Channels:
         return self._client.connection.channels
 
-    def _new_receiver(self, topic: str, type_name: str, field: Optional[str], callback: Callback) -> _Receiver:
-        if type_name:
-            check_field(topic, type_name, field or "")
-        return _Receiver(self, topic, type_name, field, callback)
-
-    def _new_capture(self, topic: str, type_name: str, callback: RawCallback) -> _Receiver:
-        return _Receiver(self, topic, type_name, None, callback, is_raw=True)
-
-    def _add(self, type_name: str, receiver: Any) -> None:
-        self._channels.add(receiver)
-
-    def _remove(self, receiver: Any) -> None:
-        self._channels.remove(receiver)
+    def _receiver(
+        self, topic: str, type_name: str, field: Optional[str], callback: Callback, *, is_raw: bool = False
+    ) -> _Receiver:
+        return _Receiver(self, topic, type_name, field, callback, is_raw)
 
     def topic_types(self) -> Mapping[str, str]:
         return {topic: channel.type_name for topic, channel in self._channels.topics().items()}
 
     def look_up_silence(self, topic: str, type_name: str, answer: Answer) -> None:
         own = self.own_topics()
-        self._client.run_in_loop(lambda: answer(self._channels.why_silent(topic, type_name, own)))
+        self._client.connection.run_in_loop(lambda: answer(self._channels.why_silent(topic, type_name, own)))
 
 
 class _Receiver(BridgeReceiver):
@@ -89,12 +80,11 @@ class _Receiver(BridgeReceiver):
         type_name: str,
         field: Optional[str],
         callback: Callback,
-        *,
-        is_raw: bool = False,
+        is_raw: bool,
     ) -> None:
         """Binds the resolved topic and its type, which is empty if any is taken."""
         if type_name:
-            check_type(type_name)
+            check_field(topic, type_name, field or "")
         self.topic = topic
         self.active = True
         self.callback = callback

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import struct
-from typing import Any, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Tuple, Union
+from typing import Any, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 from ..core.messages.raw_messages import RawFormat
 from ..core.values.errors import MessageError
@@ -73,33 +73,17 @@ class Channel(NamedTuple):
         return RawFormat(self.encoding, self.schema_name, self.schema_encoding, self.schema, profile)
 
 
-class Advertise(NamedTuple):
-    """The server offers channels."""
-
-    channels: Sequence[Channel]
-
-
-class Unadvertise(NamedTuple):
-    """The server no longer offers channels."""
-
-    channel_ids: Sequence[int]
-
-
-class Status(NamedTuple):
-    """The server reports on itself."""
-
-    level: int
-    """0 info, 1 warning, 2 error."""
-    message: str
-
-
-class Other(NamedTuple):
-    """An operation that is not used here."""
+class ServerMessage(NamedTuple):
+    """What a text message of the server says: what it offers, or reports on itself. Other operations are not used."""
 
     op: str
-
-
-ServerMessage = Union[Advertise, Unadvertise, Status, Other]
+    channels: Sequence[Channel] = ()
+    """Those that the server offers from now on."""
+    channel_ids: Sequence[int] = ()
+    """Those that it no longer offers."""
+    level: int = 0
+    """Of `message`: 0 info, 1 warning, 2 error."""
+    message: str = ""
 
 
 def read_text(text: str) -> ServerMessage:
@@ -115,13 +99,13 @@ def read_text(text: str) -> ServerMessage:
     if not isinstance(op, str):
         raise ProtocolError("expected an object with op")
     if op == "advertise":
-        return Advertise(list(_channels(_list_of(fields, "channels"))))
+        return ServerMessage(op, channels=list(_channels(_list_of(fields, "channels"))))
     if op == "unadvertise":
-        return Unadvertise([each for each in _list_of(fields, "channelIds") if _is_id(each)])
-    if op == "status":
-        level, message = fields.get("level"), fields.get("message")
-        return Status(level if type(level) is int else 0, message if isinstance(message, str) else "")
-    return Other(op)
+        return ServerMessage(op, channel_ids=[each for each in _list_of(fields, "channelIds") if _is_id(each)])
+    level, message = fields.get("level"), fields.get("message")
+    if op == "status" and type(level) is int and isinstance(message, str):
+        return ServerMessage(op, level=level, message=message)
+    return ServerMessage(op)
 
 
 def read_message(data: bytes) -> Optional[Tuple[int, bytes]]:

@@ -17,6 +17,28 @@ from launch_ros.substitutions import FindPackageShare
 PACKAGE = "robot_health_monitor"
 LOG_LEVELS = ["DEBUG", "INFO", "WARN", "ERROR", "FATAL"]
 BOOLEANS = ["true", "false", "True", "False"]
+ARGUMENTS = {
+    "log_level": ("INFO", "lowest severity that is logged", LOG_LEVELS + [level.lower() for level in LOG_LEVELS]),
+    "use_sim_time": ("false", "true: use the time from /clock", BOOLEANS),
+    "robot_name": ("", "namespace of the nodes and hardware_id of their messages; empty: no namespace, the host name"),
+    "thresholds": (
+        PathJoinSubstitution([FindPackageShare(PACKAGE), "config", "thresholds.yaml"]),
+        "path of thresholds.yaml",
+    ),
+    "sensors": (
+        "simulated",
+        "source of the metrics of battery_sensor that the thresholds file gives no source; "
+        "none: battery_sensor is not started, nor is aggregator unless its inputs are configured",
+        ["simulated", "host", "none"],
+    ),
+    "composed": ("false", "true: all nodes in one process, which needs a third of the memory", BOOLEANS),
+    "respawn": ("false", "true: a node that ends is started again after 2 s", BOOLEANS),
+    "rosbridge_port": ("0", "port of the rosbridge server of alert_system; 0: no server"),
+    "rosbridge_address": ("127.0.0.1", "address of the rosbridge server; any other one needs a token"),
+    "rosbridge_token_file": ("", "path of a file with the token that clients must present; empty: no token"),
+    "ops": ("", "path of an ops.yaml (history, notifications, server); empty: none"),
+}
+"""Default, description and, where not every text is allowed, the choices."""
 PARAMETERS = {
     # Strings even if they look like numbers: a robot may be named 7.
     **dict.fromkeys(["robot_name", "thresholds", "rosbridge_address", "rosbridge_token_file", "sensors", "ops"], str),
@@ -31,65 +53,7 @@ def generate_launch_description():
     """Returns the launch arguments and the nodes."""
     return LaunchDescription(
         [
-            DeclareLaunchArgument(
-                "log_level",
-                default_value="INFO",
-                choices=LOG_LEVELS + [level.lower() for level in LOG_LEVELS],
-                description="lowest severity that is logged",
-            ),
-            DeclareLaunchArgument(
-                "use_sim_time", default_value="false", choices=BOOLEANS, description="true: use the time from /clock"
-            ),
-            DeclareLaunchArgument(
-                "robot_name",
-                default_value="",
-                description="namespace of the nodes and hardware_id of their messages; "
-                "empty: no namespace, the host name",
-            ),
-            DeclareLaunchArgument(
-                "thresholds",
-                default_value=PathJoinSubstitution([FindPackageShare(PACKAGE), "config", "thresholds.yaml"]),
-                description="path of thresholds.yaml",
-            ),
-            DeclareLaunchArgument(
-                "sensors",
-                default_value="simulated",
-                choices=["simulated", "host", "none"],
-                description="source of the metrics of battery_sensor that the thresholds file gives no source; "
-                "none: battery_sensor is not started, nor is aggregator unless its inputs are configured",
-            ),
-            DeclareLaunchArgument(
-                "composed",
-                default_value="false",
-                choices=BOOLEANS,
-                description="true: all nodes in one process, which needs a third of the memory",
-            ),
-            DeclareLaunchArgument(
-                "respawn",
-                default_value="false",
-                choices=BOOLEANS,
-                description="true: a node that ends is started again after 2 s",
-            ),
-            DeclareLaunchArgument(
-                "rosbridge_port",
-                default_value="0",
-                description="port of the rosbridge server of alert_system; 0: no server",
-            ),
-            DeclareLaunchArgument(
-                "rosbridge_address",
-                default_value="127.0.0.1",
-                description="address of the rosbridge server; any other one needs a token",
-            ),
-            DeclareLaunchArgument(
-                "rosbridge_token_file",
-                default_value="",
-                description="path of a file with the token that clients must present; empty: no token",
-            ),
-            DeclareLaunchArgument(
-                "ops",
-                default_value="",
-                description="path of an ops.yaml (history, notifications, server); empty: none",
-            ),
+            *(argument(name, *values) for name, values in ARGUMENTS.items()),
             node("battery_sensor", name="battery_sensor", condition=both(SEPARATE, SENSORS)),
             node("aggregator", name="aggregator", condition=IfCondition(SEPARATE)),
             node("alert_system", name="alert_system", condition=IfCondition(SEPARATE)),
@@ -97,6 +61,11 @@ def generate_launch_description():
             node("health_monitor", condition=IfCondition(LaunchConfiguration("composed"))),
         ]
     )
+
+
+def argument(name, default, description, choices=None):
+    """Returns one launch argument."""
+    return DeclareLaunchArgument(name, default_value=default, description=description, choices=choices)
 
 
 def both(first, second):

@@ -96,7 +96,7 @@ def _call(service: str, address: str, type_name: str, request: Message, deadline
         data = _receive(connection, length, deadline_s)
     if not succeeded:
         raise ServiceError(data.decode("utf-8", "replace"))
-    return messages.to_mapping(cls._response_class().deserialize(data))
+    return messages.to_mapping(messages.deserialized(data, cls._response_class))
 
 
 def _receive(connection: socket.socket, length: int, deadline_s: float) -> bytes:

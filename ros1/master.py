@@ -19,7 +19,7 @@ import rospy.core
 from ..core.values.errors import ServiceError
 from ..core.values.formatting import describe, printable
 from ..core.values.model import Level
-from ..runtime.threads import MonotonicEvent
+from ..runtime.threads import StepThread
 
 _SUCCESS = 1
 _ERRORS = (
@@ -81,29 +81,20 @@ class Master:
         """Returns the address of a service, `rosrpc://host:port`; None if there is no such service."""
         return self._read(_text, self._call("lookupService", name, default=None))
 
-    def answers(self, node: str) -> bool:
-        """Returns whether a node answers its own API within 1 s: the master goes on listing one that crashed."""
-        try:
-            return self._ping(node)
-        except _ERRORS:
-            return False
+    def answers(self, node: str) -> Optional[bool]:
+        """Returns whether a node answers its own API within 1 s: the master goes on listing one that crashed.
 
-    def is_gone(self, node: str) -> bool:
-        """Returns whether a node has left the master, or has no process any more."""
+        False: it has left the master, or has no process any more. None: there is no answer, for whatever reason.
+        """
         try:
-            self._ping(node)
+            uri = self._read(_text, self._call("lookupNode", node, default=None))
+            return uri is not None and bool(
+                xmlrpc.client.ServerProxy(uri, _Transport(_NODE_TIMEOUT_S)).getPid(self._caller)
+            )
         except ConnectionRefusedError:
-            return True
-        except _ERRORS:
             return False
-        return False
-
-    def _ping(self, node: str) -> bool:
-        """Raises one of `_ERRORS` if a node does not answer."""
-        uri = self._read(_text, self._call("lookupNode", node, default=None))
-        if uri is None:
-            raise ConnectionRefusedError(f"the master does not know {node}")
-        return bool(xmlrpc.client.ServerProxy(uri, _Transport(_NODE_TIMEOUT_S)).getPid(self._caller))
+        except _ERRORS:
+            return None
 
     def parameter(self, name: str, default: Any) -> Any:
         """Returns a parameter, or `default` if it is not set."""
@@ -181,8 +172,8 @@ class NodeChecks:
         return {node for node, (_, misses) in self._checks.items() if misses >= 2}
 
 
-class MasterWatch(threading.Thread):
-    """Checks every few seconds that the master still knows this node."""
+class MasterWatch(StepThread):
+    """Checks every few seconds that the master still knows this node. Close it before the node unregisters."""
 
     def __init__(
         self, master: Master, node: str, on_change: Callable[[str, Level], None], period_s: float = 2.0
@@ -191,40 +182,34 @@ class MasterWatch(threading.Thread):
 
         Calls `on_change` with what is wrong and how bad it is; empty and OK: the master answers again.
         """
-        super().__init__(name="master watch", daemon=True)
+        super().__init__("master watch", self._check, bool)  # nothing in it raises
         self.lost = threading.Event()
-        """Set when the master was restarted and does not know this node; this never heals."""
+        """Set when the master was restarted and does not know this node; this never heals, and the thread ends."""
         self._master = master
         self._node = node
         self._on_change = on_change
         self._period_s = period_s
-        self._stopped = MonotonicEvent()
+        self._silent = 0
         self._identity = master.identity(node)
 
-    def stop(self) -> None:
-        """Ends the thread; call before the node unregisters."""
-        self._stopped.set()
-
-    def run(self) -> None:
-        """Checks until the master has lost the node."""
-        silent = 0
-        while not self._stopped.wait(self._period_s):
-            try:
-                identity = self._master.identity(self._node)
-            except ServiceError as error:
-                silent += 1
-                if silent == 2:
-                    self._on_change(f"{error}: no new connections until it does", Level.WARN)
-                continue
-            if identity is None or identity != self._identity:
-                if not self._stopped.is_set():
-                    problem = f"the ROS master at {self._master.uri} was restarted and does not know this node"
-                    self._on_change(problem, Level.ERROR)
-                    self.lost.set()
-                return
-            if silent:
-                silent = 0
-                self._on_change("", Level.OK)
+    def _check(self) -> float:
+        try:
+            identity = self._master.identity(self._node)
+        except ServiceError as error:
+            self._silent += 1
+            if self._silent == 2:
+                self._on_change(f"{error}: no new connections until it does", Level.WARN)
+            return self._period_s
+        if identity is None or identity != self._identity:
+            if self.active:
+                problem = f"the ROS master at {self._master.uri} was restarted and does not know this node"
+                self._on_change(problem, Level.ERROR)
+                self.lost.set()
+            self.close()
+        elif self._silent:
+            self._silent = 0
+            self._on_change("", Level.OK)
+        return self._period_s
 
 
 class _Transport(xmlrpc.client.Transport):

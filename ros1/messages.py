@@ -69,6 +69,11 @@ def serialized(native: Any) -> bytes:
     return buffer.getvalue()
 
 
+def deserialized(data: bytes, native_class: Any) -> Any:
+    """Returns a message of a class."""
+    return native_class().deserialize(data)
+
+
 def raw_format(type_name: str) -> RawFormat:
     """Returns the format of serialized messages of a type; raises ConfigError if it is not installed here."""
     native_class = message_class(type_name)

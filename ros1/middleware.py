@@ -9,6 +9,8 @@ changes: a master that hangs must not delay an alert.
 
 from __future__ import annotations
 
+import contextlib
+import logging
 import threading
 import time
 import weakref
@@ -31,25 +33,19 @@ from ..core.values.errors import ConfigError, ServiceError
 from ..core.values.field_path import ABSENT, Getter
 from ..core.values.formatting import with_degree_sign
 from ..core.values.names import canonical_type, resolve_name, split_type_name
-from ..runtime.native_node import NativeNode
-from ..runtime.threads import MonotonicEvent
+from ..runtime.native_node import Decoder, NativeNode, ThreadTimer
 from . import messages
 from .master import Master, NodeChecks
 from .parameters import NodeParameters, set_log_level
-from .serialized import BytesReader, Decoder, FieldReader
+from .serialized import BytesReader, FieldReader
 
-_LOG = {
-    Severity.DEBUG: rospy.logdebug,
-    Severity.INFO: rospy.loginfo,
-    Severity.WARN: rospy.logwarn,
-    Severity.ERROR: rospy.logerr,
-    Severity.FATAL: rospy.logfatal,
-}
+_LOGGER = logging.getLogger("rosout")
+"""That of rospy, whose severities are those of Python."""
 _QUEUE_SIZE = 1000
 """Messages that may wait to be sent to a subscriber, then the oldest are lost. Incoming ones wait at their sender."""
 
 
-class _Timer(threading.Thread):
+class _Timer(ThreadTimer):
     """Calls back every period of a clock; `active` says whether to, as a call may have begun when it is cancelled.
 
     Not a rospy.Timer: that one ends with the first exception, calls at once if time goes back, several times if it
@@ -57,40 +53,27 @@ class _Timer(threading.Thread):
     """
 
     def __init__(self, node: Ros1Middleware, period_s: float, callback: Callable[[float], None], steady: bool) -> None:
-        super().__init__(daemon=True)
-        self._node = node
-        self._callback = callback
-        self._simulated = not steady
+        super().__init__("timer", self._run_due, node._log_failure)
+        self._node, self._callback, self._simulated = node, callback, not steady
         self._clock = time.monotonic if steady else node._clock
-        self._cancelled = MonotonicEvent()
         self._last_s = self._clock()
         self._schedule = PeriodicSchedule(period_s, self._last_s)
         self.start()
 
-    @property
-    def active(self) -> bool:
-        return not self._cancelled.is_set()
-
-    def cancel(self) -> None:
-        self._cancelled.set()
-
-    def run(self) -> None:
-        while self.active:
-            now_s = self._clock()
-            if now_s < self._last_s or self._is_clock_unset():
-                self._schedule.restart(now_s)
-            self._last_s = now_s
-            if now_s >= self._schedule.due_s and not self._is_clock_unset():
-                self._schedule.advance(now_s)
-                self._node._call_timer(self, self._callback)
-            elif self._simulated:
-                _wait_while(self._clock, now_s)
-            else:
-                self._cancelled.wait(self._schedule.due_s - now_s)
-
-    def _is_clock_unset(self) -> bool:
-        """Until the first message on /clock rospy's simulated time is 0; periods begin with that message."""
-        return self._simulated and self._last_s == 0.0
+    def _run_due(self) -> float:
+        now_s = self._clock()
+        # Until the first message on /clock rospy's simulated time is 0; periods begin with that message.
+        if now_s < self._last_s or self._last_s == 0.0:
+            self._schedule.restart(now_s)
+        self._last_s = now_s
+        if now_s >= self._schedule.due_s:
+            self._schedule.advance(now_s)
+            self._node._call_timer(self, self._callback)
+        elif self._simulated:
+            _wait_while(self._clock, now_s)
+        else:
+            return self._schedule.due_s - now_s
+        return 0.0
 
 
 class Ros1Middleware(NativeNode):
@@ -118,9 +101,6 @@ class Ros1Middleware(NativeNode):
         # Weak: the clients of a server may subscribe to any number of invented topics.
         self._decoders: weakref.WeakValueDictionary[str, Decoder] = weakref.WeakValueDictionary()
         self._services: List[Any] = []
-
-    def given_parameters(self) -> Mapping[str, Any]:
-        return self.parameters.given()
 
     def declare_parameters(self, parameters: Sequence[Parameter], on_change: OnChange) -> None:
         """Advertises `~reload`, which reads the parameters again; its response is what changed.
@@ -248,28 +228,18 @@ class Ros1Middleware(NativeNode):
 
     def log(self, severity: Severity, text: str) -> None:
         stream = "stdout" if severity < Severity.WARN else "stderr"
-        self.faults.guard(f"log on {stream}", _LOG[severity], with_degree_sign(text))
+        self.faults.guard(f"log on {stream}", _LOGGER.log, severity, with_degree_sign(text))
 
-    def close(self) -> None:
-        with self._lock:
-            self._closed = True
-            for timer in (*self._timers, *self._graph_timers):
-                timer.cancel()
+    def _leave(self) -> None:
+        # A process that shuts down unregisters everything with one call. A call per topic would take long, and fail
+        # with a warning each if the master is down.
+        if not rospy.core.is_shutdown_requested():
             for subscription in self._subscriptions:
-                subscription.active = False
-            # A process that shuts down unregisters everything with one call. A call per topic would take long, and fail
-            # with a warning each if the master is down.
-            if not rospy.core.is_shutdown_requested():
-                for subscription in self._subscriptions:
-                    subscription.end()
-                for publisher, _ in self._publishers.values():
-                    _unregister(publisher)
-                for service in self._services:
-                    service.shutdown("node closed")
-            self._timers.clear()
-            self._subscriptions.clear()
-            self._publishers.clear()
-            self._services.clear()
+                subscription.end()
+            for publisher, _ in self._publishers.values():
+                _unregister(publisher)
+            for service in self._services:
+                service.shutdown("node closed")
 
     def _serve(self, service: str, type_name: str, handler: Callable[[Message], Message]) -> None:
         """Advertises a service whose handler is called without the lock."""
@@ -327,7 +297,8 @@ class Ros1Middleware(NativeNode):
         shared = _shared_class(rospy.topics.get_topic_manager().get_subscriber_impl(topic))
         if field is None:
             return shared or rospy.AnyMsg, None
-        decoder, log = self._decoders.setdefault(topic, Decoder()), partial(self._failures.write, topic)
+        decoder = self._decoders.setdefault(topic, Decoder(messages.deserialized))
+        log = partial(self._failures.write, topic)
         if not type_name and shared in (None, rospy.AnyMsg):
             return rospy.AnyMsg, FieldReader(topic, "", field, decoder, log).read
         type_name = type_name or messages.type_name(shared)
@@ -394,45 +365,35 @@ class PublisherLookup:
         self._own_topics = own_topics
         self._last_publishers = last_publishers
         self._lock = threading.Lock()
-        self._questions: Dict[Tuple[str, str], Answer] = {}
-        self._is_asking = False
+        self._questions: List[Tuple[str, str, Answer]] = []
+        """Those that no thread has taken yet; the first one starts a thread."""
 
     def look_up(self, topic: str, type_name: str, answer: Answer) -> None:
         """Answers later: why a topic brings no samples; None if nothing is known. See `core.hints.Hints`."""
         with self._lock:
-            self._questions[topic, type_name] = answer
-            if not self._is_asking:
+            self._questions.append((topic, type_name, answer))
+            if len(self._questions) == 1:
                 threading.Thread(target=self._ask, name="publisher lookup", daemon=True).start()
-                self._is_asking = True
 
     def _ask(self) -> None:
-        while True:
-            with self._lock:
-                questions, self._questions = self._questions, {}
-                if not questions:
-                    self._is_asking = False
-                    return
-            published = self._published()
-            own = self._own_topics()
-            for (topic, type_name), answer in questions.items():
-                answer(None if published is None else self._explain(topic, type_name, published, own))
-
-    def _explain(self, topic: str, type_name: str, published: Mapping[str, str], own: Container[str]) -> Optional[str]:
-        try:
-            gone = [node for node in self._last_publishers(topic) if self._master.is_gone(node)]
-        except ServiceError:
-            gone = []
-        types = [published[topic]] if topic in published and not gone else []
-        return explain(topic, type_name, types, similar_topics(topic, type_name, published, own), gone)
-
-    def _published(self) -> Optional[Mapping[str, str]]:
-        """Returns the type of each topic that has a publisher; None: the master does not answer."""
-        try:
+        published: Optional[Dict[str, str]] = None
+        with contextlib.suppress(ServiceError):
             publishers, _, _ = self._master.system_state()
             types = self._master.topic_types()
-        except ServiceError:
-            return None
-        return {topic: types.get(topic, "") for topic, nodes in publishers if nodes}
+            published = {topic: types.get(topic, "") for topic, nodes in publishers if nodes}
+        with self._lock:
+            questions, self._questions = self._questions, []
+        for topic, type_name, answer in questions:
+            text: Optional[str] = None
+            if published is not None:
+                with contextlib.suppress(ServiceError):
+                    text = self._explain(topic, type_name, published)
+            answer(text)
+
+    def _explain(self, topic: str, type_name: str, published: Mapping[str, str]) -> Optional[str]:
+        gone = [node for node in self._last_publishers(topic) if self._master.answers(node) is False]
+        types = [published[topic]] if topic in published and not gone else []
+        return explain(topic, type_name, types, similar_topics(topic, type_name, published, self._own_topics()), gone)
 
 
 def _wait_while(clock: Callable[[], float], now_s: float) -> None:

@@ -18,7 +18,7 @@ from ..core.port.middleware import Severity
 from ..core.values.errors import ConfigError, MessageError
 from ..core.values.field_path import ABSENT, Getter
 from ..core.values.names import canonical_type
-from ..runtime.native_node import Log
+from ..runtime.native_node import Decoder, Log
 from . import messages
 
 _MOST_HEADERS = 100
@@ -98,19 +98,3 @@ class BytesReader(_Reader):
         if is_bytes:
             return lambda native: (native._buff, raw)
         return lambda native: (messages.serialized(native), raw)  # /clock, which rospy itself reads as messages
-
-
-class Decoder:
-    """Deserializes each message of a topic once for all its readers."""
-
-    def __init__(self) -> None:
-        """Has no message yet."""
-        self._data = b""
-        self._message: Any = None
-
-    def decode(self, data: bytes, cls: Any) -> Any:
-        """Returns a message of a class."""
-        if data is not self._data or type(self._message) is not cls:
-            self._message = cls().deserialize(data)
-            self._data = data
-        return self._message

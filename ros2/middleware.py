@@ -7,8 +7,8 @@ A process may hold several `Ros2Middleware`s, each an rclpy node with its own pa
 from __future__ import annotations
 
 import collections
-import functools
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, Callable, Collection, Deque, Dict, Iterator, List, Mapping, Optional, Sequence, Set, Tuple
 
 from rclpy.clock import Clock, ClockType, JumpThreshold, TimeJump
@@ -27,7 +27,7 @@ from ..core.values.errors import ConfigError
 from ..core.values.field_path import ABSENT, Getter
 from ..core.values.formatting import with_degree_sign
 from ..core.values.names import canonical_type, resolve_name
-from ..runtime.native_node import NativeNode
+from ..runtime.native_node import Decoder, NativeNode
 from . import messages
 from .definitions import raw_format
 from .lifecycle import LifecycleStates
@@ -115,9 +115,6 @@ class Ros2Middleware(NativeNode):
             post_callback=self._on_time_jump,
         )
 
-    def given_parameters(self) -> Mapping[str, Any]:
-        return self.parameters.given()
-
     def declare_parameters(self, parameters: Sequence[Parameter], on_change: OnChange) -> None:
         def apply(proposed: Mapping[str, Any]) -> str:
             with self._lock:
@@ -145,16 +142,13 @@ class Ros2Middleware(NativeNode):
     def subscribe(
         self, topic: str, type_name: str, callback: Callback, *, field: Optional[str] = "", latched: bool = False
     ) -> Subscription:
-        subscription = Subscription(self._resolve(topic), _native_name(topic), callback, field, latched)
-        with self._lock:
-            self._begin(subscription, type_name)
-        return subscription
+        native_name = _native_name(topic)
+        return self._begin(Subscription(self._resolve(topic), native_name, callback, field, latched), type_name)
 
     def subscribe_raw(self, topic: str, type_name: str, callback: RawCallback) -> Subscription:
         subscription = Subscription(self._resolve(topic), _native_name(topic), callback, None, is_raw=True)
-        with self._lock:
-            self._begin(subscription, type_name)
-        return subscription
+        subscription.follows_type = not type_name
+        return self._begin(subscription, type_name)
 
     def serialize(self, type_name: str, message: Message) -> Tuple[bytes, RawFormat]:
         native = self._stamped(messages.message_class(type_name), message)
@@ -215,25 +209,12 @@ class Ros2Middleware(NativeNode):
         if self.node.context.ok():  # otherwise rcl would print that it cannot publish the line
             self.faults.guard("log", _LOG[severity], self._logger, with_degree_sign(text))
 
-    def close(self) -> None:
-        with self._lock:
-            if self._closed:
-                return
-            self._closed = True
-            for graph_timer in self._graph_timers:
-                graph_timer.cancel()
-            for timer in self._timers:
-                timer.active = False
-            for subscription in self._subscriptions:
-                subscription.active = False
-            self._timers.clear()
-            self._subscriptions.clear()
-            self._channels.clear()
-            self._publishers.clear()
-            self._jumps.unregister()
-            if self.node.executor is not None:
-                self.node.executor.remove_node(self.node)
-            self.node.destroy_node()
+    def _leave(self) -> None:
+        self._channels.clear()
+        self._jumps.unregister()
+        if self.node.executor is not None:
+            self.node.executor.remove_node(self.node)
+        self.node.destroy_node()
 
     def _ros_time_s(self) -> float:
         nanoseconds: int = self._ros_clock.now().nanoseconds
@@ -249,7 +230,8 @@ class Ros2Middleware(NativeNode):
         with self._lock:
             if went_back or began:
                 for timer in self._timers:
-                    timer.restart()
+                    if isinstance(timer, _Timer):
+                        timer.restart()
             if began:
                 waiting = list(self._waiting_for_clock)
                 self._waiting_for_clock.clear()
@@ -274,42 +256,33 @@ class Ros2Middleware(NativeNode):
             raise ConfigError(f"expected the name of a topic, got {name!r}: {reason}") from None
         return resolved
 
-    def _begin(self, subscription: Subscription, type_name: str) -> None:
-        subscription.follows_type = subscription.is_raw and not type_name
-        type_name = type_name or self._type_of(subscription.topic)
-        if type_name:
-            self._start(subscription, type_name)
-        else:
-            subscription.is_waiting = True
-        self._keep(subscription)
+    def _begin(self, subscription: Subscription, type_name: str) -> Subscription:
+        with self._lock:
+            type_name = type_name or self._type_of(subscription.topic)
+            if type_name:
+                self._start(subscription, type_name)
+            self._subscriptions.append(subscription)
+            if self._qos_timer is None:
+                self._qos_timer = self.node.create_timer(
+                    _QOS_CHECK_PERIOD_S, self._check_publishers, clock=self._steady_clock
+                )
+        return subscription
 
     def _start(self, subscription: Subscription, type_name: str) -> None:
         """Subscribes, sharing rclpy's subscription with others to the topic: its cost per message is high."""
         cls = messages.message_class(type_name)
-        topic, field = subscription.topic, subscription.field
-        if subscription.is_raw:
-            raw = raw_format(type_name)
-            subscription.get = lambda data: (data, raw)
-            if (topic, cls, False) not in self._channels:  # else it receives what the signals do
-                subscription.is_latched = subscription.is_latched or are_latched(self.node, topic)
-        elif field is not None:
-            native, serialized = messages.field_getter(topic, type_name, field), messages.serialized_getter(cls, field)
-            subscription.get, subscription.needs_message = serialized or native, serialized is None
+        topic = subscription.topic
+        if subscription.is_raw and (topic, cls, False) not in self._channels:  # else it receives what the signals do
+            subscription.is_latched = subscription.is_latched or are_latched(self.node, topic)
         latched, own = (topic, cls, True), (topic, cls, subscription.is_latched)
-        channel = self._channels.get(latched) or self._channels.get(own)
-        if channel is None:
-            channel = self._channels[own] = _Channel(own, subscription.native_name)
+        channel = self._channels.get(latched) or self._channels.get(own) or _Channel(own, subscription.native_name)
+        subscription.get = _reader(subscription, type_name, channel)
+        if channel.native is None:
+            self._channels[own] = channel
             self._open(channel)
         others = channel.readers
         channel.readers = (subscription, *others) if subscription.is_raw else (*others, subscription)
-        subscription.channel = channel
-
-    def _keep(self, subscription: Subscription) -> None:
-        self._subscriptions.append(subscription)
-        if self._qos_timer is None:
-            self._qos_timer = self.node.create_timer(
-                _QOS_CHECK_PERIOD_S, self._check_publishers, clock=self._steady_clock
-            )
+        subscription.channel, subscription.active = channel, True
 
     def _end(self, subscription: Subscription) -> None:
         subscription.active = False
@@ -331,21 +304,14 @@ class Ros2Middleware(NativeNode):
                 now_s = clock()
                 if simulated and now_s == 0.0:
                     if channel.readers:
-                        self._waiting_for_clock.append(functools.partial(deliver, data))
+                        self._waiting_for_clock.append(partial(deliver, data))
                     return
-                message = None
                 for subscription in channel.readers:
                     if subscription.active:
                         try:
                             try:
-                                if subscription.needs_message:
-                                    message = deserialize_message(data, cls) if message is None else message
-                                    value = subscription.get(message)
-                                else:
-                                    value = subscription.get(data)
+                                value = subscription.get(data)
                             except Exception as error:
-                                if subscription.field is None:
-                                    raise
                                 log_failure(error)
                                 value = ABSENT  # a message that cannot be read is a sign of life
                             subscription.callback(value, now_s)
@@ -371,9 +337,14 @@ class Ros2Middleware(NativeNode):
         return types[0] if types else ""
 
     def _new_type_of(self, subscription: Subscription) -> str:
-        """Returns the type of the publishers if none is heard because all have another type; else an empty text."""
+        """Returns the type with which to subscribe now; empty if that need not change.
+
+        Its type was not known yet, or no publisher is heard because all have another type.
+        """
         topic, channel = subscription.topic, subscription.channel
-        if not subscription.follows_type or channel is None or channel.native.get_publisher_count():
+        if channel is None:
+            return self._type_of(topic) if subscription.active else ""
+        if not subscription.follows_type or channel.native.get_publisher_count():
             return ""
         types = {canonical_type(found.topic_type) for found in self.node.get_publishers_info_by_topic(topic)}
         return "" if messages.type_name(channel.key[1]) in types else min(types, default="")
@@ -388,11 +359,9 @@ class Ros2Middleware(NativeNode):
         """
         with self._lock:
             for subscription in self._subscriptions:
-                is_waiting = subscription.is_waiting
-                type_name = self._type_of(subscription.topic) if is_waiting else self._new_type_of(subscription)
+                type_name = self._new_type_of(subscription)
                 if type_name:
                     self._end(subscription)
-                    subscription.active, subscription.is_waiting = True, False
                     try:
                         self._start(subscription, type_name)
                     except ConfigError as error:
@@ -414,10 +383,6 @@ class Ros2Middleware(NativeNode):
                 self._open(channel)
 
 
-def _arrival(native: Any) -> float:
-    return 1.0
-
-
 @dataclass(eq=False)
 class Subscription:
     """A subscription of the port; several may share one subscription of rclpy."""
@@ -429,15 +394,14 @@ class Subscription:
     is_latched: bool = False
     is_raw: bool = False
     """Whether the value is the whole message as bytes, with its format."""
-    get: Getter = _arrival
     follows_type: bool = False
     """Whether it takes messages of any type, that of a publisher which restarts with another one, too."""
-    needs_message: bool = False
-    """Whether `get` reads from a message, not from its bytes."""
+    get: Getter = float
+    """Reads the value from the bytes of a message."""
     active: bool = True
-    is_waiting: bool = False
-    """Whether the type of the topic is not known yet."""
+    """False once it has ended, or if the type of the topic cannot be used."""
     channel: Optional[_Channel] = None
+    """None as long as the type of the topic is not known."""
 
 
 @dataclass(eq=False)
@@ -453,11 +417,24 @@ class _Channel:
     native: Any = None
     is_best_effort: bool = False
     readers: Tuple[Subscription, ...] = ()
+    decoder: Decoder = field(default_factory=partial(Decoder, deserialize_message))
 
     @property
     def may_be_volatile(self) -> bool:
         """Whether it receives latched messages only because all publishers were latched when it began."""
         return self.key[2] and all(reader.is_raw or not reader.is_latched for reader in self.readers)
+
+
+def _reader(subscription: Subscription, type_name: str, channel: _Channel) -> Getter:
+    """Returns what reads the value of a subscription from the bytes of a message; raises ConfigError."""
+    if subscription.is_raw:
+        raw = raw_format(type_name)
+        return lambda data: (data, raw)
+    if subscription.field is None:
+        return lambda data: 1.0
+    cls, decode = channel.key[1], channel.decoder.decode
+    get = messages.field_getter(subscription.topic, type_name, subscription.field)
+    return messages.serialized_getter(cls, subscription.field) or (lambda data: get(decode(data, cls)))
 
 
 def _native_name(name: str) -> str:

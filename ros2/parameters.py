@@ -17,7 +17,7 @@ from rclpy.node import Node
 from rclpy.qos import qos_profile_services_default
 
 from ..core.config.monitor_config import NODE_PARAMETERS, load_config, sections
-from ..core.config.parameters import Parameter, unflatten
+from ..core.config.parameters import Parameter, unflatten, unknown_key
 from ..core.config.yaml_file import YamlFile, read_yaml
 from ..core.port.middleware import OnChange
 from ..core.values.errors import ConfigError, Path
@@ -32,11 +32,8 @@ _START_ONLY = (EXECUTOR.name, USE_SIM_TIME.name)
 _NOT_FOR_NODES = (*_START_ONLY, "qos_overrides", "start_type_description_service")
 """Parameters that this adapter or rclpy reads for itself."""
 _OPTION = "--params-file"
-_RCL_ERROR = re.compile(
-    rf".*Couldn't parse params file: '{_OPTION} (?P<file>.+?)'\. Error: (?P<why>.+?)"
-    r"(?: (?:at|near) line(?:_num)? (?P<line>\d+))?\s*, at ",
-    re.DOTALL,
-)
+_NODE = re.compile(r"^(['\"]?)(\w+)\1(?=\s*:)", re.MULTILINE)
+"""The name of a node in a parameter file, without a namespace."""
 
 
 class ParameterNode(Node):  # type: ignore[misc]  # rclpy is not typed
@@ -68,11 +65,7 @@ class ParameterNode(Node):  # type: ignore[misc]  # rclpy is not typed
         names = self.get_parameters_by_prefix("")
         for parameter in parameter_list:
             if parameter.name not in names:
-                import difflib  # only for mistakes: it takes memory in every node
-
-                close = difflib.get_close_matches(parameter.name, names, n=1)
-                hint = f"; did you mean {close[0]}?" if close else ""
-                return SetParametersResult(successful=False, reason=f"{parameter.name}: unknown parameter{hint}")
+                return SetParametersResult(successful=False, reason=str(unknown_key(parameter.name, list(names))))
         return super().set_parameters_atomically(parameter_list)
 
 
@@ -194,16 +187,12 @@ class ParameterFiles:
         try:
             for place, file in self._files.items():
                 with open(file.file, encoding="utf-8") as stream:
-                    lines = stream.readlines()
-                for name in file.tree:
-                    if re.match(r"\w+\Z", name):
-                        number = file.lines[(name,)] - 1
-                        lines[number] = re.sub(rf"^(['\"]?){name}\1(?=\s*:)", f'"/**/{name}"', lines[number])
+                    text = _NODE.sub(r'"/**/\2"', stream.read())
                 copy = os.memfd_create("parameters")
                 arguments[place] = f"/proc/self/fd/{copy}"
                 self._copies[arguments[place]] = place
                 with open(copy, "w", encoding="utf-8", closefd=False) as stream:
-                    stream.writelines(lines)
+                    stream.write(text)
             yield arguments
         finally:
             for path in self._copies:
@@ -220,19 +209,16 @@ class ParameterFiles:
         return error
 
     def explained(self, problem: str) -> ConfigError:
-        """Returns an error message of rcl as a ConfigError, with file and line if it concerns a file."""
+        """Returns an error message of rcl as a ConfigError: that of the monitor if it refuses a file as well."""
         for place in self._places:
             try:
                 load_config(self._arguments[place])
             except ConfigError as error:
                 if error.line is not None:
                     return error
-        match = _RCL_ERROR.match(problem)
-        if match is None:
-            return ConfigError(" ".join(problem.split()))
-        place = self._copies[match["file"]]
-        line = int(match["line"]) if match["line"] else None
-        return ConfigError(f"rejected by rcl: {match['why']}", file=self._arguments[place], line=line)
+        for path, place in self._copies.items():
+            problem = problem.replace(path, self._arguments[place])
+        return ConfigError(" ".join(problem.split()))
 
 
 def _refuse_empty_mappings(file: YamlFile, tree: Mapping[str, Any], path: Path) -> None:

@@ -6,7 +6,6 @@ import contextlib
 import importlib
 import os
 import sys
-import sysconfig
 from typing import Iterator, List
 
 from ..core.values.errors import ServiceError
@@ -59,12 +58,9 @@ def install_command(packages: List[str]) -> str:
         return f"pipx inject {os.path.basename(sys.prefix)} {' '.join(packages)}"
     if not _is_system_python():
         return f"pip install {' '.join(packages)}"
-    others = [package for package in packages if package in _NOT_IN_DEBIAN]
-    if not others:
+    if not _NOT_IN_DEBIAN.intersection(packages):
         return f"apt install {' '.join(map(debian_package, packages))}"
-    if not os.path.exists(os.path.join(sysconfig.get_path("stdlib"), "EXTERNALLY-MANAGED")):  # such as Ubuntu 20.04
-        return f"pip3 install --user {' '.join(packages)}"
-    return f"apt has no {', '.join(others)}; install robot-health with pipx, which has all of them (docs/install.md)"
+    return "install robot-health with pipx, which has all of them (docs/install.md): apt does not"
 
 
 def debian_package(package: str) -> str:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import abc
 import threading
 import time
-from typing import Any, Callable, Collection, Dict, List, Optional, Tuple, Union
+from typing import Any, Callable, Collection, Dict, List, Mapping, Optional, Tuple, Union
 
 from ..core.messages.dialect import Message
 from ..core.messages.native_messages import NativeMessages
@@ -26,6 +26,8 @@ Log = Callable[[Severity, str], None]
 class NativeNode(abc.ABC):
     """One node; the base of classes that implement `core.middleware.Middleware`."""
 
+    parameters: Any
+    """Those of the node, with the method `given`."""
     graph_period_s = 1.0
     """Time between two readings of the graph, in s."""
     _timer_class: Any
@@ -50,7 +52,6 @@ class NativeNode(abc.ABC):
         """Publisher and class of its messages, by resolved topic."""
         self._subscriptions: List[Any] = []
         self._timers: List[Any] = []
-        self._graph_timers: List[GraphTimer] = []
         self._hints = Hints(look_up, time.monotonic)
         self._failures = LimitedLog(self.log, time.monotonic)
         """Writes what is wrong with messages, by topic: a robot may invent topics."""
@@ -74,9 +75,28 @@ class NativeNode(abc.ABC):
     def _count(self, wanted: Collection[Wanted]) -> Counts:
         """Returns what is wanted of the graph; called in a thread. Raises ServiceError if it cannot be read."""
 
-    def follow_graph(self, wanted: Callable[[], Collection[Wanted]], callback: GraphCallback) -> GraphTimer:
-        timer = GraphTimer(self, wanted, callback)
-        self._graph_timers.append(timer)
+    @abc.abstractmethod
+    def _leave(self) -> None:
+        """Leaves the middleware, as a part of `close`: nothing calls back any more."""
+
+    def given_parameters(self) -> Mapping[str, Any]:
+        given: Mapping[str, Any] = self.parameters.given()
+        return given
+
+    def follow_graph(self, wanted: Callable[[], Collection[Wanted]], callback: GraphCallback) -> ThreadTimer:
+        def read() -> float:
+            if timer.active and not self.waiting_for_clock():
+                counts: Union[Counts, Unread]
+                try:
+                    counts = self._count(wanted())
+                except ServiceError as error:
+                    counts = Unread(str(error))
+                self._call_timer(timer, lambda now_s: callback(counts, now_s))
+            return self.graph_period_s
+
+        timer = ThreadTimer("graph", read, self._log_failure)
+        timer.start()
+        self._keep_timer(timer)
         return timer
 
     def now_s(self) -> float:
@@ -96,8 +116,10 @@ class NativeNode(abc.ABC):
         publisher.publish(self._stamped(cls, message))
 
     def create_timer(self, period_s: float, callback: Callable[[float], None], *, steady: bool = False) -> Any:
+        return self._keep_timer(self._timer_class(self, period_s, callback, steady or not self._simulated))
+
+    def _keep_timer(self, timer: Any) -> Any:
         with self._lock:
-            timer = self._timer_class(self, period_s, callback, steady or not self._simulated)
             self._timers = [*(known for known in self._timers if known.active), timer]
         return timer
 
@@ -106,6 +128,20 @@ class NativeNode(abc.ABC):
             if subscription in self._subscriptions:
                 self._subscriptions.remove(subscription)
                 self._end(subscription)
+
+    def close(self) -> None:
+        with self._lock:
+            if self._closed:
+                return
+            self._closed = True
+            for timer in self._timers:
+                timer.cancel()
+            for subscription in self._subscriptions:
+                subscription.active = False
+            self._leave()
+            self._timers.clear()
+            self._subscriptions.clear()
+            self._publishers.clear()
 
     def exclusively(self, function: Callable[[], Result]) -> Result:
         with self._lock:
@@ -140,31 +176,27 @@ class NativeNode(abc.ABC):
         return text
 
 
-class GraphTimer:
-    """Reads the graph again and again in a thread, until it is cancelled."""
+class ThreadTimer(StepThread):
+    """A timer with a thread. Implements `core.port.middleware.Timer`."""
 
-    def __init__(self, node: NativeNode, wanted: Callable[[], Collection[Wanted]], callback: GraphCallback) -> None:
-        """Begins to read."""
-        self.active = True
-        self._node, self._wanted, self._callback = node, wanted, callback
-        self._thread = StepThread("graph", self._read, node._log_failure)
-        self._thread.start()
+    cancel = StepThread.close
 
-    def cancel(self) -> None:
-        """Ends the thread after the present reading; nothing is called back any more."""
-        self.active = False
-        self._thread.close()
 
-    def _read(self) -> float:
-        node = self._node
-        if self.active and not node.waiting_for_clock():
-            counts: Union[Counts, Unread]
-            try:
-                counts = node._count(self._wanted())
-            except ServiceError as error:
-                counts = Unread(str(error))
-            node._call_timer(self, lambda now_s: self._callback(counts, now_s))
-        return node.graph_period_s
+class Decoder:
+    """Deserializes each message of a topic once for all its readers."""
+
+    def __init__(self, deserialize: Callable[[bytes, Any], Any]) -> None:
+        """Has no message yet; `deserialize` makes a message of a class from its bytes."""
+        self._deserialize = deserialize
+        self._data = b""
+        self._message: Any = None
+
+    def decode(self, data: bytes, cls: Any) -> Any:
+        """Returns a message of a class."""
+        if data is not self._data or type(self._message) is not cls:
+            self._message = self._deserialize(data, cls)
+            self._data = data
+        return self._message
 
 
 def failure_text(error: Exception) -> str:

@@ -141,7 +141,8 @@ class StepThread(threading.Thread):
         self._step = step
         self._on_error = on_error
         self._wake = MonotonicEvent()
-        self._is_closed = False
+        self.active = True
+        """False from `close` on."""
 
     def wake(self) -> None:
         """Ends the present wait; returns at once."""
@@ -149,7 +150,7 @@ class StepThread(threading.Thread):
 
     def close(self) -> None:
         """Ends the thread after the present step; returns at once."""
-        self._is_closed = True
+        self.active = False
         self._wake.set()
 
     def join(self, timeout: Optional[float] = None) -> None:
@@ -161,9 +162,9 @@ class StepThread(threading.Thread):
     def run(self) -> None:
         """Calls the function until `close`."""
         with closing(self._wake):
-            while not self._is_closed:
+            while self.active:
                 self._wake.clear()
-                if self._is_closed:  # closed before `clear`
+                if not self.active:  # closed before `clear`
                     return
                 try:
                     wait_s = self._step()

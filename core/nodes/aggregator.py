@@ -17,7 +17,7 @@ from ..values.elements import ARRAY_TYPE, OWN_TOPICS
 from ..values.errors import ConfigError
 from ..values.formatting import number_text
 from ..values.model import Level, Sample, Status
-from .node import DIAGNOSTICS, FLOAT_TYPE, base_name, describe_changes, host_name, refuse_changes
+from .node import DIAGNOSTICS, FLOAT_TYPE, RateTimer, base_name, describe_changes, host_name, refuse_changes
 from .outlets import array_message
 
 AGGREGATOR_PARAMETERS = (
@@ -56,16 +56,14 @@ class Aggregator:
         """Starts listening; raises ConfigError if the configuration cannot be used."""
         self._middleware = middleware
         self._node = base_name(middleware)
-        self._values = _read_values(middleware.given_parameters())
-        self._inputs = _signal_names(self._values["inputs"])
-        self._thresholds = _read_thresholds(self._values, self._inputs)
-        self._monitor = Monitor(_window_config(self._values, self._inputs), self._values["robot_name"] or host_name())
         self._subscriptions: Dict[str, Subscription] = {}
-        middleware.declare_parameters(AGGREGATOR_PARAMETERS, self._reconfigure)
+        self._timer = RateTimer(middleware, self._publish)
+        values = _read_values(middleware.given_parameters())
+        self._monitor = Monitor(MonitorConfig({}), values["robot_name"] or host_name())
         self._topic = middleware.advertise("system_health", FLOAT_TYPE)
         middleware.advertise(DIAGNOSTICS, ARRAY_TYPE)
-        self._follow_inputs()
-        self._timer = middleware.create_timer(1.0 / self._values["publish_rate"], self._publish)
+        self._use(values)
+        middleware.declare_parameters(AGGREGATOR_PARAMETERS, self._reconfigure)
         inputs = ", ".join(self._values["inputs"])
         health = f"is the {self._values['method']} of {inputs}" if inputs else "is not published: inputs is empty"
         middleware.log(Severity.INFO, f"system_health {health}")
@@ -74,14 +72,19 @@ class Aggregator:
         """Leaves the middleware."""
         self._middleware.close()
 
-    def _follow_inputs(self) -> None:
-        topics = set(self._inputs.values())
-        for topic in self._subscriptions.keys() - topics:
+    def _use(self, values: Dict[str, Any]) -> None:
+        """Averages by these parameters from now on."""
+        inputs = _signal_names(values["inputs"])
+        self._thresholds = _read_thresholds(values, inputs)
+        self._monitor.configure(_window_config(values, inputs))
+        self._values, self._inputs = values, inputs
+        for topic in self._subscriptions.keys() - set(inputs.values()):
             self._middleware.unsubscribe(self._subscriptions.pop(topic))
-        for name, topic in self._inputs.items():
+        for name, topic in inputs.items():
             if topic not in self._subscriptions:
                 take = partial(self._take, name)
                 self._subscriptions[topic] = self._middleware.subscribe(topic, FLOAT_TYPE, take, field="data")
+        self._timer.set_rate(values["publish_rate"])
 
     def _take(self, name: str, value: Any, now_s: float) -> None:
         self._monitor.observe(Sample(name, value, now_s))
@@ -109,17 +112,9 @@ class Aggregator:
             self._middleware.publish(DIAGNOSTICS, array_message(statuses, self._node))
 
     def _reconfigure(self, tree: Mapping[str, Any]) -> str:
-        values = _read_values(tree)
-        refuse_changes(self._values, values, except_for=("thresholds",))
-        inputs = _signal_names(values["inputs"])
-        self._thresholds = _read_thresholds(values, inputs)
-        self._monitor.configure(_window_config(values, inputs))
-        self._inputs = inputs
-        self._follow_inputs()
-        if values["publish_rate"] != self._values["publish_rate"]:
-            self._timer.cancel()
-            self._timer = self._middleware.create_timer(1.0 / values["publish_rate"], self._publish)
-        old, self._values = self._values, values
+        old, values = self._values, _read_values(tree)
+        refuse_changes(old, values, except_for=("thresholds",))
+        self._use(values)
         return describe_changes({"": old}, {"": values})
 
 

@@ -7,7 +7,6 @@ announcements.py     the outlets, the topic `alerts`, /diagnostics
 
 from __future__ import annotations
 
-from dataclasses import replace
 from types import MappingProxyType
 from typing import Any, Callable, List, Mapping, Optional, Set, Tuple
 
@@ -86,13 +85,12 @@ class AlertSystem:
             middleware,
             self.monitor,
             outlets,
-            TICK_PERIOD_S,
-            replace(
-                self_report,
-                signals=self._count_signals,
-                simulated=lambda: filter(self.watched.is_simulated, self.configuration.signals),
-                without_sensor=lambda: sorted(self.watched.without_sensor()),
-            ),
+            {
+                **self_report,
+                "signals": self._count_signals,
+                "simulated": lambda: filter(self.watched.is_simulated, self.configuration.signals),
+                "without_sensor": lambda: sorted(self.watched.without_sensor()),
+            },
             log_alerts=log_alerts,
             continuity=self._continuity,
             silence_of=silence_of,
@@ -306,8 +304,7 @@ class AlertSystem:
         given = self._middleware.given_parameters()
         node.refuse_changes(given, tree)
         self.watched.follow(config, unknown)
-        if config.publish_rate != old.publish_rate:
-            self.announcements.set_rate(config.publish_rate)
+        self.announcements.set_rate(config.publish_rate)
         if self._continuity is not None:
             record = self._continuity.record_configuration
             self._middleware.faults.guard("storing the configuration", record, config)

@@ -8,7 +8,7 @@ from typing import Callable, Mapping, Optional
 from ..judge.continuity import Continuity
 from ..judge.monitor import Monitor
 from ..messages.dialect import Message
-from ..port.middleware import Middleware, Severity, Timer
+from ..port.middleware import Middleware, Severity
 from ..values.elements import ARRAY_TYPE, STATUS_TYPE
 from ..values.formatting import printable
 from ..values.model import Changes, Level, Status, Transition
@@ -35,7 +35,6 @@ class Announcements:
         middleware: Middleware,
         monitor: Monitor,
         outlets: Mapping[str, Outlet],
-        tick_period_s: float,
         report: SelfReport,
         *,
         log_alerts: bool,
@@ -43,7 +42,7 @@ class Announcements:
         silence_of: Callable[[str], Optional[str]],
         black_box_of: Callable[[Transition], str],
     ) -> None:
-        """Announces nothing yet; `tick_period_s` and `report` are of `SelfMonitor`, the others of `AlertSystem`."""
+        """Announces nothing yet; `report` is of `SelfMonitor`, the others of `AlertSystem`."""
         self._middleware, self._monitor, self._continuity = middleware, monitor, continuity
         self._node = node.base_name(middleware)
         self.silence_of, self._black_box_of = silence_of, black_box_of
@@ -56,11 +55,12 @@ class Announcements:
         self.outlets.add("alerts", self._publish_alert)
         self.outlets.add(node.DIAGNOSTICS, self._publish_change)
         alerts = middleware.advertise("alerts", STATUS_TYPE)
-        report = replace(report, published_topics=lambda: alerts, silenced=self.count_silenced)
-        self.self_monitor = SelfMonitor(middleware, monitor.robot, tick_period_s, self.outlets.emit, report)
+        report = {**report, "published_topics": lambda: alerts, "silenced": self.count_silenced}
+        self.self_monitor = SelfMonitor(middleware, monitor.robot, self.outlets.emit, report)
         """Watches the node itself and makes its status."""
         middleware.advertise(node.DIAGNOSTICS, ARRAY_TYPE)
-        self._timer: Optional[Timer] = None
+        self.set_rate = node.RateTimer(middleware, self._report).set_rate
+        """Publishes the whole state so often per second from now on."""
         self._reported_steady_s = middleware.steady_s()
 
     def announce(self, changes: Changes, now_s: float) -> None:
@@ -78,12 +78,6 @@ class Announcements:
     def note(self, text: str, now_s: float) -> None:
         """Announces a line that is of no signal's level."""
         self.outlets.emit(Notice(now_s, Severity.INFO, text))
-
-    def set_rate(self, publish_rate: float) -> None:
-        """Publishes the whole state so often per second from now on."""
-        if self._timer is not None:
-            self._timer.cancel()
-        self._timer = self._middleware.create_timer(1.0 / publish_rate, self._report)
 
     def report_if_late(self, late_s: float, now_s: float) -> None:
         """Publishes the whole state if it is late by so much of steady time.

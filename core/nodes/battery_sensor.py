@@ -46,8 +46,8 @@ class BatterySensor:
         self._robot = self._values["robot_name"] or node.host_name()
         middleware.declare_parameters(SENSOR_PARAMETERS + configuration.declared_parameters(tree), self._reconfigure)
         middleware.advertise(node.DIAGNOSTICS, ARRAY_TYPE)
+        self._timer = node.RateTimer(middleware, self._publish)
         self._use(tree, sources)
-        self._timer = middleware.create_timer(1.0 / self._values["publish_rate"], self._publish)
         middleware.create_timer(_STATUS_PERIOD_S, self._publish_status)
         rate = number_text(self._values["publish_rate"])
         metrics = ", ".join(self._sources) or "no metrics"
@@ -78,6 +78,7 @@ class BatterySensor:
         if "host" in self._kinds.values():
             own.append(self._middleware.advertise(node.UNAVAILABLE_SENSORS, node.STRING_TYPE))
         self._own_topics = ", ".join([*own, *(self._topics[metric] for metric in sources)])
+        self._timer.set_rate(self._values["publish_rate"])
 
     def _publish(self, now_s: float) -> None:
         for metric, source in self._sources.items():
@@ -135,9 +136,6 @@ class BatterySensor:
         self._values = values
         self._failed = {metric: error for metric, error in self._failed.items() if metric in sources}
         self._use(tree, sources)
-        if values["publish_rate"] != old["publish_rate"]:
-            self._timer.cancel()
-            self._timer = self._middleware.create_timer(1.0 / values["publish_rate"], self._publish)
         return node.describe_changes({"": old, **old_settings}, {"": values, **self._settings})
 
 

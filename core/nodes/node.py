@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import os
-from typing import List, Mapping, Tuple
+from typing import Callable, List, Mapping, Optional, Tuple
 
 from ..config.monitor_config import NODE_PARAMETERS, MonitorConfig
-from ..port.middleware import NOTHING_CHANGED, Middleware
+from ..port.middleware import NOTHING_CHANGED, Middleware, Timer
 from ..values.errors import ConfigError, Problems
 from ..values.formatting import bound_text
 
@@ -27,6 +27,24 @@ They are judged like all others. A target is notified of them only if it has `si
 
 Sections = Mapping[str, Mapping[str, object]]
 """Values by key, in named sections (signals, metrics); the section "" holds the node's own values."""
+
+
+class RateTimer:
+    """Calls a function with the time, at a rate that may change."""
+
+    def __init__(self, middleware: Middleware, callback: Callable[[float], None]) -> None:
+        """Does not call yet."""
+        self._middleware, self._callback = middleware, callback
+        self._rate_hz = 0.0
+        self._timer: Optional[Timer] = None
+
+    def set_rate(self, rate_hz: float) -> None:
+        """Calls so often per second from now on."""
+        if rate_hz != self._rate_hz:
+            if self._timer is not None:
+                self._timer.cancel()
+            self._rate_hz = rate_hz
+            self._timer = self._middleware.create_timer(1.0 / rate_hz, self._callback)
 
 
 def host_name() -> str:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields, replace
-from typing import Any, Callable, Dict, Iterable, Mapping, Optional, Tuple
+from types import MappingProxyType
+from typing import Any, Callable, Dict, Mapping, Optional
 
 from ..port.middleware import Middleware, Severity
 from ..values.faults import summary_of
@@ -17,7 +17,7 @@ MONITOR = "monitor"
 """Name of the status, which /diagnostics shows as `alert_system: monitor`."""
 
 CHECK_PERIOD_S = 1.0
-"""Period of `SelfMonitor.check`, in seconds of steady time."""
+"""Period of `SelfMonitor.check`, in seconds of steady time, and of the ticks of a node, in seconds of its clock."""
 
 LONGEST_STEP_S = 3.0
 """If no callback looked at the time for longer, in seconds of steady time, the process was stopped."""
@@ -27,51 +27,42 @@ _RESUME_S = 5.0
 _CLOCK_GRACE_S = 10.0
 _CLOCK_REMINDER_S = 60.0
 _MAX_LATENESS_S = 5.0
+_NEVER = (math.inf, math.inf)
 _MIN_HEALTHY_S = 3.0
 """How long a part must work before its fault is announced as ended; keeps an intermittent fault to one line."""
 
 
-@dataclass(frozen=True)
-class SelfReport:
-    """The key-values of the status of a node: a function per key, called for each status. None: no such key."""
+SelfReport = Mapping[str, Callable[[], Any]]
+"""Key-values of a node's status: a function per key, called for each status; one that returns None has no key there.
 
-    version: Callable[[], str] = package_version
-    uptime_s: Callable[[], float] = float
-    """Since the start of the node, in s."""
-    signals: Callable[[], int] = int
-    """Number of watched signals."""
-    samples_per_s: Callable[[], float] = float
-    dropped: Callable[[], int] = int
-    """Number of messages that were not judged."""
-    tick_late_s: Callable[[], float] = float
-    clients: Callable[[], int] = int
-    """Number of clients of the server."""
-    pending_notifications: Callable[[], int] = int
-    published_topics: Callable[[], Optional[str]] = lambda: None
-    """As `OWN_TOPICS` of core/values/elements.py."""
-    simulated: Callable[[], Optional[Iterable[str]]] = lambda: None
-    """Names of signals with invented values."""
-    without_sensor: Callable[[], Optional[Iterable[str]]] = lambda: None
-    """Names of signals that are not watched, because the host has no such sensor."""
-    robots: Callable[[], Optional[int]] = lambda: None
-    unreachable: Callable[[], Optional[int]] = lambda: None
-    """Number of robots without a connection."""
-    silenced: Callable[[], Optional[int]] = lambda: None
-    """Number of signals that are not OK and silenced."""
-    clients_dropped: Callable[[], Optional[int]] = lambda: None
-    """Number of messages that the server dropped."""
-    black_box_s: Callable[[], Optional[float]] = lambda: None
-    """How far the messages of the black box in memory reach back, in s."""
-    black_box_dropped: Callable[[], Optional[int]] = lambda: None
-    """Number of messages that the black box dropped before their time, because its memory was full."""
+version, uptime_s             since the start of the node, in s
+signals, samples_per_s        number of watched signals; samples in the last second
+dropped                       number of messages that were not judged
+tick_late_s
+clients, clients_dropped      number of clients of the server, and of messages that it dropped
+pending_notifications
+published_topics              as `OWN_TOPICS` of core/values/elements.py
+simulated                     names of signals with invented values
+without_sensor                names of signals that are not watched, because the host has no such sensor
+robots, unreachable           number of robots, and of those without a connection
+silenced                      number of signals that are not OK and silenced
+black_box_s                   how far the messages of the black box in memory reach back, in s
+black_box_dropped             number of messages that it dropped before their time, because its memory was full
+"""
 
-    def texts(self) -> Mapping[str, str]:
-        """Returns the key-values as /diagnostics shows them. A function that raises does not hide the others."""
-        texts = {field.name: _text(field.name, getattr(self, field.name)) for field in fields(self)}
-        return {key: text for key, text in texts.items() if text is not None}
-
-
-EMPTY_REPORT = SelfReport()
+EMPTY_REPORT: SelfReport = MappingProxyType(
+    {
+        "version": package_version,
+        "uptime_s": float,
+        "signals": int,
+        "samples_per_s": float,
+        "dropped": int,
+        "tick_late_s": float,
+        "clients": int,
+        "pending_notifications": int,
+    }
+)
+"""The keys that every status has."""
 
 _FORMATS: Mapping[str, Callable[[Any], str]] = {
     "uptime_s": "{:.0f}".format,
@@ -84,6 +75,7 @@ _FORMATS: Mapping[str, Callable[[Any], str]] = {
 
 
 def _text(key: str, read: Callable[[], object]) -> Optional[str]:
+    """Returns a key-value as /diagnostics shows it. A function that raises does not hide the others."""
     try:
         value = read()
         return None if value is None else _FORMATS.get(key, str)(value)
@@ -97,17 +89,14 @@ class SelfMonitor:
     Runs on steady time, so that it also works without /clock and while a simulator is paused.
     """
 
-    def __init__(
-        self, middleware: Middleware, robot: str, tick_period_s: float, emit: Outlet, report: SelfReport = EMPTY_REPORT
-    ) -> None:
-        """Starts without faults; `tick_period_s` is the expected period of `note_tick`.
+    def __init__(self, middleware: Middleware, robot: str, emit: Outlet, report: SelfReport = EMPTY_REPORT) -> None:
+        """Starts without faults.
 
         `emit` receives a notice when one of the middleware's `faults` begins or ends. `robot` is the `hardware_id` of
         the status, which shows `report` besides what is measured here.
         """
         self._middleware = middleware
         self._robot = robot
-        self._tick_period_s = tick_period_s
         self._emit = emit
         self._start_s = self._checked_s = middleware.steady_s()
         self._announced: Dict[str, Level] = {}
@@ -115,19 +104,21 @@ class SelfMonitor:
         self._clock_reminder_s = _CLOCK_GRACE_S
         self._samples = 0
         self._samples_per_s = 0.0
-        self._tick_s: Optional[float] = None if middleware.waiting_for_clock() else middleware.now_s()
-        self._tick_steady_s = self._start_s
+        self._tick = _NEVER if middleware.waiting_for_clock() else (middleware.now_s(), self._start_s)
+        """Time of the last tick in s of the node's clock and of steady time; `_NEVER` while none can come."""
         self._last_lateness_s = 0.0
-        self._looked: Optional[Tuple[float, float]] = None
+        self._looked = _NEVER
+        """The same of the last call of `find_pause`."""
         self.look_due_s = math.inf
         """At a later time, in s, the process may have been stopped: call `find_pause` before anything else."""
         self._resumed_steady_s = -math.inf
-        self._report = replace(
-            report,
-            uptime_s=lambda: middleware.steady_s() - self._start_s,
-            samples_per_s=lambda: self._samples_per_s,
-            tick_late_s=lambda: self._lateness_s(middleware.now_s(), middleware.steady_s()),
-        )
+        self._report = {
+            **EMPTY_REPORT,
+            **report,
+            "uptime_s": lambda: middleware.steady_s() - self._start_s,
+            "samples_per_s": lambda: self._samples_per_s,
+            "tick_late_s": self._lateness_s,
+        }
 
     def find_pause(self, now_s: float, *, announce: bool = True) -> Optional[float]:
         """Returns the time of the last call, in s, if the process was stopped since; else None.
@@ -136,13 +127,12 @@ class SelfMonitor:
         least every `CHECK_PERIOD_S` of steady time, before anything else is done with `now_s`.
         """
         steady_s, looked = self._middleware.steady_s(), self._looked
-        self._looked = (now_s, steady_s)
+        self._looked = now_s, steady_s
         self.look_due_s = now_s + LONGEST_STEP_S
-        if looked is None or steady_s - looked[1] <= LONGEST_STEP_S:
+        if steady_s - looked[1] <= LONGEST_STEP_S:
             return None
         self._resumed_steady_s = steady_s
-        if self._tick_s is not None:
-            self._tick_s, self._tick_steady_s = now_s, steady_s  # no tick could come
+        self._tick = self._looked  # no tick could come
         if announce:
             text = f"the monitor was stopped for {duration_text(int(steady_s - looked[1]))}"
             self._emit(Notice(now_s, Severity.WARN, text))
@@ -155,18 +145,14 @@ class SelfMonitor:
 
     def note_tick(self, now_s: float) -> None:
         """Call at each tick of the node, with the time that the tick was given."""
-        steady_s = self._middleware.steady_s()
-        self._last_lateness_s = self._lateness_s(now_s, steady_s)
-        self._tick_s, self._tick_steady_s = now_s, steady_s
+        self._last_lateness_s = self._lateness_s()
+        self._tick = now_s, self._middleware.steady_s()
 
     def skip(self, duration_s: float) -> None:
         """Leaves a time in which no tick could come, in s, out of the time since the last tick."""
-        if self._tick_s is not None:
-            self._tick_s += duration_s
-            self._tick_steady_s += duration_s
-        if self._looked is not None:
-            self._looked = (self._looked[0] + duration_s, self._looked[1] + duration_s)
-            self.look_due_s += duration_s
+        self._tick = self._tick[0] + duration_s, self._tick[1] + duration_s
+        self._looked = self._looked[0] + duration_s, self._looked[1] + duration_s
+        self.look_due_s += duration_s
 
     def check(self, samples: int) -> None:
         """Looks for faults that began or ended; call every `CHECK_PERIOD_S`, with the number of samples so far."""
@@ -175,7 +161,7 @@ class SelfMonitor:
             self._samples_per_s = (samples - self._samples) / (steady_s - self._checked_s)
         self._samples, self._checked_s = samples, steady_s
         self._check_clock(steady_s - self._start_s)
-        self._check_tick(steady_s)
+        self._check_tick()
         self._announce_faults(steady_s)
 
     @property
@@ -185,24 +171,24 @@ class SelfMonitor:
         While a simulator is paused, or before its first clock message, there are no ticks: then the time since the last
         `check` counts, which shows that the node runs.
         """
-        steady_s = self._middleware.steady_s()
-        since_check_s = steady_s - self._checked_s - CHECK_PERIOD_S
-        return max(0.0, self._since_tick_s(self._middleware.now_s(), steady_s), since_check_s)
+        since_check_s = self._middleware.steady_s() - self._checked_s - CHECK_PERIOD_S
+        return max(0.0, self._since_tick_s(), since_check_s)
 
     def status(self) -> Status:
         """Returns the node's own status: its level is that of its worst fault."""
         faults = self._middleware.faults.current()
-        values = {**self._report.texts(), **{f"fault: {part}": fault.text for part, fault in faults.items()}}
+        values = {key: text for key, read in self._report.items() for text in [_text(key, read)] if text is not None}
+        values.update((f"fault: {part}", fault.text) for part, fault in faults.items())
         level, message = summary_of(faults)
         return Status(MONITOR, level, message, self._robot, values)
 
-    def _since_tick_s(self, now_s: float, steady_s: float) -> float:
+    def _since_tick_s(self) -> float:
         """Returns the time since the last tick, in s, by the slower clock: simulated time may run fast or be paused."""
-        return 0.0 if self._tick_s is None else min(now_s - self._tick_s, steady_s - self._tick_steady_s)
+        return min(self._middleware.now_s() - self._tick[0], self._middleware.steady_s() - self._tick[1])
 
-    def _lateness_s(self, now_s: float, steady_s: float) -> float:
+    def _lateness_s(self) -> float:
         """Returns by how much the tick is late, in s."""
-        return max(0.0, self._since_tick_s(now_s, steady_s) - self._tick_period_s)
+        return max(0.0, self._since_tick_s() - CHECK_PERIOD_S)
 
     def _check_clock(self, uptime_s: float) -> None:
         faults = self._middleware.faults
@@ -214,15 +200,14 @@ class SelfMonitor:
             self._clock_reminder_s += _CLOCK_REMINDER_S
             self._announced.pop("clock", None)  # announces it again
 
-    def _check_tick(self, steady_s: float) -> None:
-        now_s = self._middleware.now_s()
+    def _check_tick(self) -> None:
         if self._middleware.waiting_for_clock():
-            self._tick_s = None
-        elif self._tick_s is None:
-            self._tick_s, self._tick_steady_s = now_s, steady_s
-        lateness_s = max(self._last_lateness_s, self._lateness_s(now_s, steady_s))
+            self._tick = _NEVER
+        elif self._tick == _NEVER:
+            self._tick = self._middleware.now_s(), self._middleware.steady_s()
+        lateness_s = max(self._last_lateness_s, self._lateness_s())
         if lateness_s > _MAX_LATENESS_S:
-            text = f"{lateness_s:.1f} s late (period {self._tick_period_s:g} s): overloaded or suspended"
+            text = f"{lateness_s:.1f} s late (period {CHECK_PERIOD_S:g} s): overloaded or suspended"
             self._middleware.faults.report("tick", text, Level.WARN)
         else:
             self._middleware.faults.clear("tick")

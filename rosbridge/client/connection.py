@@ -5,7 +5,6 @@ published or offered there.
 
     runtime/bridge/connection.py   connecting, reading, delays
     subscriptions.py               where a subscription is sent, and where its messages arrive
-    services.py                    calls of the server's services
 
 This project's client and server use CBOR in both directions (they agree on it as a WebSocket subprotocol), which keeps
 NaN and infinities. With other servers it is JSON, where both are null.
@@ -15,16 +14,17 @@ from __future__ import annotations
 
 import asyncio
 import functools
-from typing import Any, Awaitable, Callable, Dict, Optional
+from typing import Any, Awaitable, Dict, Mapping, Optional
 
 from ...core.port.middleware import Severity
-from ...runtime.bridge.connection import BridgeConnection
+from ...core.values.errors import LinkError
+from ...core.values.formatting import printable
+from ...runtime.bridge.connection import LONGEST_TEXT, BridgeConnection
 from ...runtime.bridge.websocket import Wire
 from ...runtime.event_loops import run_in_daemon_thread
-from ...runtime.sockets import ignore_result
+from ..calls import PendingCalls
 from ..protocol import CBOR_SUBPROTOCOL, DEFAULT_LIMITS, SUBPROTOCOLS, Connection, Limits, Operation, operations
 from ..protocol.codec import HEAD_BYTES, decode, serialized_publication, topic_of_message
-from .services import ServiceCalls
 from .subscriptions import Subscriptions
 
 _LARGE_CBOR_BYTES = 65_536
@@ -42,8 +42,8 @@ class ServerConnection(BridgeConnection):
         `limits` are for messages that are decoded; of larger ones only the arrival counts.
         """
         super().__init__(url, **options)
-        self.calls = ServiceCalls(self.send, lambda: None if self.up else f"no connection to {self.address}")
-        self.subscriptions = Subscriptions(self.send, self.calls.call)
+        self._calls = PendingCalls()
+        self.receivers = self.subscriptions = Subscriptions(self.send, self.call, self.run_in_loop)
         self.limits = limits
         """Bounds for messages that are decoded."""
         self._protocol = Connection(limits)
@@ -58,6 +58,17 @@ class ServerConnection(BridgeConnection):
             for wire in self._protocol.send(operation, compression=self._compression):
                 self.send_wire(wire)
 
+    async def call(self, service: str, request: Mapping[str, Any], timeout_s: float) -> Mapping[str, Any]:
+        """Returns the response of a service of the server; called in the event loop.
+
+        Raises LinkError if the connection is or went down, and ServiceError if the service failed, or did not respond
+        within `timeout_s`.
+        """
+        if not self.up:
+            raise LinkError(f"{service} was not called: no connection to {self.address}")
+        values = await self._calls.call(self.send, None, service, request, timeout_s)
+        return values if isinstance(values, dict) else {}
+
     async def run(self) -> None:
         """Keeps the connection up until it is cancelled or `close` is called."""
         types = asyncio.ensure_future(self.subscriptions.find_types())
@@ -66,41 +77,31 @@ class ServerConnection(BridgeConnection):
         finally:
             types.cancel()
 
-    def _begin(self, subprotocol: Optional[str]) -> None:
+    def _begin(self, subprotocol: Optional[str]) -> bool:
         self._compression = "cbor" if subprotocol == CBOR_SUBPROTOCOL else "none"
         self._protocol = Connection(self.limits)
         self.subscriptions.send_all(self._compression)
+        return True
 
     def _went_down(self) -> None:
-        self.calls.fail_all(f"the connection to {self.address} went down")
+        self._calls.fail(LinkError(f"the connection to {self.address} went down"))
 
     def _receive(self, data: Wire, now_s: float) -> Optional[Awaitable[None]]:
-        if type(data) is bytes:
-            if self._receive_serialized(data):
+        if type(data) is bytes and self._receive_serialized(data):
+            return None
+        if len(data) > HEAD_BYTES:
+            if self._receive_undecoded(data):
                 return None
-            if len(data) > _LARGE_CBOR_BYTES:
+            if type(data) is bytes and len(data) > _LARGE_CBOR_BYTES:
                 return self._receive_large(data, now_s)
-        self._receive_message(data, now_s)
+        self._process(decode(data, self.limits), now_s)
         return None
 
-    async def _receive_large(self, data: bytes, now_s: float) -> None:
+    async def _receive_large(self, data: Wire, now_s: float) -> None:
         """Decodes in a thread: CBOR takes up to a second per megabyte."""
-        topic = topic_of_message(data)
-        arrivals_only = topic is not None and self.subscriptions.arrivals_only(topic)
-        if arrivals_only or len(data) > self.limits.message_bytes:
-            self._receive_message(data, now_s)  # is not decoded
-            return
-        decoding = asyncio.ensure_future(run_in_daemon_thread(functools.partial(decode, data, self.limits)))
-        decoding.add_done_callback(ignore_result)
-        await asyncio.wait({decoding})
-        self._receive_message(data, now_s, lambda data, limits: decoding.result())
+        self._process(await run_in_daemon_thread(functools.partial(decode, data, self.limits)), now_s)
 
-    def _receive_message(
-        self, data: Wire, now_s: float, read: Callable[[Wire, Limits], Dict[str, Any]] = decode
-    ) -> None:
-        if len(data) > HEAD_BYTES and self._receive_undecoded(data):
-            return
-        fields = read(data, self.limits)
+    def _process(self, fields: Dict[str, Any], now_s: float) -> None:
         topic, message = fields.get("topic"), fields.get("msg")
         if fields.get("op") == "publish" and type(topic) is str and type(message) is dict:
             self.subscriptions.deliver(topic, message)  # by far the most frequent
@@ -109,7 +110,8 @@ class ServerConnection(BridgeConnection):
         if isinstance(operation, operations.Publish):
             self.subscriptions.deliver(operation.topic, operation.msg)
         elif isinstance(operation, operations.ServiceResponse):
-            self.calls.receive(operation)
+            reason = printable(str(operation.values)[:LONGEST_TEXT])
+            self._calls.receive(operation, None, f"{printable(operation.service)} failed: {reason}")
 
     def _receive_serialized(self, data: bytes) -> bool:
         """Passes a serialized message on; returns False if it is none."""

@@ -18,8 +18,7 @@ from ...core.values.errors import LinkError, ServiceError
 from ...runtime.sockets import ignore_result
 from ..protocol.operations import Subscribe, Unsubscribe
 from .connection import ServerConnection
-from .services import Call
-from .topics import names_of
+from .topics import Call, names_of
 
 _PERIOD_S = 2.0
 _STATE_TIMEOUT_S = 60.0
@@ -29,7 +28,7 @@ _STATE_TIMEOUT_S = 60.0
 async def list_nodes(call: Call, topics: Collection[str]) -> Mapping[str, NodeInfo]:
     """Returns the nodes with those of these topics that they publish, and the service of lifecycle nodes.
 
-    Raises as `ServiceCalls.call`.
+    Raises as `ServerConnection.call`.
     """
     publishes: Dict[str, List[str]] = {name: [] for name in await names_of(call, "nodes")}
     services = set(await names_of(call, "services"))
@@ -137,9 +136,9 @@ class GraphReader:
                 with contextlib.suppress(ServiceError, LinkError, LookupError, TypeError, ValueError):  # no state
                     if call is not None:
                         counts["lifecycle", name] = state_of(call.result())
-                request = self._connection.calls.call(f"{name}/get_state", {}, _STATE_TIMEOUT_S)
+                request = self._connection.call(f"{name}/get_state", {}, _STATE_TIMEOUT_S)
                 self._states[name] = asyncio.ensure_future(request)
                 self._states[name].add_done_callback(ignore_result)
 
     async def _ask(self, service: str, **request: str) -> List[str]:
-        return await names_of(self._connection.calls.call, service, **request)
+        return await names_of(self._connection.call, service, **request)

@@ -11,19 +11,21 @@ from ...core.messages.serialized import SerializedType
 from ...core.port.mapping_node import MappingNode, MappingSubscription, RawSubscription
 from ...core.values.errors import ConfigError
 from ...core.values.field_path import ABSENT
+from ...core.values.names import canonical_type
 from ...runtime.bridge.receivers import BridgeReceiver
 
 
 class _Limited(BridgeReceiver):
     """A receiver of the connection, in front of a subscription of the node."""
 
-    def __init__(self, node: MappingNode, largest_bytes: int, *binding: Any) -> None:
+    def __init__(self, node: MappingNode, largest_bytes: int, topic: str, type_name: str, *binding: Any) -> None:
         """Binds topic, type and what is passed on, with arguments, and errors, as of the methods of `Middleware`.
 
         Messages of more than `largest_bytes` are not decoded.
         """
-        super().__init__(node, *binding)  # type: ignore[call-arg]
+        super().__init__(node, topic, type_name, *binding)  # type: ignore[call-arg]
         self._largest_bytes = largest_bytes
+        self.type_name = canonical_type(type_name)
 
     def deliver(self, message: Message) -> None:
         """Passes the message on, or its field."""

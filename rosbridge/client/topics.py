@@ -4,13 +4,28 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from typing import Any, Callable, Container, Dict, Iterable, Iterator, List, Mapping, Optional, Sequence, Tuple
+from typing import (
+    Any,
+    Awaitable,
+    Callable,
+    Container,
+    Dict,
+    Iterable,
+    Iterator,
+    List,
+    Mapping,
+    Optional,
+    Sequence,
+    Tuple,
+)
 
 from ...core.port.hints import Answer, explain, similar_topics
 from ...core.values.errors import LinkError, MessageError, ServiceError
 from ...core.values.names import canonical_type
 from ...runtime.bridge.node import KnownTopic
-from .services import Call
+
+Call = Callable[[str, Mapping[str, Any], float], Awaitable[Mapping[str, Any]]]
+"""Calls a service of the server: name, request, time limit in s."""
 
 _TIMEOUT_S = 10.0
 _ANSWER_TIMEOUT_S = 5.0
@@ -61,7 +76,7 @@ async def find_definition(call: Call, type_name: str) -> str:
 
 
 async def names_of(call: Call, service: str, **request: str) -> List[str]:
-    """Returns the names that a service of rosapi answers with. Raises as `ServiceCalls.call`."""
+    """Returns the names that a service of rosapi answers with. Raises as `ServerConnection.call`."""
     names = (await call(f"/rosapi/{service}", request, _ANSWER_TIMEOUT_S)).get(service)
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
         raise ServiceError(f"/rosapi/{service} did not answer with a list of names")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import socket as sockets
 import ssl
-from typing import Dict, NamedTuple, Optional, Type
+from typing import Mapping, NamedTuple, Optional, Type
 
 import aiohttp
 
@@ -18,7 +18,10 @@ _POLICY_VIOLATION = 1008
 _TOO_LARGE = 1009
 _NOT_READY = (500, 502, 503, 504)
 """What a server answers, or the proxy before it, that may work later. 501 comes from one that cannot do it."""
-_SYSTEM_ERRORS: Dict[Type[OSError], str] = {
+_SYSTEM_ERRORS: Mapping[Type[BaseException], str] = {
+    asyncio.TimeoutError: "no answer from the host",
+    aiohttp.ServerDisconnectedError: "connection lost",
+    aiohttp.WebSocketError: "connection closed: the server violated the WebSocket protocol",
     sockets.gaierror: "host name not found",
     ConnectionRefusedError: "connection refused: no server listens on this port",
     ConnectionResetError: "connection lost",
@@ -61,17 +64,20 @@ def cause_of_error(error: BaseException, has_token: bool, server_kind: str) -> C
         return Cause(f"the server redirects{target} (HTTP {error.status}); redirects are not followed")
     if isinstance(error, aiohttp.InvalidURL):
         return _own_fault("invalid address")
-    if isinstance(error, aiohttp.WebSocketError):
-        if error.code == _TOO_LARGE:
-            return Cause("connection closed: a message is larger than this client accepts")
-        return Cause("connection closed: the server violated the WebSocket protocol")
-    if isinstance(error, asyncio.TimeoutError):  # aiohttp's own timeouts are subclasses
-        return Cause("no answer from the host")
-    if isinstance(error, aiohttp.ServerDisconnectedError):
-        return Cause("connection lost")
+    if isinstance(error, aiohttp.WebSocketError) and error.code == _TOO_LARGE:
+        return Cause("connection closed: a message is larger than this client accepts")
     if isinstance(error, aiohttp.ClientConnectorCertificateError):
-        return _cause_of_system_error(error.certificate_error)
-    return _cause_of_system_error(error.os_error if isinstance(error, aiohttp.ClientConnectorError) else error)
+        error = error.certificate_error
+    elif isinstance(error, aiohttp.ClientConnectorError):
+        error = error.os_error
+    if isinstance(error, ssl.SSLError):
+        return _cause_of_tls(error)
+    for kind, text in _SYSTEM_ERRORS.items():  # aiohttp's own timeouts are subclasses of asyncio's
+        if isinstance(error, kind):
+            return Cause(text)
+    # Never str(error): the errors of libraries may show the address with its credentials.
+    text = getattr(error, "strerror", None) or type(error).__name__
+    return Cause(f"no connection: {_limited(text)}")
 
 
 def cause_of_close(code: Optional[int], reason: str, has_token: bool) -> Cause:
@@ -95,17 +101,6 @@ def _cause_of_status(status: int, has_token: bool, server_kind: str) -> Cause:
     if status in _NOT_READY:
         return Cause(f"the server is not ready (HTTP {status})")
     return Cause(f"not a {server_kind} (HTTP {status})")
-
-
-def _cause_of_system_error(error: BaseException) -> Cause:
-    if isinstance(error, ssl.SSLError):
-        return _cause_of_tls(error)
-    for kind, text in _SYSTEM_ERRORS.items():
-        if isinstance(error, kind):
-            return Cause(text)
-    # Never str(error): the errors of libraries may show the address with its credentials.
-    text = getattr(error, "strerror", None) or type(error).__name__
-    return Cause(f"no connection: {_limited(text)}")
 
 
 def _cause_of_tls(error: ssl.SSLError) -> Cause:

@@ -18,7 +18,7 @@ import functools
 import random
 import ssl
 import threading
-from typing import Awaitable, Callable, ClassVar, Optional, Sequence, Tuple
+from typing import Any, Awaitable, Callable, ClassVar, Optional, Sequence, Tuple
 
 import aiohttp
 
@@ -80,6 +80,8 @@ class ConnectBackoff:
 class BridgeConnection(abc.ABC):
     """A connection to one server, kept up. A subclass speaks a protocol."""
 
+    receivers: Any
+    """The subscriptions, by `add` and `remove`, each with what receives the messages; may be called in any thread."""
     subprotocols: ClassVar[Sequence[str]]
     """WebSocket subprotocols that are offered, the preferred one first."""
     server_kind: ClassVar[str]
@@ -131,7 +133,8 @@ class BridgeConnection(abc.ABC):
         self._on_log = on_log
         self._log = LimitedLog(on_log, clock)
         self._lock = threading.RLock()
-        self._loop: Optional[asyncio.AbstractEventLoop] = None
+        self.loop: Optional[asyncio.AbstractEventLoop] = None
+        """That in which `run` runs; None before."""
         self._thread = 0
         self._closed = False
         self._queue: Optional[SendQueue] = None
@@ -140,8 +143,11 @@ class BridgeConnection(abc.ABC):
         self._lookup = HostLookup()
 
     @abc.abstractmethod
-    def _begin(self, subprotocol: Optional[str]) -> None:
-        """Sends what is wanted on a new connection, for which the server chose a subprotocol."""
+    def _begin(self, subprotocol: Optional[str]) -> bool:
+        """Sends what is wanted on a new connection, for which the server chose a subprotocol.
+
+        Returns whether the server can be used; if not, `_refusal` says why.
+        """
 
     @abc.abstractmethod
     def _receive(self, data: Wire, now_s: float) -> Optional[Awaitable[None]]:
@@ -164,13 +170,16 @@ class BridgeConnection(abc.ABC):
 
         The connection ends if the send queue is full.
         """
-        if not self.up or self._loop is None:
-            return
+        if self.up:
+            self.run_in_loop(self._enqueue, wire)
+
+    def run_in_loop(self, function: Callable[..., object], *arguments: Any) -> None:
+        """Calls a function in the loop: there at once, from other threads soon; never before `run` or after its end."""
         if threading.get_ident() == self._thread:
-            self._enqueue(wire)
-        else:
+            function(*arguments)
+        elif self.loop is not None:
             with contextlib.suppress(RuntimeError):  # the loop has ended
-                self._loop.call_soon_threadsafe(self._enqueue, wire)
+                self.loop.call_soon_threadsafe(function, *arguments)
 
     def move(self, url: str, *, token: str, ssl_context: Optional[ssl.SSLContext]) -> None:
         """Connects again, to another address or with another token or trust. Called in the loop.
@@ -191,10 +200,14 @@ class BridgeConnection(abc.ABC):
         """Makes `run` end at its next attempt; cancel its task to end it at once."""
         self._closed = True
 
+    def enter_loop(self) -> None:
+        """Begins to use the running loop; `run` does so first."""
+        self.loop = asyncio.get_event_loop()
+        self._thread = threading.get_ident()
+
     async def run(self) -> None:
         """Keeps the connection up until it is cancelled or `close` is called."""
-        self._loop = asyncio.get_event_loop()
-        self._thread = threading.get_ident()
+        self.enter_loop()
         moved = self._moved = asyncio.Event()
         backoff = ConnectBackoff()
         try:
@@ -214,6 +227,7 @@ class BridgeConnection(abc.ABC):
                         await within(backoff.next_s(held_s), moved.wait())
         finally:
             self.up = False
+            self._thread = 0
 
     async def _connect_once(self, moved: asyncio.Event) -> Optional[float]:
         """Connects and reads until the connection ends; returns how long it lasted, in s, or None if there was none."""
@@ -258,7 +272,8 @@ class BridgeConnection(abc.ABC):
         probation = asyncio.get_event_loop().call_later(self._probation_s, self._report, True, UP)
         try:
             self.up = True
-            self._begin(socket.protocol)
+            if not self._begin(socket.protocol):
+                probation.cancel()
             done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
             return next(iter(done)).result()
         finally:

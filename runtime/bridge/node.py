@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import abc
 import asyncio
-import contextlib
 import math
 import time
 from functools import partial
@@ -91,7 +90,6 @@ class BridgeClient(abc.ABC, Generic[Node]):
         self.clock = clock
         self.wall_clock = wall_clock
         self.on_link = on_link or self._log_link
-        self.loop: Optional[asyncio.AbstractEventLoop] = None
         self._nodes: List[Node] = []
         self.connection = self.connection_class(url, on_change=self.on_link, on_log=self.log, clock=clock, **options)
 
@@ -133,7 +131,7 @@ class BridgeClient(abc.ABC, Generic[Node]):
 
     async def run(self) -> None:
         """Keeps the connection up and the timers going until it is cancelled."""
-        self.loop = asyncio.get_event_loop()
+        self.connection.enter_loop()
         for node in tuple(self._nodes):
             node.arm()
         await self.connection.run()
@@ -151,12 +149,6 @@ class BridgeClient(abc.ABC, Generic[Node]):
     def log(self, severity: Severity, text: str) -> None:
         """Logs a line about the connection."""
         self.on_log(LogLine(self.clock(), self.log_name, severity, text))
-
-    def run_in_loop(self, function: Callable[[], None]) -> None:
-        """Calls a function in the loop soon; does nothing before `run` and after the loop has ended."""
-        if self.loop is not None:
-            with contextlib.suppress(RuntimeError):
-                self.loop.call_soon_threadsafe(function)
 
     def _log_link(self, up: bool, cause: Cause) -> None:
         if up:
@@ -182,28 +174,19 @@ class BridgeNode(MappingNode):
         super().__init__(name, parameters, remap, **clocks, use_sim_time=use_sim_time)
         self._client = client
         self._outputs = outputs
+        self._receivers = client.connection.receivers
         self._subscriptions: List[BridgeReceiver] = []
         self._wake: Optional[asyncio.TimerHandle] = None
         self._on_first_clock: List[Callable[[], None]] = []
         if use_sim_time:
-            self._clock_subscription = self._new_receiver(CLOCK, CLOCK_TYPE, "", self.take_clock)
-            self._add(CLOCK_TYPE, self._clock_subscription)
+            self._clock_subscription = self._receiver(CLOCK, CLOCK_TYPE, "", self.take_clock)
+            self._receivers.add(self._clock_subscription)
 
     @abc.abstractmethod
-    def _new_receiver(self, topic: str, type_name: str, field: Optional[str], callback: Callback) -> Any:
-        """Returns the receiver of a field of a resolved topic."""
-
-    @abc.abstractmethod
-    def _new_capture(self, topic: str, type_name: str, callback: RawCallback) -> Any:
-        """Returns the receiver of the messages of a resolved topic as bytes."""
-
-    @abc.abstractmethod
-    def _add(self, type_name: str, receiver: Any) -> None:
-        """Begins a subscription at the server."""
-
-    @abc.abstractmethod
-    def _remove(self, receiver: Any) -> None:
-        """Ends a subscription at the server."""
+    def _receiver(
+        self, topic: str, type_name: str, field: Optional[str], callback: Callback, *, is_raw: bool = False
+    ) -> Any:
+        """Returns what receives the messages of a resolved topic; `is_raw`: as bytes."""
 
     @property
     def dropped(self) -> int:
@@ -228,15 +211,15 @@ class BridgeNode(MappingNode):
     def subscribe(
         self, topic: str, type_name: str, callback: Callback, *, field: Optional[str] = "", latched: bool = False
     ) -> Any:
-        return self._begin(type_name, self._new_receiver(self.resolve(topic), type_name, field, callback))
+        return self._begin(self._receiver(self.resolve(topic), type_name, field, callback))
 
     def subscribe_raw(self, topic: str, type_name: str, callback: RawCallback) -> Any:
-        return self._begin(type_name, self._new_capture(self.resolve(topic), type_name, callback))
+        return self._begin(self._receiver(self.resolve(topic), type_name, None, callback, is_raw=True))
 
-    def _begin(self, type_name: str, receiver: Any) -> Any:
+    def _begin(self, receiver: Any) -> Any:
         with self._lock:
             self._subscriptions.append(receiver)
-            self._add(type_name, receiver)
+            self._receivers.add(receiver)
         return receiver
 
     def unsubscribe(self, subscription: Any) -> None:
@@ -244,14 +227,14 @@ class BridgeNode(MappingNode):
             if subscription in self._subscriptions:
                 subscription.end()
                 self._subscriptions.remove(subscription)
-                self._remove(subscription)
+                self._receivers.remove(subscription)
 
     def advertise_service(self, service: str, type_name: str, handler: Callable[[Message], Message]) -> None:
         self._outputs.advertise_service(service, type_name, partial(self.answer, handler))
 
     def create_timer(self, period_s: float, callback: Callable[[float], None], *, steady: bool = False) -> ClockTimer:
         timer = super().create_timer(period_s, callback, steady=steady)
-        self._client.run_in_loop(self.arm)
+        self._client.connection.run_in_loop(self.arm)
         return timer
 
     def log(self, severity: Severity, text: str) -> None:
@@ -269,7 +252,7 @@ class BridgeNode(MappingNode):
             for subscription in tuple(self._subscriptions):
                 self.unsubscribe(subscription)
             if self._clock_subscription is not None:
-                self._remove(self._clock_subscription)
+                self._receivers.remove(self._clock_subscription)
         self._client.forget(self)
 
     def set_sim_time(self, now_s: float) -> None:
@@ -291,14 +274,14 @@ class BridgeNode(MappingNode):
 
     def arm(self) -> None:
         """Schedules the next check of the timers. Called in the loop."""
-        if self._client.loop is None:
+        loop = self._client.connection.loop
+        if loop is None:
             return
         if self._wake is not None:
             self._wake.cancel()
             self._wake = None
         next_s = self.next_steady_s()
         if next_s < math.inf:
-            loop = self._client.loop
             due_s = loop.time() + max(0.0, next_s - self.steady_s())
             # The nodes of many robots wake the process together.
             self._wake = loop.call_at(math.ceil(due_s / _WAKE_PERIOD_S) * _WAKE_PERIOD_S, self._on_wake)

@@ -123,11 +123,11 @@ def test_a_new_connection_begins_anew() -> None:
     server, reader = Server(), Reader("/battery")
     server.channels.add(reader)
     server.channels.advertise([channel(1)])
-    server.channels.begin()
+    server.channels.end()
     assert server.channels.topics() == {}
     server.take()
     server.channels.advertise([channel(8)])
-    assert server.take() == [(0, 8)]
+    assert server.take() == [(1, 8)]
 
 
 def test_ten_thousand_channels_are_known_and_no_more() -> None:

@@ -17,7 +17,7 @@ from rosgraph_msgs.msg import Clock, Log
 
 from harness.port_conformance import START_S, LogLine, ServiceFailed, poll_until
 from robot_health_monitor.core.port.middleware import Severity
-from robot_health_monitor.ros1.middleware import Ros1Middleware
+from robot_health_monitor.ros1.middleware import Ros1Middleware, _Timer
 
 _SEVERITIES = {
     Log.DEBUG: Severity.DEBUG,
@@ -138,8 +138,8 @@ class Ros1Harness:
 
     def _have_timers_seen(self, now_s: float) -> bool:
         """Their threads look at the clock when it moves; one that is late would miss a step back and forth."""
-        timers = [timer for node in self._nodes for timer in node._timers]
-        return all(timer._last_s == now_s or timer._cancelled.is_set() or not timer._simulated for timer in timers)
+        timers = [timer for node in self._nodes for timer in node._timers if isinstance(timer, _Timer)]
+        return all(timer._last_s == now_s or not timer.active or not timer._simulated for timer in timers)
 
     def _remap(self, node_name: str, remap: Mapping[str, str]) -> None:
         """Remaps as `old:=new` on the command line of a node does."""

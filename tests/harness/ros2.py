@@ -174,7 +174,7 @@ class Ros2Harness:
         publisher = self._publishers[topic]
         # Those that do not know the topic's type yet subscribe in fact when they have seen this publisher.
         undecided = [subscription for node in self._nodes for subscription in node._subscriptions]
-        self.wait_until(lambda: not any(s.is_waiting and s.topic == topic for s in undecided))
+        self.wait_until(lambda: not any(s.channel is None and s.active and s.topic == topic for s in undecided))
         self._wait_until_matched(topic, publisher.get_subscription_count, self._witness.get_subscriptions_info_by_topic)
         # Each side matches separately: a subscriber loses what was published before it knew the publisher.
         self._wait_until_matched(topic, lambda: self._known_publishers(topic), self._me.get_publishers_info_by_topic)

@@ -73,4 +73,4 @@ class RosbridgeHarness(BridgedBus):
 
         The connection keeps the order in both directions.
         """
-        self.robot.call(self.client.connection.calls.call("/rosapi/get_time", {}, 10.0))
+        self.robot.call(self.client.connection.call("/rosapi/get_time", {}, 10.0))

@@ -61,7 +61,7 @@ class Watched:
         return [line.text for line in self.client.log_lines if line.severity >= Severity.WARN]
 
     async def call(self, service: str) -> Any:
-        return await self.client.connection.calls.call(service, {}, 10.0)
+        return await self.client.connection.call(service, {}, 10.0)
 
     async def settle(self) -> None:
         """Returns when the server has processed what was sent, and the client what the server sent before that."""

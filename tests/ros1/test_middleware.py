@@ -211,9 +211,10 @@ def test_the_same_bytes_are_decoded_as_the_type_of_each_publisher(ros: Any) -> N
     """Python has each byte once, so that messages of one byte are the same object."""
     from std_msgs.msg import Bool, UInt8
 
-    from robot_health_monitor.ros1.serialized import Decoder
+    from robot_health_monitor.ros1.messages import deserialized
+    from robot_health_monitor.runtime.native_node import Decoder
 
-    decoder = Decoder()
+    decoder = Decoder(deserialized)
     messages = [decoder.decode(b"\1", cls) for cls in (Bool, UInt8, UInt8, Bool)]
     assert [type(message) for message in messages] == [Bool, UInt8, UInt8, Bool]
     assert messages[1] is messages[2]

@@ -84,10 +84,12 @@ def test_messages_that_this_process_reads_itself_are_serialized_again() -> None:
 
 def test_a_field_is_not_read_from_messages_of_another_definition() -> None:
     """rospy refuses such a publisher, unless all messages of the topic are received as bytes."""
-    from robot_health_monitor.ros1.serialized import Decoder, FieldReader
+    from robot_health_monitor.ros1.messages import deserialized
+    from robot_health_monitor.ros1.serialized import FieldReader
+    from robot_health_monitor.runtime.native_node import Decoder
 
     lines: List[str] = []
-    reader = FieldReader("/in", "", "data", Decoder(), lambda severity, text: lines.append(text))
+    reader = FieldReader("/in", "", "data", Decoder(deserialized), lambda severity, text: lines.append(text))
     assert reader.read(raw(FLOAT)) == 19.5
     assert reader.read(raw({**FLOAT, "md5sum": "0" * 32})) is ABSENT
     assert lines == ["/in: the publisher has another definition of std_msgs/Float32 than this machine"]

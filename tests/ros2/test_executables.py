@@ -79,8 +79,6 @@ def test_a_wrong_file_ends_it_with_file_line_and_key(
         ("alert_system:\n  ros__parameters:\n   a: 1\n    b: 2\n", ":4: is not valid YAML"),
         ("alert_system:\n  ros__parameters:\n    publish_rate: 1.0\n    publish_rate: 2.0\n", ":4: .*is given twice"),
         ("alert_system:\n  publish_rate: 1.0\n", ":1: .*expected the key ros__parameters"),
-        ("/**:\n  publish_rate: 1.0\n", r":2: rejected by rcl: Cannot have a value before ros__parameters\Z"),
-        ("other:\n  ros__parameters:\n    list: [1, a]\n", ":3: rejected by rcl: Sequence should be of same type"),
         ("alert_system:\n  ros__parameters:\n    signals: {fan: {warn_below: }}\n", ":3: .*got nothing"),
         ("alert_system:\n  ros__parameters:\n    signals:\n      fan: {}\n", ":4: .*fan: expected a mapping with"),
     ],
@@ -93,6 +91,23 @@ def test_a_file_that_rcl_cannot_read_is_one_line_too(
     assert process.wait() == 2
     (line,) = process.errors
     assert re.match(f"alert_system: {re.escape(file)}{where_and_what}", line), line
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("/**:\n  publish_rate: 1.0\n", "Cannot have a value before ros__parameters at line 2,"),
+        ("other:\n  ros__parameters:\n    list: [1, a]\n", "Sequence should be of same type.* at line_num 3,"),
+    ],
+)
+def test_what_only_rcl_refuses_is_its_own_line_with_the_user_s_file(
+    start: Any, tmp_path: Path, text: str, problem: str
+) -> None:
+    file = file_with(tmp_path, text)
+    process = start("alert_system", "--ros-args", "--params-file", file)
+    assert process.wait() == 2
+    (line,) = process.errors
+    assert re.search(f"^alert_system: .*'--params-file {re.escape(file)}'.*{problem}", line), line
 
 
 def test_a_file_that_is_not_there_is_one_line(start: Any, tmp_path: Path) -> None:

@@ -12,7 +12,6 @@ from harness.stage import Stage, status, values_of
 
 from robot_health_monitor.core.nodes import AlertSystem
 from robot_health_monitor.core.nodes.outlets import Event
-from robot_health_monitor.core.nodes.self_monitor import SelfReport
 from robot_health_monitor.core.port.local import LocalBus, LocalMiddleware
 from robot_health_monitor.core.port.middleware import Severity, Timer
 from robot_health_monitor.core.values.errors import ConfigError
@@ -128,7 +127,7 @@ class TestItself:
 
     def test_it_has_the_figures_of_the_node(self, stage: Stage) -> None:
         arrays = stage.listen("/diagnostics")
-        stage.alert_system(BATTERY, self_report=SelfReport(clients=lambda: 3))
+        stage.alert_system(BATTERY, self_report={"clients": lambda: 3})
         stage.bus.run_until(1.5)
         for _ in range(7):
             stage.publish("battery_level", 50.0)
@@ -155,7 +154,7 @@ class TestItself:
 
     def test_a_report_that_raises_hides_no_other(self, stage: Stage) -> None:
         arrays = stage.listen("/diagnostics")
-        stage.alert_system(BATTERY, self_report=SelfReport(clients=lambda: 1 // 0))
+        stage.alert_system(BATTERY, self_report={"clients": lambda: 1 // 0})
         stage.bus.run_until(1.0)
         values = values_of(self.monitor_status(stage, arrays))
         assert values["clients"].startswith("unknown (ZeroDivisionError")

@@ -20,7 +20,7 @@ class Watch:
         self.bus = LocalBus(100.0)
         self.node = self.bus.node("alert_system")
         self.events: List[Event] = []
-        self.monitor = SelfMonitor(self.node, "robot1", 1.0, self.events.append)
+        self.monitor = SelfMonitor(self.node, "robot1", self.events.append)
 
     def check_at(self, steady_s: float, samples: int = 0) -> None:
         self.bus.run_due(steady_s)
@@ -109,7 +109,7 @@ def test_the_age_of_the_tick_grows_until_the_next_one(watch: Watch) -> None:
 
 def test_a_paused_simulator_does_not_age_the_tick_but_a_node_that_stops_does() -> None:
     bus = LocalBus(100.0)
-    monitor = SelfMonitor(bus.node("alert_system", use_sim_time=True), "robot1", 1.0, lambda event: None)
+    monitor = SelfMonitor(bus.node("alert_system", use_sim_time=True), "robot1", lambda event: None)
     bus.run_due(120.0)
     monitor.check(0)
     assert monitor.tick_age_s == 0.0

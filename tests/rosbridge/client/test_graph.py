@@ -226,7 +226,7 @@ async def test_the_node_that_published_is_remembered_and_named_when_it_is_gone()
     reader.rosapi.publishers = {"/scan": ["/lidar"]}
     reader.rosapi.nodes = ["/lidar"]
     await reader.start()
-    lookup = topics.PublisherLookup(reader.watched.client.connection.calls.call)
+    lookup = topics.PublisherLookup(reader.watched.client.connection.call)
     await until(lambda: reader.watched.ups == [True])
     remembering = asyncio.ensure_future(lookup.remember(lambda: ["/scan"], 0.01))
     await until(lambda: reader.rosapi.calls.count("/rosapi/publishers") > 1)

@@ -33,7 +33,7 @@ async def test_a_connection_that_is_lost_during_a_call_is_a_link_error() -> None
     async def lose(socket: Any) -> None:
         await socket.close()
 
-    call = asyncio.ensure_future(watched.client.connection.calls.call("/slow", {"topic": "/x"}, 10.0))
+    call = asyncio.ensure_future(watched.client.connection.call("/slow", {"topic": "/x"}, 10.0))
     foreign.types["/x"] = ""
     await foreign.sockets[0].close()
     with pytest.raises(LinkError, match="went down"):
@@ -58,12 +58,12 @@ async def test_a_service_that_does_not_answer_is_a_service_error() -> None:
     await until(lambda: watched.ups == [True])
     silent = {"op": "call_service", "service": "/slow"}
 
-    def swallow(response: object) -> None:
+    def swallow(response: object, peer: object, problem: str) -> None:
         pass
 
-    watched.client.connection.calls.receive = swallow  # type: ignore[method-assign]
+    watched.client.connection._calls.receive = swallow  # type: ignore[method-assign]
     with pytest.raises(ServiceError, match=r"/slow did not respond within 0\.2 s"):
-        await watched.client.connection.calls.call("/slow", {}, 0.2)
+        await watched.client.connection.call("/slow", {}, 0.2)
     await until(lambda: any(fields["op"] == silent["op"] for fields in foreign.received))
     await watched.close()
     await foreign.close()
@@ -191,7 +191,7 @@ async def test_a_server_that_does_not_answer_delays_nothing() -> None:
     foreign.types["/battery"] = FLOAT32
     watched = Watched(await foreign.start())
     await until(lambda: watched.ups == [True])
-    watched.client.connection.calls.receive = lambda response: None  # type: ignore[method-assign]
+    watched.client.connection._calls.receive = lambda response, peer, problem: None  # type: ignore[method-assign]
     assert watched.node.why_silent("battery", FLOAT32) is None
     await until(lambda: any(each["op"] == "call_service" for each in foreign.received))
     watched.node.subscribe("battery", FLOAT32, watched.hear, field="data")

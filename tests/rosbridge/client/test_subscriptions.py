@@ -70,7 +70,7 @@ async def test_without_rosapi_a_subscription_without_a_type_is_tried_until_messa
         await until(lambda: foreign.received.count(SUBSCRIPTION) >= 2)
         await foreign.publish("/odom", {})
         await until(lambda: watched.heard == [1.0])
-        assert "/odom" not in watched.client.connection.subscriptions._untyped
+        assert not watched.client.connection.subscriptions._topics["/odom"].lacks
     finally:
         await watched.close()
         await foreign.close()
