@@ -13,7 +13,7 @@ from typing import Any, Callable, Counter, Dict, List, Mapping, NamedTuple, Opti
 from ..core.config.monitor_config import DEFAULT_SIGNALS, Section, read_monitor
 from ..core.config.signal_config import LINK, SignalConfig, read_signal, template_name
 from ..core.judge.attachments import TICKS, SavedMonitor
-from ..core.judge.element_signals import element_config, own_config
+from ..core.judge.element_signals import own_config
 from ..core.judge.monitor import Monitor
 from ..core.judge.sample_summary import SampleCollector, WallClock
 from ..core.judge.signal_monitor import SignalMonitor
@@ -245,7 +245,7 @@ class Judge:
         if key not in self._signals and (is_source(name) or template is not None):
             config, topic = replace(_OF_SOURCE, name=name), name
             if template is not None:
-                config, topic = element_config(template, name), self._signals[file, template.name].topic
+                config, topic = replace(template, name=name), self._signals[file, template.name].topic
             self._signals[key] = SignalSummary(file, config, topic, True, "")
         return self._signals.get(key)
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, Dict, Mapping
 
-from .signal_config import CONDITIONS, LINK, LINK_CONFIG, SIGNAL_PARAMETERS, SignalConfig, fill_in, read_signal
+from .signal_config import CONDITIONS, LINK, LINK_CONFIG, SIGNAL_PARAMETERS, SignalConfig, read_signal
 
 _DEFAULTS: Mapping[str, Any] = {parameter.name: parameter.default for parameter in SIGNAL_PARAMETERS}
 
@@ -19,20 +20,21 @@ def read_kept(kept: Mapping[str, Any]) -> Dict[str, SignalConfig]:
 
 def settings_of(signal: SignalConfig) -> Dict[str, Any]:
     """Returns the keys of a signal that differ from their defaults, as a thresholds.yaml has them."""
-    settings = {}
+    settings: Dict[str, Any] = {}
+
+    def follows(key: str) -> bool:
+        """Whether the value of a key is the one that follows from the others if it is left out."""
+        left_out: Dict[str, Any] = {key: None}
+        return bool(getattr(replace(signal, **left_out), key) == getattr(signal, key))
+
     for key, default in _DEFAULTS.items():
         value = getattr(signal, key)
-        if value is not None and value != default:
+        if value not in (None, default) and not (default is None and follows(key)):
             settings[key] = list(value) if isinstance(value, tuple) else value
-    for key in [key for key in settings if _DEFAULTS[key] is None]:
-        values = {**_DEFAULTS, **settings, key: None}
-        fill_in(signal.name, values)
-        if values[key] == settings[key]:
-            del settings[key]
     for key in CONDITIONS:
         condition = getattr(signal, key)
         if condition is not None:
-            is_between = condition.comparison == "between"
-            number = [condition.number, condition.upper] if is_between else condition.number
-            settings[key] = {"signal": condition.signal, condition.comparison: number}
+            settings[key] = {
+                name: list(value) if isinstance(value, tuple) else value for name, value in condition.settings.items()
+            }
     return settings

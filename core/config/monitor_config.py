@@ -16,6 +16,7 @@ from ..messages.standard_messages import check_field
 from ..values.errors import ConfigError, Path, Problems
 from ..values.formatting import describe, list_text
 from ..values.names import split_type_name
+from .causes import Causes, causes_of
 from .parameters import Parameter, read_parameters, require_mapping
 from .schema import declared, parameters
 from .signal_config import (
@@ -262,7 +263,8 @@ def _read_signals(tree: Mapping[str, Any], path: Path) -> Dict[str, SignalConfig
                 problem = f"this name is reserved for {_RESERVED_NAMES[name]}; expected another"
                 raise ConfigError(problem, (*path, name))
             read[name] = read_signal(name, found, (*path, name))
-    _share_types(signals, read, path, problems)
+    _share_types(read, path, problems)
+    causes = causes_of(read, lambda topic: topic)
     for name, signal in read.items():
         for key in CONDITIONS:
             condition = getattr(signal, key)
@@ -270,7 +272,7 @@ def _read_signals(tree: Mapping[str, Any], path: Path) -> Dict[str, SignalConfig
                 others = list_text([other for other in signals if other not in (name, LINK)] + [LINK], 20)
                 problem = f"expected the name of another signal ({others}), got {describe(condition.signal)}"
                 problems.add(ConfigError(problem, (*path, name, key, "signal")))
-        for problem in _mistakes_of_causes(name, read, signals):
+        for problem in _mistakes_of_causes(name, read, signals, causes):
             problems.add(ConfigError(problem, (*path, name, "depends_on")))
     problems.raise_if_any()
     return {name: _shared(signal) for name, signal in read.items()}
@@ -289,7 +291,9 @@ def _may_refer_to(other: str, name: str, read: Mapping[str, SignalConfig], given
     return template_name(other) != name and (is_element or other in given or other == LINK)
 
 
-def _mistakes_of_causes(name: str, read: Mapping[str, SignalConfig], given: Mapping[str, Any]) -> Iterator[str]:
+def _mistakes_of_causes(
+    name: str, read: Mapping[str, SignalConfig], given: Mapping[str, Any], causes: Causes
+) -> Iterator[str]:
     """Yields what is wrong with that on which a signal depends: unknown names, itself, its own topic, circles."""
     signal = read[name]
     topics = {each.topic.lstrip("/") for each in read.values() if each.topic}
@@ -302,50 +306,31 @@ def _mistakes_of_causes(name: str, read: Mapping[str, SignalConfig], given: Mapp
         elif not _may_refer_to(cause, name, read, given) and cause.lstrip("/") not in topics:
             others = list_text([other for other in given if other != name] + [LINK], 20)
             yield f"expected names of other signals ({others}) or their topics, got {describe(cause)}"
-    causes = _all_causes(name, read)
-    if name in causes and name not in map(template_name, signal.depends_on):
-        circle = [each for each in causes if name in _all_causes(each, read)]
-        yield f"expected no circle, but {' and '.join(circle)} depend on one another"
+    circle = [cause for cause in causes.of(name) if name in causes.of(cause)]
+    if circle and name not in map(template_name, signal.depends_on):
+        yield f"expected no circle, but {' and '.join([*circle, name])} depend on one another"
 
 
-def _all_causes(name: str, read: Mapping[str, SignalConfig]) -> List[str]:
-    """Returns the configured signals on which one depends, directly or not."""
-    found = [name]
-    for each in found:
-        causes = map(template_name, read[each].depends_on)
-        found += [cause for cause in dict.fromkeys(causes) if cause in read and cause not in found[1:]]
-    return found[1:]
-
-
-def _share_types(found: Mapping[str, Any], signals: Dict[str, SignalConfig], path: Path, problems: Problems) -> None:
-    """Gives signals without a type that of another signal of the same topic; two types for one topic are a mistake.
-
-    `found` are all signals as they were given, `signals` those that could be read: they are changed. `problems`
-    receives each mistake at both signals.
-    """
-    typed: Dict[str, Tuple[str, str]] = {}
-    for name, given in found.items():
-        topic, type_name = (given.get("topic", name), given.get("type")) if isinstance(given, Mapping) else (name, "")
-        if not isinstance(topic, str) or not isinstance(type_name, str) or split_type_name(type_name) is None:
-            continue
-        first, other = typed.setdefault(topic, (name, type_name))
-        if split_type_name(other) != split_type_name(type_name):
-            both = ((first, other), (name, type_name))
-            for (one, its_type), (another, another_type) in (both, both[::-1]):
-                problem = f"signal {another} of the same topic {topic} has {another_type}, this one {its_type}"
-                problems.add(ConfigError(problem, (*path, one, "type")))
+def _share_types(signals: Dict[str, SignalConfig], path: Path, problems: Problems) -> None:
+    """Gives signals without a type that of another signal of the same topic; two types for one topic are a mistake."""
+    typed: Dict[str, SignalConfig] = {}
     for name, signal in signals.items():
-        if signal.type or signal.topic not in typed:
-            continue
-        giver, type_name = typed[signal.topic]
-        signals[name] = replace(signal, type=type_name)
-        try:
-            check_field(signal.topic, type_name, signal.field)
-        except ConfigError as error:
-            problem = f"{error.problem}; the type is that of signal {giver} of the same topic"
-            problems.add(ConfigError(problem, (*path, name, "field")))
-            problem = f"signal {name} of the same topic names no type, and this type has no field {signal.field}"
-            problems.add(ConfigError(problem, (*path, giver, "type")))
+        if signal.type:
+            other = typed.setdefault(signal.topic, signal)
+            if split_type_name(other.type) != split_type_name(signal.type):
+                problem = (
+                    f"signal {other.name} of the same topic {signal.topic} has {other.type}, this one {signal.type}"
+                )
+                problems.add(ConfigError(problem, (*path, name, "type")))
+    for name, signal in signals.items():
+        if not signal.type and signal.topic in typed:
+            other = typed[signal.topic]
+            signals[name] = replace(signal, type=other.type)
+            try:
+                check_field(signal.topic, other.type, signal.field)
+            except ConfigError as error:
+                problem = f"{error.problem}; the type is that of signal {other.name} of the same topic"
+                problems.add(ConfigError(problem, (*path, name, "field")))
 
 
 def described_parameters(config: MonitorConfig, *, are_default: bool = False) -> Tuple[Parameter, ...]:

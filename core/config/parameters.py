@@ -66,6 +66,10 @@ class Parameter:
     """Whether it is the path of a file, relative to the folder of the configuration."""
     is_secret: bool = False
     """Whether messages must not show what was found."""
+    is_required: bool = False
+    """Whether it must be given."""
+    field: str = ""
+    """Name of its field, if it is one of a dataclass."""
 
     def below(self, prefix: str, **changes: Any) -> Parameter:
         """Returns this parameter of the section `prefix`, by its dotted path; `changes` are fields to replace."""

@@ -18,6 +18,7 @@ function            reads                                  keys that are not dec
 
 Types of fields: bool, int, float, str, `Level`, `Time`, `Tuple[float, ...]`, `Tuple[str, ...]`, `Mapping[str, Any]` and
 `Any`, each also as `Optional[...]`; also `Union[str, int]`, `Union[float, str]`, `Union[Mapping[str, Any], List[Any]]`.
+`read_section` also reads `Optional[...]` of another dataclass, which is a mapping below its key.
 A key that is a word of Python has a field with a _ behind it: `from_`.
 """
 
@@ -36,7 +37,6 @@ from typing import (
     Iterator,
     List,
     Mapping,
-    NamedTuple,
     Optional,
     Sequence,
     Tuple,
@@ -68,37 +68,30 @@ LATEST_S = 253_402_300_000.0
 
 def declared(default: Any, description: str = "", *limits: Any, **options: Any) -> Any:
     """Returns the field of a key. The further arguments are those of `Parameter` after its description."""
-    parameter = Parameter("", object, None if default is REQUIRED else default, description, *limits, **options)
+    is_required = default is REQUIRED
+    options["is_required"] = is_required
+    parameter = Parameter("", object, None if is_required else default, description, *limits, **options)
     given: Dict[str, Any] = {"default_factory": dict} if default == {} else {"default": default}
     return dataclasses.field(**given, metadata={"parameter": parameter}, repr=not parameter.is_secret)
 
 
-class _Key(NamedTuple):
-    name: str
-    field: str
-    convert: Convert
-    default: Any
-    """REQUIRED if it must be given."""
-    parameter: Parameter
+_KEYS: Dict[Type[Any], Sequence[Parameter]] = {}
 
 
-_KEYS: Dict[Type[Any], Sequence[_Key]] = {}
-
-
-def _keys(schema: Type[Any]) -> Sequence[_Key]:
-    if schema in _KEYS:
-        return _KEYS[schema]
-    keys: List[_Key] = []
-    types = get_type_hints(schema)
-    for field in dataclasses.fields(schema):
-        if "parameter" in field.metadata:
-            name = field.name.rstrip("_")
-            kind, _ = _kind_of(types[field.name])
-            parameter = dataclasses.replace(field.metadata["parameter"], name=name, kind=kind)
-            is_required = field.default is REQUIRED and field.default_factory is REQUIRED
-            default = REQUIRED if is_required else parameter.default
-            keys.append(_Key(name, field.name, parameter.convert, default, parameter))
-    return _KEYS.setdefault(schema, keys)
+def _keys(schema: Type[Any]) -> Sequence[Parameter]:
+    if schema not in _KEYS:
+        types = get_type_hints(schema)
+        fields = [each for each in dataclasses.fields(schema) if "parameter" in each.metadata]
+        _KEYS[schema] = [
+            dataclasses.replace(
+                each.metadata["parameter"],
+                name=each.name.rstrip("_"),
+                field=each.name,
+                kind=_kind_of(types[each.name])[0],
+            )
+            for each in fields
+        ]
+    return _KEYS[schema]
 
 
 def _kind_of(given: Any) -> Tuple[Any, bool]:
@@ -110,29 +103,41 @@ def _kind_of(given: Any) -> Tuple[Any, bool]:
 
 
 def parameters(schema: Type[Any]) -> Tuple[Parameter, ...]:
-    """Returns the keys of a dataclass as a table."""
-    return tuple(each.parameter for each in _keys(schema))
+    """Returns the keys of a dataclass as a table, without those of mappings that are dataclasses too."""
+    return tuple(each for each in _keys(schema) if not dataclasses.is_dataclass(each.kind))
+
+
+def sections(schema: Type[Any]) -> Mapping[str, Parameter]:
+    """Returns the keys of a dataclass whose values are mappings that are dataclasses too, by their names."""
+    return {each.name: each for each in _keys(schema) if dataclasses.is_dataclass(each.kind)}
 
 
 def read_section(schema: Type[T], found: object, path: Path = (), folder: str = "", **given: Any) -> T:
     """Reads the mapping at `path` of a configuration.
 
     Paths of files become absolute; they are relative to `folder`. `given` are fields without a key. A method `mistakes`
-    of the dataclass yields key and problem of values that cannot be used together; its argument is the mapping. Raises
-    ConfigError with every mistake.
+    of the dataclass yields key and problem of values that cannot be used together; its argument is the mapping. With a
+    constant `CHECKS_WHOLE`, it is called only if each value by itself can be used. Raises ConfigError with every
+    mistake.
     """
     tree = require_mapping(found, path)
     problems = Problems()
-    values = read_parameters(tree, parameters(schema), path, problems=problems)
-    for name, _, _, default, parameter in _keys(schema):
-        if default is REQUIRED and tree.get(name, "") == "":
-            expected = parameter.allowed if parameter.choices else f"the {parameter.description}"
-            problems.add(ConfigError(f"is missing; expected {expected}", (*path, name)))
-        elif parameter.is_path and values[name]:
-            values[name] = absolute_path(values[name], folder)
-    result = schema(**given, **values)
-    wrong = {error.path for error in problems.errors}
+    below = sections(schema)
+    values = {**dict.fromkeys(below), **read_parameters(tree, parameters(schema), path, tuple(below), problems)}
+    for key in _keys(schema):
+        if key.name in below and key.name in tree:
+            with problems:
+                values[key.name] = read_section(key.kind, tree[key.name], (*path, key.name), folder)
+        elif key.is_required and tree.get(key.name, "") == "":
+            expected = key.allowed if key.choices else f"the {key.description}"
+            problems.add(ConfigError(f"is missing; expected {expected}", (*path, key.name)))
+        elif key.is_path and values[key.name]:
+            values[key.name] = absolute_path(values[key.name], folder)
+    if getattr(schema, "CHECKS_WHOLE", False):
+        problems.raise_if_any()
+    result = schema(**given, **{key.field: values[key.name] for key in _keys(schema)})
     mistakes: Callable[[Mapping[str, Any]], Iterator[Tuple[str, str]]] = getattr(result, "mistakes", _no_mistakes)
+    wrong = {error.path for error in problems.errors}
     for name, problem in mistakes(tree):
         if (*path, name) not in wrong:
             problems.add(ConfigError(problem, (*path, name) if name else path))
@@ -154,16 +159,15 @@ def read_record(schema: Type[T], found: object) -> T:
     if not isinstance(found, (dict, Mapping)):
         raise MessageError(f"expected a mapping, got {describe(found)}")
     values: Dict[str, Any] = {}
-    for name, field, convert, default, parameter in _keys(schema):
-        value = found.get(name)
-        if value is None:
-            if default is REQUIRED:
-                raise MessageError(f"{name}: is missing; expected {parameter.allowed}")
-            values[field] = default
-        else:
-            values[field] = converted = convert(value)
+    for key in _keys(schema):
+        value = found.get(key.name)
+        values[key.field] = key.default
+        if value is not None:
+            values[key.field] = converted = key.convert(value)
             if converted is None:
-                raise MessageError(f"{name}: {parameter.refusal(value)}")
+                raise MessageError(f"{key.name}: {key.refusal(value)}")
+        elif key.is_required:
+            raise MessageError(f"{key.name}: is missing; expected {key.allowed}")
     return _instance(schema, values)
 
 
@@ -176,7 +180,7 @@ def _instance(schema: Type[T], values: Mapping[str, Any]) -> T:
 
 def read_texts(schema: Type[T], found: Mapping[str, str]) -> T:
     """Reads values that are given as texts, such as `limit=5` of an address; flags are 1 and 0. Raises MessageError."""
-    return read_record(schema, {each.name: _read_text(each.parameter, found) for each in _keys(schema)})
+    return read_record(schema, {each.name: _read_text(each, found) for each in _keys(schema)})
 
 
 def _read_text(parameter: Parameter, found: Mapping[str, str]) -> Any:

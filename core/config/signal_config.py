@@ -5,23 +5,20 @@ The fields of `SignalConfig` are the table: a line there is enough for a new key
 
 from __future__ import annotations
 
-import dataclasses
-import math
 import re
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from itertools import product
-from typing import Any, Dict, Iterator, Mapping, Optional, Tuple
+from typing import Any, Dict, Iterator, Mapping, Optional, Sequence, Tuple
 
 from ..values.elements import ARRAY_TYPE, STATUS_TYPE
-from ..values.errors import ConfigError, Path, Problems
+from ..values.errors import ConfigError, Path
 from ..values.field_path import Every, Keyed, every_step, parse_field_path
-from ..values.formatting import bound_text, describe, number_text
+from ..values.formatting import bound_text, describe, list_text, number_text
 from ..values.goals import STATUS_TOPICS
 from ..values.names import canonical_type, split_type_name
 from ..values.reduction import REDUCTIONS
 from ..values.where import COMPARE, parse_where, selection
-from .parameters import Parameter, read_parameters, require_mapping
-from .schema import declared, parameters
+from .schema import REQUIRED, declared, parameters, read_section, sections
 
 LINK = "link"
 """Name of the signal that is 1 while a robot can be reached, else 0. Reserved; conditions may refer to it."""
@@ -67,38 +64,69 @@ _UNIT_RANGES: Mapping[str, Tuple[Optional[float], Optional[float]]] = {
 _TIME_FIELDS = (("std_msgs/Time", "data"), ("sensor_msgs/TimeReference", "time_ref"), ("rosgraph_msgs/Clock", "clock"))
 """Type and name of fields that are times, whatever their name says."""
 
-_OPERATORS = {"is": "==", "is_not": "!=", "below": "<", "above": ">"}
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*\Z")
+
+Mistakes = Iterator[Tuple[str, str]]
+"""Key and problem of values that cannot be used; see `read_section`."""
 
 
 @dataclass(frozen=True)
 class Condition:
-    """A condition on the latest value of another signal."""
+    """A condition on the latest value of another signal: one comparison, whose numbers are in its unit."""
 
-    signal: str
-    """The other signal's name."""
-    comparison: str
-    """`is`, `is_not`, `below`, `above` or `between`."""
-    number: float
-    """Number with which its value is compared, in its unit; of `between` the lower one."""
-    upper: float = math.inf
-    """Upper number of `between`."""
+    CHECKS_WHOLE = True
+
+    signal: str = declared(REQUIRED, "name of the other signal")
+    is_: Optional[float] = declared(None, "true while the other signal equals this value, in its unit")
+    is_not: Optional[float] = declared(None, "true while the other signal differs from this value, in its unit")
+    below: Optional[float] = declared(None, "true while the other signal is below this value, in its unit")
+    above: Optional[float] = declared(None, "true while the other signal is above this value, in its unit")
+    between: Optional[Tuple[float, ...]] = declared(
+        None, "true while the other signal lies between these two values or equals one"
+    )
+
+    def mistakes(self, given: Mapping[str, Any]) -> Mistakes:
+        """Yields key and problem of values that cannot be used; see `read_section`."""
+        comparisons = list(self.settings)[1:]
+        if len(comparisons) != 1:
+            names = ", ".join(each.name for each in CONDITION_PARAMETERS[1:])
+            yield "", f"expected one of {names}, got {' and '.join(comparisons) or 'none'}"
+        elif self.between is not None and (len(self.between) != 2 or self.between[0] > self.between[1]):
+            got = list_text(list(map(bound_text, self.between)), 5)
+            yield "between", f"expected two numbers, the smaller one first, got [{got}]"
 
     def __str__(self) -> str:
         return self.text(holds=True)
 
+    @property
+    def settings(self) -> Mapping[str, Any]:
+        """The keys that are set, with their values."""
+        values = {each.name: getattr(self, each.field) for each in CONDITION_PARAMETERS}
+        return {name: value for name, value in values.items() if value is not None}
+
     def text(self, *, holds: bool) -> str:
         """Returns the condition in words, or its opposite."""
-        verb = "is" if holds is (self.comparison != "is_not") else "is not"
-        side = "" if self.comparison in ("is", "is_not") else f" {self.comparison}"
-        upper = f" and {bound_text(self.upper)}" if self.comparison == "between" else ""
-        return f"{self.signal} {verb}{side} {bound_text(self.number)}{upper}"
+        ((_, signal), (comparison, number)) = self.settings.items()
+        verb = "is" if holds is (comparison != "is_not") else "is not"
+        side = "" if comparison in ("is", "is_not") else f" {comparison}"
+        return f"{signal} {verb}{side} {' and '.join(map(bound_text, self.between or (number,)))}"
 
     def holds(self, value: float) -> bool:
         """Returns whether the condition is true for this value of the other signal."""
-        if self.comparison == "between":
-            return COMPARE[">="](value, self.number) and COMPARE["<="](value, self.upper)
-        return COMPARE[_OPERATORS[self.comparison]](value, self.number)
+        low, high = self.between or (None, None)
+        compared = (
+            ("==", self.is_),
+            ("!=", self.is_not),
+            ("<", self.below),
+            (">", self.above),
+            (">=", low),
+            ("<=", high),
+        )
+        return all(COMPARE[operator](value, number) for operator, number in compared if number is not None)
+
+
+CONDITION_PARAMETERS = parameters(Condition)
+"""Keys of a condition on another signal: the signal and one comparison."""
 
 
 def _duration(default: Optional[float], description: str, least_s: float = 0.0) -> Any:
@@ -110,8 +138,10 @@ class SignalConfig:
     """One signal: its source and its rules.
 
     This is the table of keys: type, default, description, smallest and largest value. Where the type is not optional,
-    `read_signal` replaces the default None.
+    None becomes the default that follows from other keys.
     """
+
+    CHECKS_WHOLE = True
 
     name: str
     topic: str = declared(None, "topic of the signal; left out: the signal's name")
@@ -179,12 +209,57 @@ class SignalConfig:
         (), "signals, elements or topics without which its own alerts have a known cause: they are not announced"
     )
     what_to_do: str = declared("", "what to do when it alerts: one line, or the address of a page")
-    only_if: Optional[Condition] = dataclasses.field(
-        default=None, metadata={"condition": "the bounds apply only while this holds or the other signal is unknown"}
+    only_if: Optional[Condition] = declared(
+        None, "the bounds apply only while this holds or the other signal is unknown"
     )
-    latch_release_if: Optional[Condition] = dataclasses.field(
-        default=None, metadata={"condition": "a latch is released while this holds, as by `reset`"}
-    )
+    latch_release_if: Optional[Condition] = declared(None, "a latch is released while this holds, as by `reset`")
+
+    def __post_init__(self) -> None:
+        for key, default in self._defaults().items():
+            if getattr(self, key) is None:
+                object.__setattr__(self, key, default)
+        if not self.unit and self.reduce != "count" and _is_time(self.type, self.field):
+            object.__setattr__(self, "unit", "s")
+
+    def _defaults(self) -> Mapping[str, Any]:
+        """Returns the keys whose default follows from others."""
+        is_forecast, is_count, is_of_graph = self.statistic == "forecast", self.statistic == "count", bool(self.graph)
+        window_s = self.window_s or (600.0 if is_forecast else 60.0)
+        bounds: Dict[str, float] = {}
+        if self.lifecycle:
+            bounds = {"error_below": ACTIVE, "error_above": ACTIVE}
+        elif is_of_graph and not self.bounds:
+            bounds = {"error_below": 1.0}
+        return {
+            "topic": "" if is_of_graph else self.action or self.name,
+            "stale_after_s": 0.0 if self.action or is_count else 5.0,
+            "window_s": window_s,
+            "window_min_s": window_s if is_forecast else 0.0 if is_count else window_s / 2.0,
+            "window_samples": 100_000 if is_forecast else 6000,
+            "error_for_s": self.for_s,
+            "error_keep_firing_for_s": self.keep_firing_for_s,
+            **bounds,
+        }
+
+    def mistakes(self, given: Mapping[str, Any]) -> Mistakes:
+        """Yields key and problem of each value that cannot be used, or contradicts another; see `read_section`."""
+        for keys, problem in _keys_to_remove(self):
+            defaults = {each.name: each.default for each in SIGNAL_PARAMETERS}
+            yield from ((key, problem) for key in keys if given.get(key) not in (None, defaults[key]))
+        yield from _mistakes_of_names(self, given)
+        yield from _mistakes_of_paths(self, given)
+        if self.scale == 0.0:
+            yield "scale", "expected a number other than 0, got 0"
+        if len(self.what_to_do) > LONGEST_ADVICE:
+            got = describe(self.what_to_do)
+            yield "what_to_do", f"expected one line of at most {LONGEST_ADVICE} characters, got {got}"
+        if self.is_template and 0.0 < self.forget_after_s <= self.stale_after_s:
+            expected = f"expected more than stale_after_s ({bound_text(self.stale_after_s)})"
+            why = "an element would end before its silence is announced"
+            yield "forget_after_s", f"{expected}, got {bound_text(self.forget_after_s)}: {why}"
+        yield from _mistakes_of_forecast(self)
+        yield from _mistakes_of_bounds(self, given)
+        yield from _mistakes_of_unit(self)
 
     @property
     def is_template(self) -> bool:
@@ -231,20 +306,8 @@ class SignalConfig:
 SIGNAL_PARAMETERS = parameters(SignalConfig)
 """Keys of a signal, each with unit and range."""
 
-CONDITIONS: Mapping[str, str] = {
-    each.name: each.metadata["condition"] for each in fields(SignalConfig) if "condition" in each.metadata
-}
-"""Keys of a signal that hold a condition on another signal."""
-
-CONDITION_PARAMETERS = (
-    Parameter("signal", str, None, "name of the other signal"),
-    Parameter("is", float, None, "true while the other signal equals this value, in its unit"),
-    Parameter("is_not", float, None, "true while the other signal differs from this value, in its unit"),
-    Parameter("below", float, None, "true while the other signal is below this value, in its unit"),
-    Parameter("above", float, None, "true while the other signal is above this value, in its unit"),
-    Parameter("between", list, None, "true while the other signal lies between these two values or equals one"),
-)
-"""Keys of a condition on another signal: the signal and one comparison."""
+CONDITIONS: Mapping[str, str] = {name: each.description for name, each in sections(SignalConfig).items()}
+"""Keys of a signal that hold a condition on another signal, with their meaning."""
 
 
 def template_name(signal: str) -> str:
@@ -259,48 +322,9 @@ def is_element_name(name: str) -> bool:
 
 def read_signal(name: str, found: object, path: Path = ()) -> SignalConfig:
     """Reads the configuration of one signal; raises ConfigError as `load_config` does."""
-    problems = Problems()
     if not _NAME.match(name):
-        problem = "expected a signal name of letters, digits and _, not beginning with a digit"
-        problems.add(ConfigError(problem, path))
-    values: Dict[str, Any] = {}
-    with problems:
-        tree = require_mapping(found, path)
-        for key in CONDITIONS:
-            if key in tree:
-                with problems:
-                    values[key] = _read_condition(tree[key], (*path, key))
-        values.update(read_parameters(tree, SIGNAL_PARAMETERS, path, tuple(CONDITIONS)))
-    problems.raise_if_any()
-    fill_in(name, values)
-    signal = SignalConfig(name=name, **values)
-    for key, problem in _mistakes(signal, tree):
-        problems.add(ConfigError(problem, (*path, key)))
-    problems.raise_if_any()
-    return signal
-
-
-def fill_in(name: str, values: Dict[str, Any]) -> None:
-    """Sets the keys that were left out and whose default follows from others."""
-    is_forecast, is_count = values["statistic"] == "forecast", values["statistic"] == "count"
-    window_s = values["window_s"] or (600.0 if is_forecast else 60.0)
-    if not values["unit"] and values["reduce"] != "count" and _is_time(values["type"], values["field"]):
-        values["unit"] = "s"
-    is_of_graph = any(values[key] for key in GRAPH_KEYS)
-    if values["lifecycle"]:
-        values.update(error_below=ACTIVE, error_above=ACTIVE)
-    elif is_of_graph and all(values[key] is None for key in BOUNDS):
-        values["error_below"] = 1.0
-    defaults = {
-        "topic": "" if is_of_graph else values["action"] or name,
-        "stale_after_s": 0.0 if values["action"] or is_count else 5.0,
-        "window_s": window_s,
-        "window_min_s": window_s if is_forecast else 0.0 if is_count else window_s / 2.0,
-        "window_samples": 100_000 if is_forecast else 6000,
-        "error_for_s": values["for_s"],
-        "error_keep_firing_for_s": values["keep_firing_for_s"],
-    }
-    values.update((key, default) for key, default in defaults.items() if values[key] is None)
+        raise ConfigError("expected a signal name of letters, digits and _, not beginning with a digit", path)
+    return read_section(SignalConfig, found, path, name=name)
 
 
 def _is_time(type_name: str, field: str) -> bool:
@@ -309,183 +333,106 @@ def _is_time(type_name: str, field: str) -> bool:
     return name == "stamp" or name.endswith("_stamp") or (canonical_type(type_name), name) in _TIME_FIELDS
 
 
-def _read_condition(found: object, path: Path) -> Condition:
-    values = read_parameters(require_mapping(found, path), CONDITION_PARAMETERS, path)
-    signal = values.pop("signal")
-    if signal is None:
-        raise ConfigError("is missing; expected the name of another signal", (*path, "signal"))
-    comparisons = {name: number for name, number in values.items() if number is not None}
-    if len(comparisons) != 1:
-        found_text = " and ".join(comparisons) or "none"
-        raise ConfigError(f"expected one of {', '.join(values)}, got {found_text}", path)
-    ((comparison, number),) = comparisons.items()
-    if comparison != "between":
-        return Condition(signal, comparison, number)
-    if len(number) != 2 or number[0] > number[1]:
-        got = ", ".join(map(bound_text, number[:5])) + (", ..." if len(number) > 5 else "")
-        problem = f"expected two numbers, the smaller one first, got [{got}]"
-        raise ConfigError(problem, (*path, "between"))
-    return Condition(signal, comparison, *number)
+def _keys_to_remove(signal: SignalConfig) -> Iterator[Tuple[Sequence[str], str]]:
+    """Yields keys that have no meaning beside others, with the reason."""
+    if signal.graph is not None:
+        keys = ("type", "field", "where", "reduce", "placeholders", "scale", "unit", "valid_min", "valid_max")
+        yield keys, f"{signal.graph[0]} has no message; remove this key"
+    if signal.lifecycle:
+        yield (*BOUNDS, "hysteresis", "statistic"), "lifecycle is an ERROR unless the node is active; remove this key"
+    if signal.action:
+        yield ("type", "field", "where"), "the goals of an action have no field; remove this key"
+    if signal.is_status:
+        problem = f"{signal.field} is a whole DiagnosticStatus, judged by its own level; remove this key"
+        of_numbers = (*BOUNDS, "hysteresis", "statistic", "scale", "placeholders", "valid_min", "valid_max")
+        yield of_numbers, f"{problem}, or read a number: {signal.field}.level"
+    if not signal.is_template:
+        problem = 'expected a field such as cell_voltage[*] or status["*"] with it'
+        yield ("max_elements", "forget_after_s"), f"{problem}, got {describe(signal.field)}"
+    if signal.statistic != "forecast":
+        yield ("forecast_s",), f"expected statistic: forecast with it, got {describe(signal.statistic)}"
+    if signal.statistic == "count":
+        yield ("window_min_s",), "a count is defined from the start; remove this key"
 
 
-def _mistakes(signal: SignalConfig, given: Mapping[str, Any]) -> Iterator[Tuple[str, str]]:
-    """Yields key and problem of each value that cannot be used, or contradicts another; `given` are the keys found."""
-    if signal.graph is None:
-        yield from _mistakes_of_topic(signal, given)
-    else:
-        yield from _mistakes_of_graph(signal, given)
-    yield from _mistakes_of_names(given)
+def _mistakes_of_names(signal: SignalConfig, given: Mapping[str, Any]) -> Mistakes:
+    """Yields what is no name of a topic, a type, an action or a node; `*` and `?` match where several are counted."""
+    keys = [key for key in ("topic", "action", *GRAPH_KEYS) if given.get(key)]
+    if len(keys) > 1:
+        yield keys[1], f"expected one of topic, action, {', '.join(GRAPH_KEYS)}, got {' and '.join(keys)}"
+    for key in ("action", *GRAPH_KEYS):
+        is_one = key in ("action", "lifecycle")
+        if key in given and not re.fullmatch(r"[~/\w]+" if is_one else r"[~/\w*?]+", given[key], re.ASCII):
+            of_one = f"the name of one {'action' if key == 'action' else 'node'}"
+            expected = of_one if is_one else "a name such as /lidar_driver, in which * and ? match"
+            yield key, f"expected {expected}, got {describe(given[key])}"
+    if not signal.topic and signal.graph is None:
+        yield "topic", "expected the name of a topic, got ''"
+    if signal.type and split_type_name(signal.type) is None:
+        yield "type", f"expected a type such as std_msgs/Float32, got {describe(signal.type)}"
+
+
+def _mistakes_of_paths(signal: SignalConfig, given: Mapping[str, Any]) -> Mistakes:
+    """Yields what is wrong with that which is read of each message."""
     try:
         parse_field_path(signal.field)
     except ValueError as error:
         yield "field", f"expected the path of a field, got {describe(signal.field)}: {error}"
-    if "where" in given:
-        try:
+    try:
+        if "where" in given:
             parse_where(signal.where)
-        except ValueError as error:
-            yield "where", str(error)
+    except ValueError as error:
+        yield "where", str(error)
     if signal.reduce and every_step(signal.field) is None:
         yield "reduce", f'expected a field with [*] or a pattern such as ["*"], got {describe(signal.field)}'
-    if signal.scale == 0.0:
-        yield "scale", "expected a number other than 0, got 0"
-    if signal.flap_low > signal.flap_high:
-        low, high = bound_text(signal.flap_low), bound_text(signal.flap_high)
-        if "flap_low" in given:
-            yield "flap_low", f"expected at most flap_high ({high}), got {low}"
-        else:
-            yield "flap_high", f"expected at least flap_low ({low}), got {high}"
-    if signal.window_min_s > signal.window_s:
-        most, got = bound_text(signal.window_s), bound_text(signal.window_min_s)
-        yield "window_min_s", f"expected at most window_s ({most}), got {got}"
-    if len(signal.what_to_do) > LONGEST_ADVICE:
-        yield (
-            "what_to_do",
-            f"expected one line of at most {LONGEST_ADVICE} characters, got {describe(signal.what_to_do)}",
-        )
-    yield from _mistakes_of_elements(signal, given)
-    yield from _mistakes_of_status(signal, given)
-    yield from _mistakes_of_forecast(signal)
-    yield from _mistakes_of_count(signal, given)
-    yield from _mistakes_of_bounds(signal)
-    yield from _mistakes_of_unit(signal)
+    if signal.is_template and len(signal.name) > LONGEST_TEMPLATE_NAME:
+        expected = f"expected a signal name of at most {LONGEST_TEMPLATE_NAME} characters with it"
+        yield "field", f"{expected}, got {len(signal.name)}"
 
 
-def _mistakes_of_graph(signal: SignalConfig, given: Mapping[str, Any]) -> Iterator[Tuple[str, str]]:
-    """Yields keys that contradict one of `GRAPH_KEYS`."""
-    keys = [key for key in ("topic", "action", *GRAPH_KEYS) if given.get(key)]
-    if len(keys) > 1:
-        yield keys[1], f"expected one of topic, action, {', '.join(GRAPH_KEYS)}, got {' and '.join(keys)}"
-    for key in ("type", "field", "where", "reduce", "placeholders", "scale", "unit", "valid_min", "valid_max"):
-        if key in given:
-            yield key, f"{keys[0]} has no message; remove this key"
-    if not signal.lifecycle:
-        return
-    for key in (*BOUNDS, "hysteresis", "statistic"):
-        if given.get(key) not in (None, "last", 0, 0.0):
-            yield key, "lifecycle is an ERROR unless the node is active; remove this key"
-
-
-def _mistakes_of_names(given: Mapping[str, Any]) -> Iterator[Tuple[str, str]]:
-    """Yields the keys in place of `topic` whose name cannot be one; `*` and `?` match where several are counted."""
-    for key in ("action", *GRAPH_KEYS):
-        is_one = key in ("action", "lifecycle")
-        if key in given and not re.fullmatch(r"[~/\w]+" if is_one else r"[~/\w*?]+", given[key], re.ASCII):
-            of_one = "the name of one " + ("action" if key == "action" else "node")
-            expected = of_one if is_one else "a name such as /lidar_driver, in which * and ? match"
-            yield key, f"expected {expected}, got {describe(given[key])}"
-
-
-def _mistakes_of_topic(signal: SignalConfig, given: Mapping[str, Any]) -> Iterator[Tuple[str, str]]:
-    if not signal.topic:
-        yield "topic", "expected the name of a topic, got ''"
-    if signal.type and split_type_name(signal.type) is None:
-        yield "type", f"expected a type such as std_msgs/Float32, got {describe(signal.type)}"
-    for key, none in (
-        (("topic", signal.action), ("type", ""), ("field", "data"), ("where", "")) if signal.action else ()
-    ):
-        if given.get(key) not in (None, "", none):
-            yield key, f"expected either action or {key}; remove one of them"
-
-
-def _mistakes_of_elements(signal: SignalConfig, given: Mapping[str, Any]) -> Iterator[Tuple[str, str]]:
-    if not signal.is_template:
-        for key in ("max_elements", "forget_after_s"):
-            if key in given:
-                yield (
-                    key,
-                    f'expected a field such as cell_voltage[*] or status["*"] with it, got {describe(signal.field)}',
-                )
-        return
-    if len(signal.name) > LONGEST_TEMPLATE_NAME:
-        yield (
-            "field",
-            f"expected a signal name of at most {LONGEST_TEMPLATE_NAME} characters with it, got {len(signal.name)}",
-        )
-    if 0.0 < signal.forget_after_s <= signal.stale_after_s:
-        expected = f"expected more than stale_after_s ({bound_text(signal.stale_after_s)})"
-        why = "an element would end before its silence is announced"
-        yield "forget_after_s", f"{expected}, got {bound_text(signal.forget_after_s)}: {why}"
-
-
-def _mistakes_of_status(signal: SignalConfig, given: Mapping[str, Any]) -> Iterator[Tuple[str, str]]:
-    """Yields keys that a DiagnosticStatus as a whole cannot have: its own level is judged, not a number."""
-    if not signal.is_status:
-        return
-    for key in (*BOUNDS, "hysteresis", "statistic", "scale", "placeholders", "valid_min", "valid_max"):
-        if given.get(key) not in (None, "last"):
-            problem = f"{signal.field} is a whole DiagnosticStatus, judged by its own level; remove this key"
-            yield key, f"{problem}, or read a number: {signal.field}.level"
-
-
-def _mistakes_of_forecast(signal: SignalConfig) -> Iterator[Tuple[str, str]]:
+def _mistakes_of_forecast(signal: SignalConfig) -> Mistakes:
     if signal.statistic != "forecast":
-        if signal.forecast_s is not None:
-            yield "forecast_s", f"expected statistic: forecast with it, got {describe(signal.statistic)}"
         return
     longest_s = MOST_FORECAST_WINDOWS * signal.window_s
     if signal.forecast_s is None:
         yield "forecast_s", "is missing; expected the time ahead in s, which statistic: forecast requires"
     elif signal.forecast_s > longest_s:
-        got = bound_text(signal.forecast_s)
         expected = f"expected at most {MOST_FORECAST_WINDOWS} times window_s ({bound_text(longest_s)})"
-        yield "forecast_s", f"{expected}, got {got}"
+        yield "forecast_s", f"{expected}, got {bound_text(signal.forecast_s)}"
     if len({name.partition("_")[2] for name in signal.bounds}) > 1:
         yield "statistic", f"a forecast has bounds on one side; use two signals, got {' and '.join(signal.bounds)}"
 
 
-def _mistakes_of_count(signal: SignalConfig, given: Mapping[str, Any]) -> Iterator[Tuple[str, str]]:
-    if signal.statistic != "count":
-        return
-    if "window_min_s" in given:
-        yield "window_min_s", "a count is defined from the start; remove this key"
-    for name, bound in signal.bounds.items():
-        if bound > signal.window_samples:
-            yield name, f"expected at most window_samples ({signal.window_samples}), got {bound_text(bound)}"
-
-
-def _mistakes_of_bounds(signal: SignalConfig) -> Iterator[Tuple[str, str]]:
+def _mistakes_of_bounds(signal: SignalConfig, given: Mapping[str, Any]) -> Mistakes:
+    """Yields limits that are in the wrong order, and bounds whose alert would never clear."""
     bounds, hysteresis = signal.bounds, bound_text(signal.hysteresis)
     lows = [name for name in bounds if name.endswith("below")]
     sides = list(product(lows, [name for name in bounds if name not in lows]))
+    in_range = bounds if signal.statistic in _IN_UNIT else ()
     for low, high, why in (
-        ("valid_min", "valid_max", "no value would be valid"),
-        ("error_below", "warn_below", "a falling value crosses the WARN bound first"),
-        ("warn_above", "error_above", "a rising value crosses the WARN bound first"),
-        *((low, high, "no value would be OK") for low, high in sides),
+        ("valid_min", "valid_max", ": no value would be valid"),
+        ("flap_low", "flap_high", ""),
+        ("window_min_s", "window_s", ""),
+        ("error_below", "warn_below", ": a falling value crosses the WARN bound first"),
+        ("warn_above", "error_above", ": a rising value crosses the WARN bound first"),
+        *((low, high, ": no value would be OK") for low, high in sides),
+        *(("valid_min", name, "") for name in in_range),
+        *((name, "valid_max", "") for name in in_range),
+        *((name, "window_samples", "") for name in (bounds if signal.statistic == "count" else ())),
     ):
         least, most = getattr(signal, low), getattr(signal, high)
         if least is not None and most is not None and least > most:
-            yield low, f"expected at most {high} ({bound_text(most)}), got {bound_text(least)}: {why}"
+            is_low = low in given and (low, high) not in (("valid_min", name) for name in in_range)
+            key, expected, got = (low, f"at most {high}", least) if is_low else (high, f"at least {low}", most)
+            other = float(most if is_low else least)
+            yield key, f"expected {expected} ({bound_text(other)}), got {bound_text(float(got))}{why}"
     for low, high in sides:
         room = bounds[high] - bounds[low]
         if 0.0 <= room < signal.hysteresis:
             why = f"{low} would clear above {high}"
             yield "hysteresis", f"expected at most {number_text(room)}, got {hysteresis}: {why}"
-    if signal.statistic not in _IN_UNIT:
-        return
-    valid_min, valid_max = signal.valid_min, signal.valid_max
-    for name, bound in bounds.items():
-        yield from _outside(name, bound, (valid_min, valid_max), ("valid_min", "valid_max"))
+    for name in in_range:
+        bound, valid_min, valid_max = bounds[name], signal.valid_min, signal.valid_max
         clears_at = bound + signal.hysteresis if name in lows else bound - signal.hysteresis
         too_high = name in lows and valid_max is not None and bound <= valid_max < clears_at
         too_low = name not in lows and valid_min is not None and clears_at < valid_min <= bound
@@ -494,28 +441,19 @@ def _mistakes_of_bounds(signal: SignalConfig) -> Iterator[Tuple[str, str]]:
             yield "hysteresis", f"expected less, got {hysteresis}: {why}"
 
 
-def _mistakes_of_unit(signal: SignalConfig) -> Iterator[Tuple[str, str]]:
+def _mistakes_of_unit(signal: SignalConfig) -> Mistakes:
     unit = signal.unit
-    limits = {name: getattr(signal, name) for name in ("valid_min", "valid_max")}
-    if signal.statistic in (*_IN_UNIT, "forecast"):
-        limits.update(signal.bounds)
-    for name, value in limits.items():
-        if value is not None and unit in _UNIT_RANGES:
-            yield from _outside(name, value, _UNIT_RANGES[unit], (f"the minimum of {unit}", f"the maximum of {unit}"))
+    low, high = _UNIT_RANGES.get(unit, (None, None))
+    in_unit = signal.bounds if signal.statistic in (*_IN_UNIT, "forecast") else ()
+    for key in ("valid_min", "valid_max", *in_unit):
+        value = getattr(signal, key)
+        if value is not None and low is not None and value < low:
+            yield key, f"expected at least {bound_text(low)} (the minimum of {unit}), got {bound_text(value)}"
+        if value is not None and high is not None and value > high:
+            yield key, f"expected at most {bound_text(high)} (the maximum of {unit}), got {bound_text(value)}"
     if unit == "%" and signal.valid_max is not None and signal.valid_max <= 1.0:
         expected = f"expected valid_max 100 for the unit '%', got {bound_text(signal.valid_max)}"
         yield "unit", f"{expected}; a fraction from 0 to 1 has the unit ''"
-
-
-def _outside(
-    key: str, found: float, limits: Tuple[Optional[float], Optional[float]], names: Tuple[str, str]
-) -> Iterator[Tuple[str, str]]:
-    """Yields a mistake if a number lies outside of its limits, which have these names in the text."""
-    low, high = limits
-    if low is not None and found < low:
-        yield key, f"expected at least {bound_text(low)} ({names[0]}), got {bound_text(found)}"
-    elif high is not None and found > high:
-        yield key, f"expected at most {bound_text(high)} ({names[1]}), got {bound_text(found)}"
 
 
 LINK_CONFIG = read_signal(

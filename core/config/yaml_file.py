@@ -15,14 +15,6 @@ PathLike = Union[str, "os.PathLike[str]"]
 MOST_BYTES = 200_000
 """Largest file, so that every file is read within a second."""
 
-_KINDS = {
-    stat.S_IFDIR: "a directory",
-    stat.S_IFIFO: "a named pipe",
-    stat.S_IFSOCK: "a socket",
-    stat.S_IFCHR: "a device",
-    stat.S_IFBLK: "a device",
-}
-
 
 class YamlFile(NamedTuple):
     """The contents of a file, with the lines of its keys."""
@@ -95,7 +87,7 @@ def _read_text(name: str) -> str:
         # Opening a named pipe would wait for a writer, and a device has no end.
         mode = os.stat(name).st_mode
         if not stat.S_ISREG(mode):
-            kind = _KINDS.get(stat.S_IFMT(mode), "something else")
+            kind = "a directory" if stat.S_ISDIR(mode) else "a device or a pipe"
             raise ConfigError(f"cannot be read: expected a file, got {kind}", file=name)
         with open(name, "rb") as stream:
             data = stream.read(MOST_BYTES + 1)

@@ -106,59 +106,11 @@ class FlapDetector:
         return self._worst is not None and level.severity <= self._worst.severity
 
 
-class StormDetector:
-    """Counts the transitions of one signal in the last minute. Times are in seconds."""
-
-    __slots__ = ("_times",)
-
-    def __init__(self) -> None:
-        """Starts without transitions."""
-        self._times: List[float] = []  # most signals have none, and an empty deque takes 760 bytes
-        """When the latest transitions were announced."""
-
-    def note_transition(self, now_s: float) -> None:
-        """Notes that a transition is announced."""
-        self._times.append(now_s)
-        del self._times[: -MOST - 1]
-
-    def is_storm(self, now_s: float) -> bool:
-        """Whether more than `MOST` transitions lie within the last `PERIOD_S`."""
-        return len(self._times) > MOST and _is_recent(self._times[0], now_s)
-
-    def is_storm_with_next(self, now_s: float) -> bool:
-        """Whether it would be a storm with one more transition."""
-        return len(self._times) >= MOST and _is_recent(self._times[-MOST], now_s)
-
-    def restart_time(self, back_s: float) -> None:
-        """Time went back by `back_s`: the transitions are as long ago as before."""
-        self._times = [time_s - back_s for time_s in self._times]
-
-    def snapshot(self, now_s: float, wall_s: float) -> Dict[str, float]:
-        """Returns the number of recent transitions and the times of two of them in seconds since 1970, as `wall_s`."""
-        recent = [time_s for time_s in self._times if _is_recent(time_s, now_s)]
-        if not recent:
-            return {}
-        ahead_s = wall_s - now_s
-        return {"number": len(recent), "first": recent[0] + ahead_s, "last": recent[-1] + ahead_s}
-
-    def restore(self, saved: Saved, now_s: float, downtime: Downtime) -> None:
-        """Continues from a snapshot, with the transitions evenly spread; raises UnusableStateError."""
-        number = int(min(max(0.0, saved.number("number") or 0.0), MOST + 1.0))
-        first_s, last_s = (now_s - age_s(saved.number(key), downtime.end_s) for key in ("first", "last"))
-        step_s = max(0.0, last_s - first_s) / max(1, number - 1)
-        self._times += [first_s + place * step_s for place in range(number)]
-        del self._times[: -MOST - 1]
-
-
-def _is_recent(time_s: float, now_s: float) -> bool:
-    return now_s - time_s < PERIOD_S - TIME_TOLERANCE_S
-
-
 class Announcer:
     """Keeps the announced level of one signal. It is OK at first. Times are in seconds."""
 
     __slots__ = (
-        "_announced_at_s", "_config", "_unknown_since_s", "_was_known", "flaps", "level", "rule", "since_s", "storm",
+        "_announced_at_s", "_config", "_times", "_unknown_since_s", "_was_known", "flaps", "level", "rule", "since_s",
     )  # fmt: skip
 
     def __init__(self, config: SignalConfig, now_s: float) -> None:
@@ -176,8 +128,8 @@ class Announcer:
         self._announced_at_s = now_s
         self.flaps = FlapDetector(math.inf, 0.0)
         """Follows the level after each good sample."""
-        self.storm = StormDetector()
-        """Follows the transitions."""
+        self._times: List[float] = []  # most signals have none, and an empty deque takes 760 bytes
+        """When the latest transitions were announced: at most one more than are no storm."""
         self.configure(config, now_s)
 
     def configure(self, config: SignalConfig, now_s: float) -> None:
@@ -187,13 +139,20 @@ class Announcer:
         self._end_flapping_unless_allowed(now_s)
 
     def _end_flapping_unless_allowed(self, now_s: float) -> None:
-        if not self._config.flap_detection and not self.storm.is_storm(now_s):
+        if not self._config.flap_detection and not self.is_storm(now_s):
             self.flaps.end()
+
+    def is_storm(self, now_s: float, more: int = 0) -> bool:
+        """Whether more than `MOST` transitions lie within the last `PERIOD_S`, with that many more."""
+        return len(self._recent(now_s)) + more > MOST
+
+    def _recent(self, now_s: float) -> List[float]:
+        return [time_s for time_s in self._times if now_s - time_s < PERIOD_S - TIME_TOLERANCE_S]
 
     def note_sample(self, level: Level, now_s: float) -> None:
         """Notes the level after a good sample."""
         flaps = self.flaps
-        flaps.add(level, is_storm=flaps.flapping and self.storm.is_storm_with_next(now_s))
+        flaps.add(level, is_storm=flaps.flapping and self.is_storm(now_s, more=1))
 
     def note_unknown(self, now_s: float) -> None:
         """Notes that the level is unknown from now on."""
@@ -224,8 +183,8 @@ class Announcer:
     def announce(self, judgement: Judgement, message: Optional[str] = None, *, caused: str = "") -> Transition:
         """Announces the level of a signal; `message` replaces the reason, `caused` the level and time before it."""
         if judgement.level is not self.level:
-            self.storm.note_transition(judgement.now_s)
-        if self.storm.is_storm(judgement.now_s):
+            self._times = [*self._recent(judgement.now_s)[-MOST:], judgement.now_s]
+        if self.is_storm(judgement.now_s):
             self.flaps.flapping = True
             judgement = judgement._replace(flapping=True, storm=_STORM)
         self.flaps.note_announced(judgement.level)
@@ -257,14 +216,14 @@ class Announcer:
         self._announced_at_s = judgement.now_s
         return transition
 
-    def snapshot(self, rules: Sequence[Rule], now_s: float, wall_s: float) -> Dict[str, Any]:
+    def snapshot(self, rules: Sequence[Rule], now_s: float, ahead_s: float) -> Dict[str, Any]:
         """Returns the state as JSON values; the rule that explains the level is saved by its index in `rules`.
 
-        `wall_s` is `now_s` in seconds since 1970, as are the times in `since` and `storm`.
+        The times in `since` and `storm` are in seconds since 1970, those of the calls plus `ahead_s`.
         """
-        since = {"announced": wall_s - (now_s - self.since_s)}
+        since = {"announced": self.since_s + ahead_s}
         if self._unknown_since_s is not None:
-            since["unknown"] = wall_s - (now_s - self._unknown_since_s)
+            since["unknown"] = self._unknown_since_s + ahead_s
         announced: Dict[str, Any] = {"level": self.level.name}
         if not self._was_known:
             announced["never_known"] = True
@@ -275,14 +234,14 @@ class Announcer:
         flaps = self.flaps.snapshot() if self._config.flap_detection or self.flaps.flapping else {}
         if flaps:
             announced["flaps"] = flaps
-        storm = self.storm.snapshot(now_s, wall_s)
+        storm = [time_s + ahead_s for time_s in self._times]
         return {"since": since, "announced": announced, **({"storm": storm} if storm else {})}
 
     def restore(self, state: Saved, rules: Sequence[Rule], now_s: float, downtime: Downtime) -> None:
         """Continues from a snapshot, unknown at least since the downtime began. May raise UnusableStateError."""
         saved, since = state.section("announced"), state.section("since")
         self.flaps.restore(saved.section("flaps"))
-        self.storm.restore(state.section("storm"), now_s, downtime)
+        self._times = sorted(now_s - age_s(time_s, downtime.end_s) for time_s in state.numbers("storm", MOST + 1))
         self._end_flapping_unless_allowed(now_s)
         rule = saved.number("rule")
         self.rule = rules[int(rule)] if rule is not None and rule in range(len(rules)) else None
@@ -296,7 +255,7 @@ class Announcer:
 
     def restart(self, now_s: float, back_s: float) -> None:
         """Time went back to `now_s` by `back_s`."""
-        self.storm.restart_time(back_s)
+        self._times = [time_s - back_s for time_s in self._times]
         self.since_s = min(self.since_s, now_s)
         if self._unknown_since_s is not None:
             self._unknown_since_s = min(self._unknown_since_s, now_s)

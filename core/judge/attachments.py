@@ -83,10 +83,8 @@ def thresholds_tree(
 def _moved(state: SavedSignal, offset_s: float) -> SavedSignal:
     """Returns a state of `Monitor.snapshot` with its times moved; its format is that of core/judge/saved_state.py."""
     moved = dict(state)
-    for key, times in (("since", None), ("storm", ("first", "last"))):
-        if key in state:
-            moved[key] = {
-                name: value + offset_s if times is None or name in times else value
-                for name, value in state[key].items()
-            }
+    if "since" in state:
+        moved["since"] = {name: time_s + offset_s for name, time_s in state["since"].items()}
+    if "storm" in state:
+        moved["storm"] = [time_s + offset_s for time_s in state["storm"]]
     return moved

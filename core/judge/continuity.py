@@ -78,7 +78,7 @@ class Continuity:
         self._monitor = monitor
         self._history = history
         self._saved: Dict[str, SavedSignal] = {}
-        self._at_rest_since_s: Dict[str, float] = {}
+        self._at_rest_since_s: Dict[str, Optional[float]] = {}
         self._offset_s = 0.0
         self._period: Optional[float] = None
         """The period in which samples were stored last."""
@@ -89,7 +89,7 @@ class Continuity:
         states = self._history.restore()
         self._saved = dict(states)
         stopped_s = self._history.watched_until_s()
-        self._offset_s = self._history.wall_s() - now_s
+        self._offset_s = round(self._history.wall_s() - now_s, 3)
         self.record_samples(now_s)
         return self._monitor.restore(states, None if at_first_call else now_s, self._history.wall_s(), stopped_s)
 
@@ -117,7 +117,7 @@ class Continuity:
             self._effects = effects
             self._history.record_effects(effects)
         if not abs(wall_s - now_s - self._offset_s) < _SAME_TIME_S:
-            self._offset_s = wall_s - now_s
+            self._offset_s = round(wall_s - now_s, 3)
             self._at_rest_since_s = {}
             self.record_samples(now_s)  # what comes belongs to other periods; simulated time comes here all the time
         if wall_s // PERIOD_S != self._period:
@@ -129,15 +129,11 @@ class Continuity:
         }
         for name in names:
             at_rest_since_s = monitor.at_rest_since_s(name)
-            if at_rest_since_s is not None:
-                if self._at_rest_since_s.get(name) == at_rest_since_s:
-                    continue
+            if at_rest_since_s is None or self._at_rest_since_s.get(name) != at_rest_since_s:
                 self._at_rest_since_s[name] = at_rest_since_s
-            else:
-                self._at_rest_since_s.pop(name, None)
-            saved = monitor.snapshot(name, now_s, wall_s)
-            if not _is_same(saved, self._saved.get(name, {})):
-                changed[name] = saved
+                saved = monitor.snapshot(name, now_s, now_s + self._offset_s)
+                if saved != self._saved.get(name, {}):
+                    changed[name] = saved
         if changed:
             self._keep(changed)
             self._history.save(changed)
@@ -172,13 +168,3 @@ class Continuity:
     def record_configuration(self, config: MonitorConfig) -> None:
         """Stores the configuration in force."""
         self._history.record_configuration({name: settings_of(signal) for name, signal in config.signals.items()})
-
-
-def _is_same(state: SavedSignal, saved: SavedSignal) -> bool:
-    """Whether two states are equal, apart from the jitter between two clocks, and from old transitions (`storm`)."""
-    if {**state, "since": None, "storm": None} != {**saved, "since": None, "storm": None}:
-        return False
-    since, saved_since = state.get("since"), saved.get("since")
-    if not isinstance(since, Mapping) or not isinstance(saved_since, Mapping) or since.keys() != saved_since.keys():
-        return False
-    return all(abs(time - saved_since[key]) < _SAME_TIME_S for key, time in since.items())

@@ -91,7 +91,7 @@ class ElementSignals:
                     self._refused.add(hash(text))
                 return None
             self._admitted += 1
-            signal = self.signals[name] = SignalMonitor(element_config(self.config, name), self._robot, now_s)
+            signal = self.signals[name] = SignalMonitor(replace(self.config, name=name), self._robot, now_s)
             signal.note_unknown_since(self._unknown_since_s)
             begin(signal)
         if len(text) <= LONGEST_NAME and len(self._by_element) < 2 * self.config.max_elements:
@@ -128,13 +128,8 @@ class ElementSignals:
         moved = (before.topic, before.type, before.field) != (config.topic, config.type, config.field)
         self._end(list(self.signals)[0 if moved else config.max_elements :], now_s, changes)
         for name, signal in self.signals.items():
-            changes.add(signal.configure(element_config(config, name), now_s))
+            changes.add(signal.configure(replace(config, name=name), now_s))
         self._refused.clear()
-
-    def end(self, now_s: float, changes: Changes) -> None:
-        """Ends the elements and the template."""
-        self._end(list(self.signals), now_s, changes)
-        changes.add(self.own.end(now_s))
 
     def restart_time(self, now_s: float) -> None:
         """Time went back to `now_s`."""
@@ -175,11 +170,6 @@ def element_signal_name(template: str, element: str) -> str:
     return f"{template}[{element}]"
 
 
-def element_config(template: SignalConfig, name: str) -> SignalConfig:
-    """Returns the configuration of an element, by the name of its signal."""
-    return replace(template, name=name)
-
-
 def own_config(config: SignalConfig) -> SignalConfig:
     """Returns how the state of a template itself is judged: it has no bounds. Of another signal, its configuration."""
     if not config.is_template:
@@ -195,7 +185,7 @@ def config_of(name: str, configured: Mapping[str, SignalConfig]) -> Optional[Sig
     template = configured.get(template_name(name))
     if template is None or not template.is_template or not is_element_name(name):
         return None
-    return element_config(template, name)
+    return replace(template, name=name)
 
 
 def unconfigured(name: str) -> SignalConfig:

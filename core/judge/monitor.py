@@ -10,15 +10,29 @@ import sys
 from dataclasses import replace
 from functools import partial
 from types import MappingProxyType
-from typing import AbstractSet, Callable, Dict, Iterator, KeysView, List, Mapping, Optional, Sequence, Tuple, Union
+from typing import (
+    AbstractSet,
+    Callable,
+    Dict,
+    Iterable,
+    Iterator,
+    KeysView,
+    List,
+    Mapping,
+    Optional,
+    Sequence,
+    Tuple,
+    Union,
+)
 
+from ..config.causes import Causes, causes_of
 from ..config.monitor_config import MonitorConfig
 from ..config.signal_config import CONDITIONS, LINK, LINK_CONFIG, SignalConfig, is_element_name, template_name
 from ..values.elements import Elements
 from ..values.formatting import printable
 from ..values.model import Changes, Level, Report, Sample, Status
 from . import wording
-from .causes import Causes, causes_of
+from .alert import Alert
 from .element_signals import ElementSignals, element_of, own_config
 from .restoration import Restoration
 from .sample_summary import SampleCollector, SampleSummary, WallClock
@@ -41,8 +55,8 @@ class Monitor:
     Times (`now_s`) are in seconds on any one clock. Calls return the transitions that they cause, in the order of the
     configuration; `reset`, `end` and `configure` at the time of the last call.
 
-    Each topic that signals read is a source, once it is expected or observed: silence of several signals that has one
-    cause is one alert, whose name is a topic.
+    Each topic that signals read is a source after `expect_sources`: silence of several signals that has one cause is
+    one alert, whose name is a topic.
 
     The signal `link` (1.0: the robot can be reached, 0.0: it cannot) needs no configuration. While the link is down,
     the other signals are frozen: the link is the one alert.
@@ -52,12 +66,11 @@ class Monitor:
         """Creates a monitor that has seen nothing; `robot` replaces the configuration's `robot_name`."""
         self.robot = robot or config.robot_name
         self.config = config
+        self._watched: Dict[str, Union[SignalMonitor, ElementSignals]] = {}
+        """What is configured, and `link` once it was observed, by name."""
         self._signals: Mapping[str, SignalMonitor] = {}
         """All signals by name, in the order of the configuration; replaced, not changed, when elements come or go."""
-        self._single: Mapping[str, SignalMonitor] = {}
-        """All but templates and their elements."""
-        self._templates: Dict[str, ElementSignals] = {}
-        self._receivers: Dict[str, SignalMonitor] = {}
+        self._receivers: Mapping[str, SignalMonitor] = {}
         """Those that samples go to at once: all but templates, and signals whose source is not heard."""
         # NaN is not smaller than any time, so that the first call goes through _unusual_time.
         self._now_s = float("nan")
@@ -68,7 +81,7 @@ class Monitor:
         self._active: AbstractSet[str] = frozenset()
         """The causes that are not well."""
         self._followers: Dict[str, List[SignalMonitor]] = {}
-        self._all_followers: List[SignalMonitor] = []
+        """The signals with a condition on a signal, by its name; every cause and `link` are keys too."""
         self._link_down = False
         self._link_cause = ""
         self._restoration: Optional[Restoration] = None
@@ -101,15 +114,14 @@ class Monitor:
         transition = signal.observe(value, now_s)
         if transition is not None:
             changes.append(transition)
-        if name == LINK:
-            self._link_restored_s = math.inf
-            self._follow_link(now_s, changes)
         if name in self._followers:
+            if name == LINK:
+                self._follow_link(now_s, changes)
             self._follow(self._followers[name], now_s, changes)
         return self._with_effects(changes) if changes else changes
 
     def expect_sources(self, names: Mapping[str, str] = MappingProxyType({})) -> None:
-        """Lets each topic of a watched signal be a source; without it, those of `observe_source` are.
+        """Lets each topic of a watched signal be a source.
 
         `names` are the resolved names of topics that the configuration writes otherwise. Call it before the first call
         that has a time, and before `configure` if they change.
@@ -117,19 +129,17 @@ class Monitor:
         self._sources.expect(names)
 
     def observe_source(self, topic: str, now_s: float) -> Changes:
-        """Notes that a message came on a topic, whatever it holds; its samples are for `observe`."""
-        changes = Changes()
-        if not self._now_s <= now_s <= _LARGEST:
-            now_s = self._unusual_time(now_s, changes)
-        self._now_s = now_s
+        """Notes that a message came on a topic, whatever it holds; its samples are for `observe`.
+
+        Without `expect_sources`, it does nothing.
+        """
+        changes, now_s = self._advance(now_s)
         source = self._sources.get(self._sources.resolved(topic))
-        if source is None:
-            source = self._sources.begin(self._sources.resolved(topic), now_s)
-            self._arrange(self._single)
-        if source is not None and source.is_heard:
-            source.staleness.arrive(now_s)
-        elif source is not None:
-            self._hear(source, now_s, changes)
+        if source is not None:
+            if source.is_heard:
+                source.staleness.arrive(now_s)
+            else:
+                self._hear(source, now_s, changes)
         return self._with_effects(changes)
 
     def set_link(self, up: bool, cause: str, now_s: float) -> Changes:
@@ -141,25 +151,22 @@ class Monitor:
 
     def tick(self, now_s: float) -> Changes:
         """Advances the time."""
-        changes = Changes()
-        if not self._now_s <= now_s <= _LARGEST:
-            now_s = self._unusual_time(now_s, changes)
-        self._now_s = now_s
-        if self._templates:
-            self._tick_templates(now_s, changes)
+        changes, now_s = self._advance(now_s)
+        self._tick_templates(now_s, changes)
         if self._sources and not self._link_down:
-            self._tick_sources(now_s, changes)
+            if self._sources.tick(now_s, changes):
+                self._find_receivers()
+            self._look_at_causes(now_s, changes)
         for signal in self._ticked:
-            transition = signal.tick(now_s)
-            if transition is not None:
-                changes.append(transition)
-            if self._causes.names and signal.config.name in self._causes.names:
+            changes.add(signal.tick(now_s))
+            if signal.config.name in self._causes.names:
                 self._look_at_causes(now_s, changes)
-        self._follow(self._all_followers, now_s, changes)
+        self._follow(self._signals.values(), now_s, changes)
         if now_s - self._link_restored_s > _LINK_GRACE_S:
             self._link_restored_s = math.inf
             changes.add(self._signals[LINK].end(now_s))
-            self._arrange({name: signal for name, signal in self._single.items() if name != LINK})
+            del self._watched[LINK]
+            self._arrange()
         return self._with_effects(changes)
 
     def skip(self, since_s: float, until_s: float) -> Changes:
@@ -171,8 +178,8 @@ class Monitor:
         changes = Changes()
         if self._signals and self._now_s <= until_s <= _LARGEST and since_s <= until_s:
             since_s = max(since_s, self._now_s)
-            link = (signal for name, signal in self._signals.items() if name == LINK)
-            for each in (*(() if self._link_down else self._behind_link()), *link):
+            behind = () if self._link_down else self._behind_link()
+            for each in (*behind, *filter(None, [self._signals.get(LINK)])):
                 each.inhibit(since_s)
                 changes.add(each.release(until_s, is_link=False))
             self._now_s = until_s
@@ -187,7 +194,7 @@ class Monitor:
 
     def excess_elements(self) -> Mapping[str, int]:
         """Returns how many elements beyond `max_elements` came lately, by signal; counted up to 1,000."""
-        return {name: template.excess for name, template in self._templates.items() if template.excess}
+        return {name: template.excess for name, template in self._templates().items() if template.excess}
 
     def judgements(self, now_s: float) -> Mapping[str, Judgement]:
         """Returns the state of every signal, without the texts and statistics of `report`. Reads only."""
@@ -195,7 +202,7 @@ class Monitor:
         return dict(self._judged(signals, now_s, with_statistics=False))
 
     def _judged(
-        self, signals: Mapping[str, SignalMonitor], now_s: float, *, with_statistics: bool = True
+        self, signals: Mapping[str, Alert], now_s: float, *, with_statistics: bool = True
     ) -> Iterator[Tuple[str, Judgement]]:
         effects = self.effects()
         for name, signal in signals.items():
@@ -209,8 +216,6 @@ class Monitor:
     def effects(self) -> Mapping[str, Sequence[str]]:
         """Returns the signals that each alert keeps from being announced, directly or not, by its name."""
         effects: Dict[str, List[str]] = {}
-        if not self._active and not any(source.is_silent for source in self._sources):
-            return effects  # nearly always
         for name, signal in self._signals.items():
             if signal.is_withheld:
                 causes = {cause for cause in self._causes.of(name) if cause in self._active}
@@ -233,7 +238,7 @@ class Monitor:
 
     def status(self, signal: str, now_s: float) -> Optional[Status]:
         """Returns the status of one signal as in `report`; None for an unknown signal or before the first call."""
-        known = self._known(signal)
+        known = self._signals.get(signal) or self._shown().get(signal)
         if known is None:
             return None
         ((_, judgement),) = self._judged({signal: known}, self._to_show(now_s)[0])
@@ -241,28 +246,16 @@ class Monitor:
 
     def levels(self) -> Mapping[str, Tuple[Level, str]]:
         """Returns level and state of each signal, as in `report`, without the cost of texts."""
-        if not self._signals:
-            return dict.fromkeys(self.config.signals, (Level.STALE, "waiting"))
-        return {name: (signal.level, signal.state) for name, signal in self._shown().items()}
+        return {name: (signal.level, signal.state) for name, signal in self._to_show(self._now_s)[1].items()}
 
     def without_samples(self, now_s: float) -> List[SignalConfig]:
-        """Returns the signals whose topic has brought no sample for half of the time allowed, while the link is up."""
-        signals = self._signals.values()
-        if not any(each.staleness.is_half_over(now_s, each.config.startup_grace_s) for each in signals):
-            return []  # nearly always
-        latest_s: Dict[str, float] = {}
-        for name, each in self._signals.items():
-            # A template counts its elements; it receives nothing itself.
-            if name not in self._templates and not each.staleness.waiting:
-                topic = each.config.topic
-                latest_s[topic] = max(each.staleness.silent_since_s, latest_s.get(topic, -math.inf))
-        configs = ((each.config, each.staleness) for each in signals)
-        return [
-            config
-            for config, staleness in configs
-            if config.topic
-            and staleness.is_half_over(now_s, config.startup_grace_s, latest_s.get(config.topic, -math.inf))
-        ]
+        """Returns the signals whose topic has brought no message for half of the time allowed, while the link is up."""
+        silent: List[SignalConfig] = []
+        for source in self._sources:
+            source.listen()
+            if source.staleness.is_half_over(now_s):
+                silent += [signal.config for signal in source.signals]
+        return silent
 
     def note_hint(self, signal: str, hint: str) -> None:
         """Sets the hint of a signal without samples, until its next one (`Middleware.why_silent`); empty: unknown."""
@@ -300,12 +293,12 @@ class Monitor:
 
     def saved_signals(self) -> Sequence[str]:
         """Returns the names for `snapshot`: the signals, and the sources that were ever silent."""
-        return [*self._signals, *(source.name for source in self._sources if source.own or source.is_silent)]
+        return [*self._signals, *(each.name for each in self._sources if each.was_silent or each.is_silent)]
 
     def quiet_sources(self) -> Mapping[str, Judgement]:
         """Returns the states of sources that are OK but were not once: they stay series of the metrics."""
-        quiet = (each.own for each in self._sources if each.own is not None and not each.is_shown)
-        return {own.config.name: own.judgement(self._now_s) for own in quiet}
+        quiet = (each for each in self._sources if each.was_silent and not each.is_shown)
+        return {each.name: each.judgement(self._now_s) for each in quiet}
 
     def configs(self) -> Mapping[str, SignalConfig]:
         """Returns the configuration of each of `signals()`, elements too; that of `link` is left out."""
@@ -332,7 +325,7 @@ class Monitor:
     def collect_samples(self, make: Callable[[SignalMonitor], SampleCollector]) -> None:
         """Passes every sample to a collector of its signal, which `make` returns, now or when an element comes."""
         self._make_collector = make
-        self._arrange(self._single)
+        self._arrange()
 
     def at_rest_since_s(self, signal: str) -> Optional[float]:
         """Returns since when a signal is OK; None unless its state depends on nothing else."""
@@ -341,7 +334,8 @@ class Monitor:
     def snapshot(self, signal: str, now_s: float, wall_s: float) -> SavedSignal:
         """Returns a state for `restore`, as JSON values; empty: not watched. `wall_s` is `now_s` in s since 1970."""
         known = self._signals.get(signal) or self._sources.get(signal)
-        return {} if known is None else known.snapshot(now_s, wall_s)
+        # Rounded, so that a state that has not changed is equal whenever it is saved.
+        return {} if known is None else known.snapshot(now_s, round(wall_s - now_s, 6))
 
     def restore(
         self,
@@ -359,10 +353,7 @@ class Monitor:
         """
         downtime = Downtime(wall_s if stopped_s is None else min(stopped_s, wall_s), wall_s)
         self._restoration = Restoration(states, downtime)
-        changes = Changes()
-        if now_s is not None:
-            self._unusual_time(now_s, changes)
-        return changes
+        return Changes() if now_s is None else self._advance(now_s)[0]
 
     def reset(self) -> Changes:
         """Clears every latch."""
@@ -375,59 +366,60 @@ class Monitor:
     def end(self) -> Changes:
         """Ends every alert, that of the link included: the robot is no longer watched."""
         changes = Changes(filter(None, [signal.end(self._now_s) for signal in self._shown().values()]))
-        self._templates = {}
+        self._watched = {}
         self._sources.configure((), self._now_s, Changes())
-        self._arrange({})
+        self._arrange()
         return changes
 
     def configure(self, config: MonitorConfig) -> Changes:
         """Applies a new configuration. Unchanged signals are not affected; alerts of removed signals end."""
         self.config = config
         changes = Changes()
-        if math.isnan(self._now_s):  # before the first call
-            return changes
-        now_s, known, templates = self._now_s, self._signals, self._templates
-        signals = self._configured(changes)
-        for name, signal in known.items():
-            if name == LINK:
-                signals[LINK] = signal
-            elif name not in signals and name in self._single:
-                changes.add(signal.end(now_s))
-        for template in templates.values():
-            template.end(now_s, changes)
-        self._causes = causes_of(self.config.signals, self._sources.resolved)
-        self._sources.configure(config.signals.values(), now_s, changes)
-        self._arrange(signals)
-        self._inhibit_all(now_s)
-        self._follow(self._all_followers, now_s, changes)
+        if not math.isnan(self._now_s):  # else before the first call
+            self._follow_configuration(changes)
         return changes
 
-    def _configured(self, changes: Changes) -> Dict[str, SignalMonitor]:
-        """Follows the configuration; returns its signals apart from templates, known ones with their states."""
-        now_s, known, templates = self._now_s, self._signals, self._templates
-        signals: Dict[str, SignalMonitor] = {}
-        self._templates = {}
+    def _follow_configuration(self, changes: Changes) -> None:
+        now_s, before, self._watched = self._now_s, self._watched, {}
         for name, config in self.config.signals.items():
+            known = before.get(name)
             if config.is_template:
-                template = templates.pop(name, None) or ElementSignals(config, self.robot, now_s)
-                template.configure(config, now_s, changes)
-                self._templates[name] = template
-                continue
-            signal = None if name in templates else known.get(name)
-            if signal is None:
-                signal = SignalMonitor(config, self.robot, now_s)
-            elif signal.config != config:
-                changes.add(signal.configure(config, now_s))
-            signals[name] = signal
-        return signals
+                known = known if isinstance(known, ElementSignals) else ElementSignals(config, self.robot, now_s)
+                known.configure(config, now_s, changes)
+            elif not isinstance(known, SignalMonitor):
+                known = SignalMonitor(config, self.robot, now_s)
+            elif known.config != config:
+                changes.add(known.configure(config, now_s))
+            self._watched[name] = known
+        for name, each in before.items():
+            if name == LINK:
+                self._watched[LINK] = each
+            elif self._watched.get(name) is not each:
+                changes.extend(filter(None, (signal.end(now_s) for signal in _signals_in(each))))
+        self._causes = causes_of(self.config.signals, self._sources.resolved)
+        self._sources.configure(self.config.signals.values(), now_s, changes)
+        self._arrange()
+        self._inhibit_all(now_s)
+        self._follow(self._signals.values(), now_s, changes)
 
-    def _to_show(self, now_s: float) -> Tuple[float, Mapping[str, SignalMonitor]]:
+    def _templates(self) -> Mapping[str, ElementSignals]:
+        return {name: each for name, each in self._watched.items() if isinstance(each, ElementSignals)}
+
+    def _to_show(self, now_s: float) -> Tuple[float, Mapping[str, Alert]]:
         """Returns the time for ages, which is not before the last call, and the signals."""
         if not self._signals:
             now_s = now_s if -_LARGEST <= now_s <= _LARGEST else 0.0
             configs = map(own_config, self.config.signals.values())
             return now_s, {config.name: SignalMonitor(config, self.robot, now_s) for config in configs}
         return now_s if self._now_s <= now_s <= _LARGEST else self._now_s, self._shown()
+
+    def _advance(self, now_s: float) -> Tuple[Changes, float]:
+        """Begins a call at a time; returns the changes that follow from it, and the time to use."""
+        changes = Changes()
+        if not self._now_s <= now_s <= _LARGEST:
+            now_s = self._unusual_time(now_s, changes)
+        self._now_s = now_s
+        return changes, now_s
 
     def _unusual_time(self, now_s: float, changes: Changes) -> float:
         """Handles the first time, a time that went back, and an invalid time; returns the time to use."""
@@ -442,53 +434,46 @@ class Monitor:
                 self._clock.offset_s += back_s
             for signal in (*self._sources, *self._signals.values()):
                 signal.restart_time(now_s, back_s)
-            self._arrange(self._single)
-            for template in self._templates.values():
+            self._arrange()
+            for template in self._templates().values():
                 template.restart_time(now_s)
         return float(now_s)
 
     def _start(self, now_s: float, changes: Changes) -> None:
         """Handles the first call: every signal begins to be watched."""
         self._now_s = now_s
-        signals = self._configured(changes)
+        self._follow_configuration(changes)
         restoration, self._restoration = self._restoration, None
-        self._causes = causes_of(self.config.signals, self._sources.resolved)
-        self._sources.configure(self.config.signals.values(), now_s, changes)
         if restoration is not None:
-            restored = restoration.restore(self.config, self.robot, now_s, signals, self._templates)
-            changes.extend(restored)
-            changes.notices = restored.notices
-            if LINK in signals:
+            restoration.restore(self.config, self.robot, now_s, self._watched, self._sources, changes)
+            if LINK in self._watched:
                 self._link_restored_s = now_s
-        self._arrange(signals)
-        if restoration is not None:
-            restoration.restore_sources(self._sources, now_s, changes)
+            self._arrange()
         self._look_at_causes(now_s, changes)
 
-    def _arrange(self, single: Mapping[str, SignalMonitor]) -> None:
-        """Puts the signals in the order of the configuration; `single` are all but templates and their elements."""
-        self._single = self._signals = single
-        if self._templates:
-            self._signals = {}
-            for name in (*self.config.signals, LINK):
-                if name in self._templates:
-                    template = self._templates[name]
-                    self._signals[name] = template.own
-                    self._signals.update(template.signals)
-                elif name in single:
-                    self._signals[name] = single[name]
-        self._sources.arrange(self._signals_of)
-        self._receivers = {
-            name: signal
-            for name, signal in self._signals.items()
-            if name not in self._templates and self._is_heard(name)
+    def _arrange(self) -> None:
+        """Puts the signals in the order of the configuration, after some were added or removed."""
+        self._signals = {
+            signal.config.name: signal
+            for name in (*self.config.signals, LINK)
+            for signal in _signals_in(self._watched.get(name))
         }
+        self._sources.arrange(self._readers)
+        self._find_receivers()
         self._ticked = [self._signals[name] for name in self._causes.first(self._signals)]
         self._active = _UNKNOWN
-        if self._make_collector is not None:
-            for signal in self._signals.values():
+        self._followers = {cause: [] for cause in (*self._causes.names, LINK)}
+        for signal in self._signals.values():
+            if self._make_collector is not None:
                 signal.collect(self._make_collector)
-        self._find_followers()
+            for condition in filter(None, (getattr(signal.config, key) for key in CONDITIONS)):
+                self._followers.setdefault(condition.signal, []).append(signal)
+
+    def _find_receivers(self) -> None:
+        signals = (
+            (name, signal) for name, signal in self._signals.items() if signal is self._watched.get(name, signal)
+        )
+        self._receivers = {name: signal for name, signal in signals if self._sources.is_heard(name)}
 
     def _is_active(self, name: str) -> bool:
         """Whether a cause holds what depends on it: a signal is shown as ERROR or STALE, a source is silent."""
@@ -510,36 +495,20 @@ class Monitor:
         if cause != ("" if signal.held is None else signal.held.cause):
             changes.add(signal.note_cause(cause, now_s))
 
-    def _shown(self) -> Mapping[str, SignalMonitor]:
+    def _shown(self) -> Mapping[str, Alert]:
         """Returns the signals, and before them the sources that are signals now."""
-        shown = {each.name: each.own for each in self._sources if each.own is not None and each.is_shown}
+        shown = {each.name: each for each in self._sources if each.is_shown}
         return {**shown, **self._signals} if shown else self._signals
 
-    def _known(self, name: str) -> Optional[SignalMonitor]:
-        return self._signals.get(name) or self._shown().get(name)
-
-    def _signals_of(self, name: str) -> Sequence[SignalMonitor]:
+    def _readers(self, name: str) -> Sequence[SignalMonitor]:
         """Returns the signal of a name in the configuration; of a template its elements, or itself without any."""
-        template = self._templates.get(name)
-        if template is None:
-            return [self._single[name]] if name in self._single else ()
-        return list(template.signals.values()) or [template.own]
-
-    def _is_heard(self, name: str) -> bool:
-        source = self._sources.of_signal(name)
-        return source is None or source.is_heard
+        signals = _signals_in(self._watched.get(name))
+        return signals[1:] or signals
 
     def _hear(self, source: Source, now_s: float, changes: Changes) -> None:
         """Processes a message of a source that is not heard: from now on, samples go to its signals at once."""
         self._sources.hear(source, now_s, changes)
-        signals = ((signal.config.name, signal) for signal in source.signals)
-        self._receivers.update((name, signal) for name, signal in signals if name not in self._templates)
-        self._look_at_causes(now_s, changes)
-
-    def _tick_sources(self, now_s: float, changes: Changes) -> None:
-        for source in self._sources.tick(now_s, changes):
-            for signal in source.signals:
-                self._receivers.pop(signal.config.name, None)
+        self._find_receivers()
         self._look_at_causes(now_s, changes)
 
     def _receiver(self, name: str, value: object, now_s: float, changes: Changes) -> Optional[SignalMonitor]:
@@ -550,7 +519,8 @@ class Monitor:
         if name == LINK:
             signal = SignalMonitor(LINK_CONFIG, self.robot, now_s)
             signal.down_cause = self._link_cause
-            self._arrange({**self._single, LINK: signal})
+            self._watched[LINK] = signal
+            self._arrange()
             return signal
         source = self._sources.of_signal(name)
         if source is not None and not source.is_heard:
@@ -562,22 +532,20 @@ class Monitor:
 
     def _observe_elements(self, name: str, value: object, now_s: float, changes: Changes) -> None:
         """Judges the elements that a template received, or the first sample of one under its full name."""
-        template = self._templates.get(name)
-        if template is None:
-            template = self._templates.get(template_name(name))
-            if template is None or not is_element_name(name):
-                return
+        template = self._watched.get(template_name(name))
+        if not isinstance(template, ElementSignals) or not (is_element_name(name) or name in self._watched):
+            return
+        if name not in self._watched:
             value = Elements([(element_of(name), value)])
         number = len(template.signals)
         observed = template.observe(value, now_s, partial(self._begin, now_s=now_s, changes=changes), changes)
         if len(template.signals) > number:
-            self._arrange(self._single)
+            self._arrange()
         if len(template.signals) > number or template.own.staleness.waiting:
             template.count(now_s, changes)
-        if self._followers:
-            for signal in observed:
-                if signal.config.name in self._followers:
-                    self._follow(self._followers[signal.config.name], now_s, changes)
+        for signal in observed if self._followers else ():
+            if signal.config.name in self._followers:
+                self._follow(self._followers[signal.config.name], now_s, changes)
 
     def _begin(self, signal: SignalMonitor, now_s: float, changes: Changes) -> None:
         """Brings a new signal to the state of the others: the link, and its conditions on other signals."""
@@ -590,31 +558,21 @@ class Monitor:
 
     def _tick_templates(self, now_s: float, changes: Changes) -> None:
         """Ends silent elements and counts the others."""
-        ended = [template.forget_silent(now_s, changes) for template in self._templates.values()]
-        if not self._link_down:
-            for template in self._templates.values():
-                template.count(now_s, changes)
+        templates = self._templates().values()
+        ended = [template.forget_silent(now_s, changes) for template in templates]
+        for template in () if self._link_down else templates:
+            template.count(now_s, changes)
         if any(ended):
-            self._arrange(self._single)
+            self._arrange()
 
-    def _find_followers(self) -> None:
-        """Collects the signals that have a condition on another one."""
-        self._followers = {cause: [] for cause in self._causes.names}
-        self._all_followers = []
-        for signal in self._signals.values():
-            followed = {getattr(signal.config, key).signal for key in CONDITIONS if getattr(signal.config, key)}
-            if followed:
-                self._all_followers.append(signal)
-            for name in followed:
-                self._followers.setdefault(name, []).append(signal)
-
-    def _follow(self, followers: Sequence[SignalMonitor], now_s: float, changes: Changes) -> None:
+    def _follow(self, followers: Iterable[SignalMonitor], now_s: float, changes: Changes) -> None:
         for follower in followers:
             changes.add(follower.follow(self.fresh_value, now_s))
         self._look_at_causes(now_s, changes)
 
     def _follow_link(self, now_s: float, changes: Changes) -> None:
         """Freezes the other signals while the link is down, whether or not its alert is held or withheld."""
+        self._link_restored_s = math.inf
         up = self.fresh_value(LINK)
         down = up is None or up < 1.0
         if down is self._link_down:
@@ -623,7 +581,7 @@ class Monitor:
         self._inhibit_all(now_s)
         for each in () if down else self._behind_link():
             changes.add(each.release(now_s, is_link=True))
-        self._follow(self._all_followers, now_s, changes)
+        self._follow(self._signals.values(), now_s, changes)
 
     def _inhibit_all(self, now_s: float) -> None:
         """Freezes the signals that are not frozen yet, while the link is down."""
@@ -632,3 +590,10 @@ class Monitor:
 
     def _behind_link(self) -> Sequence[Union[Source, SignalMonitor]]:
         return [*self._sources, *(signal for name, signal in self._signals.items() if name != LINK)]
+
+
+def _signals_in(watched: Union[SignalMonitor, ElementSignals, None]) -> List[SignalMonitor]:
+    """Returns a signal, or a template with its elements; nothing for None."""
+    if isinstance(watched, ElementSignals):
+        return [watched.own, *watched.signals.values()]
+    return [] if watched is None else [watched]

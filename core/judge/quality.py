@@ -71,11 +71,6 @@ class Quality:
         self._valid_max = _LARGEST if config.valid_max is None else config.valid_max
         self.suspicion = Suspicion(config)
 
-    @property
-    def seen(self) -> bool:
-        """Whether there has been a sample, good or bad."""
-        return self.good_samples + self.bad_samples > 0
-
     def judge(self, value: object) -> float:
         """Processes a datum; returns the number in the signal's unit, NaN if it is bad."""
         if type(value) is Elements and self._config.reduce:
@@ -87,10 +82,10 @@ class Quality:
         if self._valid_min <= number <= self._valid_max:  # False for NaN; infinities lie outside
             self.good_samples += 1
             if suspicion.watching or not suspicion.ordinary_min < number <= suspicion.ordinary_max:
-                suspicion.see_good(raw, number)
+                suspicion.see(raw, number, good=True)
             return number
         self.bad_samples += 1
-        suspicion.see_bad(raw, number)
+        suspicion.see(raw, number, good=False)
         return math.nan
 
     def _converted_element(self, value: object) -> float:
@@ -151,19 +146,15 @@ class Suspicion:
         self.watching = self._only_zeros
         """Whether every good sample matters; otherwise only those outside the ordinary limits."""
 
-    def see_good(self, raw: float, number: float) -> None:
-        """Processes a good sample."""
-        self._unreadable = 0
-        self.text = self._explain_good(raw, number)
-        self.watching = self._only_zeros or self._fractions > 0 or self.text != ""
-
-    def see_bad(self, raw: float, number: float) -> None:
-        """Processes a sample that is not valid."""
-        self._fractions = 0
-        self._between = False
-        self._unreadable = self._unreadable + 1 if math.isnan(raw) else 0
-        self.text = self._explain_bad(raw, number)
-        self.watching = self._only_zeros or self._unreadable > 0 or self.text != ""
+    def see(self, raw: float, number: float, *, good: bool) -> None:
+        """Processes a sample, which is valid or not."""
+        if good:
+            self._unreadable = 0
+        else:
+            self._fractions, self._between = 0, False
+            self._unreadable = self._unreadable + 1 if math.isnan(raw) else 0
+        self.text = self._explain_good(raw, number) if good else self._explain_bad(raw, number)
+        self.watching = self._only_zeros or bool(self._fractions or self._unreadable or self.text)
 
     def _explain_good(self, raw: float, number: float) -> str:
         if self._only_zeros:

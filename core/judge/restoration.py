@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Dict, List, Mapping, NamedTuple, Tuple
+from typing import Dict, List, Mapping, NamedTuple, Union
 
 from ..config.monitor_config import MonitorConfig
 from ..config.signal_config import LINK, LINK_CONFIG, template_name
@@ -34,49 +34,35 @@ class Restoration(NamedTuple):
         config: MonitorConfig,
         robot: str,
         now_s: float,
-        signals: Dict[str, SignalMonitor],
-        templates: Mapping[str, ElementSignals],
-    ) -> Changes:
-        """Restores each signal into `signals` or its template; one that is no longer watched ends.
+        watched: Dict[str, Union[SignalMonitor, ElementSignals]],
+        sources: Sources,
+        changes: Changes,
+    ) -> None:
+        """Restores each source, and each signal into `watched` or its template there; what is not watched ends.
 
-        Returns the transitions, with a notice for each state that cannot be used.
+        `changes` receives the transitions, with a notice for each state that cannot be used.
         """
-        changes, unusable = Changes(), []
+        unusable: List[str] = []
+        of_sources: Dict[str, SavedSignal] = {}
         for name, saved in self.states.items():
-            if is_source(name):
-                continue
             try:
+                if is_source(name):
+                    changes.add(sources.restore(name, saved, now_s, self.downtime))
+                    of_sources[name] = saved
+                    continue
                 own = LINK_CONFIG if name == LINK else config_of(name, config.signals)
                 signal = SignalMonitor(own or unconfigured(name), robot, now_s)
                 signal.restore(saved, now_s, self.downtime)
             except (UnusableStateError, ConfigError) as error:
-                unusable.append(_unusable(name, error))
+                shown = printable(str(name))[:80]
+                unusable.append(f"{shown}: starts without its saved state: {printable(str(error))}")
                 continue
-            template = templates.get(template_name(name))
-            if own is None or (template is not None and not template.restore(name, signal)):
+            template = watched.get(template_name(name))
+            if own is None or (isinstance(template, ElementSignals) and not template.restore(name, signal)):
                 changes.add(signal.end(now_s))
-            elif template is None:
-                signals[name] = signal
-        changes.notices = _first(unusable)
-        return changes
-
-    def restore_sources(self, sources: Sources, now_s: float, changes: Changes) -> None:
-        """Restores each source; call after `restore`, whose transitions and notices `changes` has."""
-        restored: Dict[str, SavedSignal] = {}
-        for name, saved in self.states.items():
-            if is_source(name):
-                try:
-                    changes.add(sources.restore(name, saved, now_s, self.downtime))
-                    restored[name] = saved
-                except UnusableStateError as error:
-                    changes.notices = _first([*changes.notices, _unusable(name, error)])
-        sources.relate(restored, now_s, changes)
-
-
-def _unusable(name: str, error: Exception) -> str:
-    return f"{printable(str(name))[:80]}: starts without its saved state: {printable(str(error))}"
-
-
-def _first(texts: List[str]) -> Tuple[str, ...]:
-    more = len(texts) - _MOST_NOTICES
-    return (*texts[:_MOST_NOTICES], f"... and {more} more saved states") if more > 0 else tuple(texts)
+            elif not isinstance(template, ElementSignals):
+                watched[name] = signal
+        sources.relate(of_sources, now_s, changes)
+        more = len(unusable) - _MOST_NOTICES
+        rest = [f"... and {more} more saved states"] if more > 0 else []
+        changes.notices = (*unusable[:_MOST_NOTICES], *rest)

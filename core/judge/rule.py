@@ -27,7 +27,7 @@ from __future__ import annotations
 
 import enum
 import math
-from typing import Any, Dict, NamedTuple, Optional, Tuple
+from typing import Any, Dict, Mapping, Optional, Tuple
 
 from ..config.signal_config import SignalConfig
 from ..values.formatting import datum_text
@@ -62,21 +62,6 @@ _SEVERITIES = {float(level): level.severity for level in Level}
 _STATE_OF_WORD = {state.value: state for state in State}
 
 
-class RuleConfig(NamedTuple):
-    """Bounds and durations of one rule; the fields are those of `SignalConfig`."""
-
-    below: Optional[float] = None
-    above: Optional[float] = None
-    hysteresis: float = 0.0
-    for_s: float = 0.0
-    keep_firing_for_s: float = 0.0
-
-    @property
-    def has_bounds(self) -> bool:
-        """Whether a value can be beyond a bound."""
-        return self.below is not None or self.above is not None
-
-
 class Rule:
     """One rule of one signal. Times (`now_s`) are in seconds, values in the unit of the judged statistic."""
 
@@ -85,8 +70,8 @@ class Rule:
         "_keep_firing_for_s", "allowed", "bound", "condition", "fires", "is_below", "since_s", "state",
     )  # fmt: skip
 
-    def __init__(self, config: RuleConfig) -> None:
-        """Creates an inactive rule."""
+    def __init__(self) -> None:
+        """Creates an inactive rule without bounds, which fires at once."""
         self.state = _INACTIVE
         self.since_s = 0.0
         """When the state began; moved forward by the time for which the rule was frozen."""
@@ -102,18 +87,30 @@ class Rule:
         """The bound that the condition crossed last, None before the first time."""
         self.is_below = False
         """Whether `bound` is a lower one."""
-        self.configure(config)
+        self.configure()
 
-    def configure(self, config: RuleConfig) -> None:
-        """Takes new bounds and durations; the state stays until the rule advances."""
-        self._below = -math.inf if config.below is None else config.below
-        self._above = math.inf if config.above is None else config.above
-        self._below_clear = self._below + config.hysteresis
-        self._above_clear = self._above - config.hysteresis
-        self._for_s = config.for_s
-        self._keep_firing_for_s = config.keep_firing_for_s
-        if self._crossed and self.bound not in (config.below, config.above):
+    def configure(
+        self,
+        below: Optional[float] = None,
+        above: Optional[float] = None,
+        hysteresis: float = 0.0,
+        for_s: float = 0.0,
+        keep_firing_for_s: float = 0.0,
+    ) -> None:
+        """Takes new bounds and durations, those of `SignalConfig`; the state stays until the rule advances."""
+        self._below = -math.inf if below is None else below
+        self._above = math.inf if above is None else above
+        self._below_clear = self._below + hysteresis
+        self._above_clear = self._above - hysteresis
+        self._for_s = for_s
+        self._keep_firing_for_s = keep_firing_for_s
+        if self._crossed and self.bound not in (below, above):
             self._crossed = self.condition = False
+
+    @property
+    def has_bounds(self) -> bool:
+        """Whether a value can be beyond a bound."""
+        return self._below > -math.inf or self._above < math.inf
 
     @property
     def held_back(self) -> bool:
@@ -232,15 +229,14 @@ class Rule:
 class SignalRules:
     """Steps 3 to 6 of docs/rules.md without flapping: the rules of one signal, and its latch."""
 
-    __slots__ = ("_config", "_latched", "bounds", "error", "invalid", "warn", "worst_first")
-
-    of_bounds = True
-    """Whether values are compared with bounds; False: each is a level that a driver reports."""
+    __slots__ = ("_config", "_latched", "bounds", "error", "invalid", "of_bounds", "warn", "worst_first")
 
     def __init__(self, config: SignalConfig) -> None:
         """Starts with inactive rules."""
         self._latched = _OK
-        self.warn, self.error, self.invalid = map(Rule, rule_configs(config))
+        self.of_bounds = True
+        """Whether values are compared with bounds; False: each is a level that a driver reports."""
+        self.warn, self.error, self.invalid = Rule(), Rule(), Rule()
         self.bounds: Tuple[Rule, ...] = (self.warn, self.error)
         """The rules about values; `invalid` fires after invalid data."""
         self.worst_first: Tuple[Tuple[Level, Rule], ...] = ((_ERROR, self.error), (_WARN, self.warn))
@@ -250,21 +246,42 @@ class SignalRules:
     def configure(self, config: SignalConfig) -> None:
         """Applies a new configuration; states stay where they still have a meaning."""
         self._config = config
-        warn, error, invalid = rule_configs(config)
-        for rule, rule_config in zip(self.bounds, (warn, error, warn)):
-            rule.configure(rule_config)
-            if self.of_bounds and not rule_config.has_bounds:
+        of_warn = (config.warn_below, config.warn_above, config.hysteresis, config.for_s, config.keep_firing_for_s)
+        of_error = (config.error_below, config.error_above, config.hysteresis)
+        for rule, given in zip(
+            self.bounds, (of_warn, (*of_error, config.error_for_s, config.error_keep_firing_for_s), of_warn)
+        ):
+            rule.configure(*given)
+            if self.of_bounds and not rule.has_bounds:
                 rule.clear()
             if config.only_if is None:
                 rule.allow(True)
-        self.invalid.configure(invalid)
+        self.invalid.configure(for_s=config.invalid_for_s)
         if not config.latch:
             self._latched = _OK
 
+    def expect_levels(self) -> None:
+        """From now on, judges the levels of a DiagnosticStatus as a whole: they take the place of bounds.
+
+        There is a rule for each level but OK. Its condition is that the driver reports this level or a worse one; what
+        follows from it is steps 4 and 5 of docs/rules.md, as for bounds.
+        """
+        stale = Rule()
+        stale.allow(self.warn.allowed)
+        self.of_bounds = False
+        self.bounds = (*self.bounds, stale)
+        self.worst_first = ((_ERROR, self.error), (_STALE, stale), (_WARN, self.warn))
+        self.configure(self._config)
+
     def judge(self, value: float, now_s: float) -> None:
-        """Judges a value of the statistic."""
-        self.warn.judge(value, now_s)
-        self.error.judge(value, now_s)
+        """Judges a value of the statistic, or a level by its wire value."""
+        if self.of_bounds:
+            self.warn.judge(value, now_s)
+            self.error.judge(value, now_s)
+            return
+        severity = _SEVERITIES.get(value, 0)
+        for level, rule in self.worst_first:
+            rule.judge_condition(severity >= level.severity, now_s)
 
     def note_quality(self, *, good: bool, now_s: float) -> None:
         """Notes whether a datum was valid."""
@@ -350,69 +367,25 @@ class SignalRules:
             return warn
         return announced if announced.bound in bounds.values() else None
 
+    @property
+    def _by_name(self) -> Mapping[str, Rule]:
+        return dict(zip(("warn", "error", "reported_stale"), self.bounds), invalid=self.invalid)
+
     def snapshot(self, now_s: float) -> Dict[str, Any]:
         """Returns the state as JSON values."""
-        rules = {name: getattr(self, name).snapshot(now_s) for name in ("warn", "error", "invalid")}
+        rules = {name: rule.snapshot(now_s) for name, rule in self._by_name.items()}
         state: Dict[str, Any] = {name: saved for name, saved in rules.items() if saved}
+        if not self.of_bounds:
+            state["reports_level"] = True
         return state if self._latched is _OK else {**state, "latched": self._latched.name}
 
     def restore(self, saved: Saved, now_s: float) -> None:
         """Continues from a snapshot of the signal, frozen at `now_s`; raises UnusableStateError."""
-        for name, config in zip(("warn", "error", "invalid"), rule_configs(self._config)):
-            if config.has_bounds or name == "invalid" or not self.of_bounds:
-                getattr(self, name).restore(saved.section(name), now_s)
+        if saved.flag("reports_level") and not self._config.bounds:
+            self.expect_levels()
+        for name, rule in self._by_name.items():
+            if rule.has_bounds or rule is self.invalid or not self.of_bounds:
+                rule.restore(saved.section(name), now_s)
         latched = saved.level("latched")
         if self._config.latch and latched in (level for level, _ in self.worst_first):
             self._latched = latched
-
-
-class StatusRules(SignalRules):
-    """The rules of a DiagnosticStatus as a whole: the level that its driver reports takes the place of bounds.
-
-    There is a rule for each level but OK. Its condition is that the driver reports this level or a worse one; what
-    follows from it is steps 4 and 5 of docs/rules.md, as for bounds.
-    """
-
-    __slots__ = ("_reported_stale",)
-
-    of_bounds = False
-
-    def __init__(self, config: SignalConfig) -> None:
-        """Starts with inactive rules."""
-        super().__init__(config)
-        self._reported_stale = Rule(RuleConfig())
-        self.bounds = (*self.bounds, self._reported_stale)
-        self.worst_first = ((_ERROR, self.error), (_STALE, self._reported_stale), (_WARN, self.warn))
-        self.configure(config)
-
-    def judge(self, value: float, now_s: float) -> None:
-        """Judges a level that was reported, by its wire value."""
-        severity = _SEVERITIES.get(value, 0)
-        for level, rule in self.worst_first:
-            rule.judge_condition(severity >= level.severity, now_s)
-
-    def snapshot(self, now_s: float) -> Dict[str, Any]:
-        """Returns the state as JSON values."""
-        state = {**super().snapshot(now_s), "reports_level": True}
-        stale = self._reported_stale.snapshot(now_s)
-        return {**state, "reported_stale": stale} if stale else state
-
-    def restore(self, saved: Saved, now_s: float) -> None:
-        """Continues from a snapshot of the signal, frozen at `now_s`; raises UnusableStateError."""
-        super().restore(saved, now_s)
-        self._reported_stale.restore(saved.section("reported_stale"), now_s)
-
-
-def rules_for(saved: Saved, config: SignalConfig) -> SignalRules:
-    """Returns new rules of the kind that a snapshot was made of."""
-    return StatusRules(config) if saved.flag("reports_level") and not config.bounds else SignalRules(config)
-
-
-def rule_configs(signal: SignalConfig) -> Tuple[RuleConfig, RuleConfig, RuleConfig]:
-    """Returns the configurations of the rules for WARN, ERROR and invalid data."""
-    hysteresis, error_keep_s = signal.hysteresis, signal.error_keep_firing_for_s
-    return (
-        RuleConfig(signal.warn_below, signal.warn_above, hysteresis, signal.for_s, signal.keep_firing_for_s),
-        RuleConfig(signal.error_below, signal.error_above, hysteresis, signal.error_for_s, error_keep_s),
-        RuleConfig(for_s=signal.invalid_for_s),
-    )

@@ -39,30 +39,6 @@ class SampleSummary(NamedTuple):
     """The worst level."""
 
 
-class _Period:
-    """The samples since a period was read last."""
-
-    __slots__ = ("bad", "count", "good", "largest", "last", "level", "mean", "number", "smallest")
-
-    def __init__(self, number: int) -> None:
-        self.number = number
-        self.smallest = math.inf
-        self.largest = -math.inf
-        self.mean = 0.0
-        self.last: Optional[float] = None
-        self.count = self.good = self.bad = 0
-        self.level: Optional[Level] = None
-
-    def summary(self) -> Optional[SampleSummary]:
-        """Returns what was observed; None: nothing, not even a level."""
-        if self.level is None and not self.good + self.bad:
-            return None
-        start_s, level = self.number * PERIOD_S, self.level or Level.OK
-        if self.last is None:
-            return SampleSummary(start_s, None, None, None, None, self.good, self.bad, level)
-        return SampleSummary(start_s, self.smallest, self.largest, self.mean, self.last, self.good, self.bad, level)
-
-
 class WallClock:
     """What wall time is, by the monitor's clock; one for all signals of a monitor."""
 
@@ -76,40 +52,50 @@ class WallClock:
 class SampleCollector:
     """Collects the samples of one signal. Times (`now_s`) are the monitor's."""
 
-    __slots__ = ("_begin_s", "_clock", "_end_s", "_open", "_waiting")
+    __slots__ = (
+        "_bad", "_begin_s", "_clock", "_count", "_end_s", "_good", "_last", "_least", "_level", "_mean", "_most",
+        "_number", "_waiting",
+    )  # fmt: skip
 
     def __init__(self, clock: WallClock) -> None:
         """Starts without a period; the owner of `clock` corrects it when the wall clock is set."""
         self._clock = clock
         self._waiting: List[SampleSummary] = []
-        self._open = _Period(0)
-        self._begin_s = self._end_s = math.inf
-        """Between which times samples belong to the open period."""
+        self._end_s = math.inf
+        self._clear()
+
+    def _clear(self) -> None:
+        """Leaves no period open."""
+        self._begin_s = math.inf
+        """Between this and `_end_s`, samples belong to the open period, the one of this number."""
+        self._number = self._count = self._good = self._bad = 0
+        self._least, self._most, self._mean = math.inf, -math.inf, 0.0
+        self._last: Optional[float] = None
+        self._level: Optional[Level] = None
 
     def note(self, value: Optional[float], now_s: float, *, good: bool = True) -> None:
         """Adds a sample, with the value of the judged statistic; None while it is undefined, or after a bad sample."""
         if not self._begin_s <= now_s < self._end_s:
             self._begin(now_s)
-        period = self._open
         if not good:
-            period.bad += 1
+            self._bad += 1
             return
-        period.good += 1
+        self._good += 1
         if value is not None:
-            period.last = value
-            if value < period.smallest:
-                period.smallest = value
-            if value > period.largest:
-                period.largest = value
-            period.count += 1
-            period.mean += value / period.count - period.mean / period.count  # a difference could overflow
+            self._last = value
+            if value < self._least:
+                self._least = value
+            if value > self._most:
+                self._most = value
+            self._count += 1
+            self._mean += value / self._count - self._mean / self._count  # a difference could overflow
 
     def note_level(self, level: Level, now_s: float) -> None:
         """Notes the level that is shown, while it is known."""
         if not self._begin_s <= now_s < self._end_s:
             self._begin(now_s)
-        if self._open.level is None or level.severity > self._open.level.severity:
-            self._open.level = level
+        if self._level is None or level.severity > self._level.severity:
+            self._level = level
 
     def take(self, now_s: float) -> List[SampleSummary]:
         """Returns the periods that have ended and were not taken yet, oldest first; at infinity the open one too."""
@@ -121,16 +107,17 @@ class SampleCollector:
     def _begin(self, now_s: float) -> None:
         self._close()
         offset_s = self._clock.offset_s
-        number = math.floor((now_s + offset_s) / PERIOD_S)
-        self._open = _Period(number)
+        self._number = number = math.floor((now_s + offset_s) / PERIOD_S)
         self._begin_s, self._end_s = number * PERIOD_S - offset_s, (number + 1) * PERIOD_S - offset_s
         if not self._begin_s <= now_s < self._end_s:  # rounding
             self._begin_s, self._end_s = min(self._begin_s, now_s), max(self._end_s, now_s + _ROUNDING_S)
 
     def _close(self) -> None:
-        summary = self._open.summary()
-        self._open = _Period(0)
-        self._begin_s = math.inf
-        if summary is not None:
+        if self._level is not None or self._good + self._bad:
+            start_s, level, last = self._number * PERIOD_S, self._level or Level.OK, self._last
+            summary = SampleSummary(start_s, None, None, None, None, self._good, self._bad, level)
+            if last is not None:
+                summary = summary._replace(least=self._least, most=self._most, mean=self._mean, last=last)
             self._waiting.append(summary)
             del self._waiting[:-_MOST_PERIODS]
+        self._clear()

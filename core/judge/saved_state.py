@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import sys
-from typing import Any, Mapping, NamedTuple, Optional
+from typing import Any, List, Mapping, NamedTuple, Optional
 
 from ..values.errors import MessageError
 from ..values.formatting import datum_text
@@ -15,7 +15,7 @@ from ..values.model import Level
 SavedSignal = Mapping[str, Any]
 """State of one signal: numbers, texts, booleans, None and mappings of them. Empty: the signal is no longer watched.
 
-Durations are in seconds. Times are in seconds since 1970, and all of them are in the mappings `since` and `storm`.
+Durations are in seconds. Times are in seconds since 1970, all of them in the mapping `since` and the list `storm`.
 """
 
 LONGEST_S = 1e10
@@ -78,6 +78,13 @@ class Saved:
         if isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= sys.float_info.max:
             return float(value)
         raise self._unexpected(key, "a finite number")
+
+    def numbers(self, key: str, most: int) -> List[float]:
+        """Returns the finite numbers of a list, at most so many; none if it is missing."""
+        values = self._values.get(key, [])
+        if not isinstance(values, list):
+            raise self._unexpected(key, "a list")
+        return [Saved({key: each}, self._path).number(key) or 0.0 for each in values[:most]]
 
     def duration_s(self, key: str) -> float:
         """Returns a duration in seconds, 0 if it is missing or negative."""

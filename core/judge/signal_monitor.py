@@ -1,33 +1,24 @@
 """One signal, judged in the order of docs/rules.md: quality, window, condition, duration, latch, flapping, staleness.
 
-`observe`, `tick`, `follow`, `release`, `reset` and `configure` return the one transition that they cause, or None.
-
-Three levels are kept apart:
-
-* the true level (`_level`) follows from the samples and rules;
-* the announced level is that of the last transition. It differs from the true one while the signal flaps, is unknown,
-  or has a cause (causes.py);
-* the shown level is the true one, or STALE while it is unknown: before the first sample and while the link is down.
+`observe`, `tick`, `follow`, `release`, `reset` and `configure` return the one transition that they cause, or None. The
+levels, and what is announced of them, are those of alert.py.
 """
 
 from __future__ import annotations
 
 import math
 import sys
-from typing import Any, Callable, Dict, List, Optional, Tuple
+from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
 
 from ..config.signal_config import SignalConfig
 from ..values.elements import DriverStatus
-from ..values.formatting import fingerprint
 from ..values.model import Level, Transition
-from .announcer import Announcer
-from .causes import Held, await_s, settle_s
+from .alert import Alert, Held
 from .forecast import ForecastWindow, window_for
 from .quality import Quality
-from .rule import SignalRules, StatusRules, rules_for
+from .rule import Rule, SignalRules
 from .sample_summary import SampleCollector, SampleSummary
-from .saved_state import Downtime, Saved, SavedSignal, age_s
-from .staleness import LONG_DOWNTIME_S, Staleness
+from .saved_state import Downtime, Saved, SavedSignal
 from .window import CountWindow, Samples, Window
 from .wording import Judgement
 
@@ -42,22 +33,19 @@ _WINDOW_KEYS = ("statistic", "window_s", "window_samples", "window_min_s", "fore
 """Properties of a configuration that its window depends on."""
 
 
-class SignalMonitor:
+class SignalMonitor(Alert):
     """State and judgement of one signal. Times (`now_s`) are in seconds."""
 
     __slots__ = (
-        "_announcer", "_calm_max", "_calm_min", "_fingerprint", "_healthy_max", "_level", "_level_since_s", "_quality",
-        "_robot", "_rules", "_samples", "_statistics", "_zero_s", "config", "down_cause", "held", "judged", "staleness",
-        "window",
+        "_calm_max", "_calm_min", "_healthy_max", "_quality", "_rules", "_samples", "_statistics", "_zero_s",
+        "down_cause", "judged", "window",
     )  # fmt: skip
 
     def __init__(self, config: SignalConfig, robot: str, now_s: float) -> None:
         """Starts before the first sample: the startup grace counts from `now_s`."""
-        self._robot = robot
-        self._fingerprint = fingerprint(robot, config.name)
+        super().__init__(config, robot, now_s)
         self._quality = Quality(config)
         self.window = window_for(config)
-        self.config = config
         self.judged = self.window.statistic(config.statistic)
         """The value of the statistic that the bounds apply to; None while it is undefined."""
         self._statistics: Optional[Window] = None
@@ -65,66 +53,17 @@ class SignalMonitor:
         self._samples: Optional[SampleCollector] = None
         """Collects the values of the judged statistic for a history; None: nothing stores them."""
         self._rules = SignalRules(config)
-        self._announcer = Announcer(config, now_s)
-        self.staleness = Staleness(config, now_s)
-        self._level = Level.OK
-        self._level_since_s = now_s
         self._zero_s: Optional[float] = None
         """When nothing was found in the graph, in the startup grace; None: not, or something was."""
         self.down_cause = ""
         """Why the link is down, for the signal `link`."""
-        self.held: Optional[Held] = None
-        """Why worse levels are not announced; None: nothing holds them back."""
         self._use_config(config)
         self._know_count(now_s)
 
     @property
-    def level(self) -> Level:
-        """The level to show: the true one, STALE while it is unknown."""
-        if self.staleness.unreachable_since_s is not None:
-            return Level.STALE
-        return Level.worst((self._level, Level.STALE)) if self.staleness.waiting else self._level
-
-    @property
-    def _shown_since_s(self) -> float:
-        """Since when the level to show has lasted, in seconds."""
-        staleness = self.staleness
-        if staleness.unreachable_since_s is not None:
-            return staleness.unreachable_since_s
-        # Before the first sample after a restart, the true level may be older than the monitor.
-        return self._level_since_s if self.level is self._level else staleness.last_seen_s
-
-    @property
     def state(self) -> str:
         """The state to show: waiting, unreachable, stale, invalid, latched, or that of the rule."""
-        staleness = self.staleness
-        if staleness.unreachable_since_s is not None:
-            return "unreachable"
-        if staleness.waiting:
-            return "waiting"
-        if staleness.stale:
-            return "stale"
-        return self._rules.state
-
-    @property
-    def sample_s(self) -> float:
-        """When the latest sample came, in seconds; minus infinity before the first."""
-        return self.staleness.last_seen_s if self._quality.seen else -math.inf
-
-    @property
-    def cause(self) -> str:
-        """Name of the alert that this signal suffers from; empty without one."""
-        return "" if self.held is None else self.held.silence or self.held.cause
-
-    @property
-    def is_announced(self) -> bool:
-        """Whether an alert of it is open."""
-        return self._announcer.level is not _OK
-
-    @property
-    def is_withheld(self) -> bool:
-        """Whether it has a cause, and its level is worse than the announced one."""
-        return bool(self.cause) and self.level.severity > self._announcer.level.severity
+        return super().state if self.staleness.frozen else self._rules.state
 
     @property
     def latest_good(self) -> Optional[float]:
@@ -175,9 +114,9 @@ class SignalMonitor:
 
     def follow(self, latest_good: Callable[[str], Optional[float]], now_s: float) -> Optional[Transition]:
         """Judges the conditions on other signals; `latest_good` returns the value of one, None while it is unknown."""
-        if self.staleness.unreachable_since_s is not None:
-            return None
         only_if, release_if = self.config.only_if, self.config.latch_release_if
+        if only_if is release_if is None or self.staleness.unreachable_since_s is not None:
+            return None
         if only_if is not None:
             value = latest_good(only_if.signal)
             self._rules.allow(value is None or only_if.holds(value))
@@ -188,80 +127,35 @@ class SignalMonitor:
         self._rules.advance(now_s)
         return self._settle(now_s)
 
-    def fall_silent(self, now_s: float) -> Optional[Transition]:
-        """Makes it stale, whatever its limit is: for sources."""
-        self._freeze_or_thaw(self._fall_silent())
-        return self._settle(now_s)
-
-    def hold(self, alert: str) -> None:
-        """Holds worse levels back: its source is silent, which is an alert of this name."""
-        self._held().silence = alert
-
-    def let_go(self) -> None:
-        """Ends `hold`; a worse level is announced at the next tick."""
-        if self.held is not None:
-            self.held.silence, self.held.awaits_until_s = "", None
-
-    def await_sample(self, now_s: float, *, is_heard: bool) -> None:
-        """Ends `hold`, but waits for its own sample: messages came again at `now_s`, or (`is_heard` False) may come."""
-        held = self.held
-        if held is not None and (held.silence or held.awaits_until_s is not None):
-            held.silence, held.awaits_until_s = "", now_s + await_s(self.config) if is_heard else math.inf
-
-    def note_cause(self, cause: str, now_s: float) -> Optional[Transition]:
-        """Notes the nearest of its causes by `depends_on`; empty: none, or no longer."""
-        if cause:
-            held = self._held()
-            held.cause = cause
-            if held.caused_s is None:
-                held.caused_s = now_s
-        elif self.held is not None and self.held.cause:
-            self.held.ended(now_s, settle_s(self.config))
-            return self._settle(now_s)
-        return None
-
-    def _held(self) -> Held:
-        if self.held is None:
-            self.held = Held()
-            self._calm_max = -math.inf
-        return self.held
+    def _get_held(self) -> Held:
+        self._calm_max = -math.inf
+        return super()._get_held()
 
     def inhibit(self, now_s: float) -> None:
         """Freezes the signal: from `now_s` on, the robot cannot be reached."""
-        if self.staleness.unreachable_since_s is None:
-            self.staleness.unreachable_since_s = now_s
-            self._announcer.note_unknown(now_s)
-            self._freeze_or_thaw(now_s)
+        super().inhibit(now_s)
+        self._freeze_or_thaw(now_s)
 
     def release(self, now_s: float, *, is_link: bool = True) -> Optional[Transition]:
         """Ends `inhibit`: durations and the time without samples continue where they stopped.
 
         `is_link`: the link was down; otherwise nothing watched the robot.
         """
-        downtime_s = self.staleness.end_downtime(now_s, is_link=is_link)
-        self.window.leave_out(downtime_s)
-        if self.held is not None:
-            self.held.leave_out(downtime_s)
-            if is_link and downtime_s > LONG_DOWNTIME_S and self.held.awaits_until_s is not None:
-                self.held.awaits_until_s = max(self.held.awaits_until_s, now_s + self.config.startup_grace_s)
+        self.window.leave_out(self._end_downtime(now_s, is_link=is_link))
         self._freeze_or_thaw(now_s)
         self._judge_rules(now_s)  # samples that arrived while the link was down
         return self._settle(now_s)
 
     def restart_time(self, now_s: float, back_s: float) -> None:
         """Restarts window, pending timers and staleness: time went back to `now_s` by `back_s`. Latches stay."""
+        super().restart_time(now_s, back_s)
         self.window.clear()
         if self._statistics is not None:
             self._statistics.clear()
         if self.config.statistic != "last":
             self.judged = None
-        self._level_since_s = min(self._level_since_s, now_s)
-        self._announcer.restart(now_s, back_s)
         self._rules.restart(now_s)
-        self.staleness.restart(now_s)
         self._begin_count(now_s)
-        if self.held is not None:
-            self.held.restart(now_s, settle_s(self.config))
         self._freeze_or_thaw(now_s)
 
     def reset(self, now_s: float) -> Optional[Transition]:
@@ -271,21 +165,17 @@ class SignalMonitor:
 
     def configure(self, config: SignalConfig, now_s: float) -> Optional[Transition]:
         """Applies a new configuration of the same signal and judges by it at once; samples and durations stay."""
-        self._announcer.configure(config, now_s)
         if any(getattr(config, key) != getattr(self.config, key) for key in _WINDOW_KEYS):
             window = window_for(config)
             window.take_over(self.window)
             self.window = window
-        if isinstance(self._rules, StatusRules) and _source(config) != _source(self.config):
+        if not self._rules.of_bounds and _source(config) != _source(self.config):
             self._rules = SignalRules(config)
         else:
             self._rules.configure(config)
         self._quality.configure(config)
-        self.staleness.configure(config, seen=self._quality.seen)
-        if self.staleness.stale and not self.staleness.is_silent(now_s):
-            self.staleness.stale = False
-        self.staleness.waiting = self.staleness.waiting or not (self.staleness.stale or self._quality.seen)
         self._use_config(config)
+        self._configure(config, now_s)
         self._know_count(now_s)
         self.judged = self.window.statistic(config.statistic)
         self._freeze_or_thaw(now_s)
@@ -300,9 +190,9 @@ class SignalMonitor:
 
     def judgement(self, now_s: float, *, with_statistics: bool = True) -> Judgement:
         """Returns the state after the last call, as of `now_s`; without statistics in half the time. Reads only."""
-        level, staleness, quality, announcer = self.level, self.staleness, self._quality, self._announcer
-        is_invalid = level is _ERROR and self._rules.invalid.fires
-        is_silent = level is _STALE and staleness.frozen  # else its driver reports that it is stale
+        level, quality, announcer, rules = self.level, self._quality, self._announcer, self._rules
+        is_invalid = level is _ERROR and rules.invalid.fires
+        is_silent = level is _STALE and self.staleness.frozen  # else its driver reports that it is stale
         announced = announcer.rule if announcer.level is not _OK else None
         window, latest_good = self.window, self.latest_good
         statistics = window.statistics() if with_statistics else {}
@@ -313,38 +203,25 @@ class SignalMonitor:
         forecast = window.forecast() if latest_good is not None and isinstance(window, ForecastWindow) else None
         if forecast is not None and with_statistics:
             statistics["trend_per_min"] = forecast.slope_per_s * 60.0
-        return Judgement(
-            config=self.config,
-            robot=self._robot,
-            fingerprint=self._fingerprint,
-            now_s=now_s,
-            level=level,
-            state=self.state,
-            announced=announcer.level,
-            since_s=self._shown_since_s,
-            latest=quality.latest,
-            latest_good=latest_good,
-            judged=self.judged,
-            rule=None if is_silent or is_invalid else self._rules.explaining(level, announced),
-            is_invalid=is_invalid,
-            is_bad=self._rules.invalid.condition,
-            is_stale=staleness.stale,
-            good_samples=quality.good_samples,
-            bad_samples=quality.bad_samples,
-            last_seen_s=staleness.last_seen_s,
-            silence_s=staleness.silence_s(now_s),
-            statistics=statistics,
-            forecast=forecast,
-            window_samples=len(self.window),
-            window_is_long_enough=self.window.is_long_enough,
-            suspicion=quality.suspicion.text,
-            flapping=announcer.flaps.flapping,
-            state_change_percent=announcer.flaps.percent,
-            down_cause=self.down_cause,
-            cause=self.cause,
-            without_link_s=staleness.without_link_s,
-            limit_s=staleness.counted_limit_s,
-            hint=staleness.hint,
+        return (
+            super()
+            .judgement(now_s)
+            ._replace(
+                latest=quality.latest,
+                latest_good=latest_good,
+                judged=self.judged,
+                rule=None if is_silent or is_invalid else rules.explaining(level, announced),
+                is_invalid=is_invalid,
+                is_bad=rules.invalid.condition,
+                good_samples=quality.good_samples,
+                bad_samples=quality.bad_samples,
+                statistics=statistics,
+                forecast=forecast,
+                window_samples=len(window),
+                window_is_long_enough=window.is_long_enough,
+                suspicion=quality.suspicion.text,
+                down_cause=self.down_cause,
+            )
         )
 
     @property
@@ -366,41 +243,22 @@ class SignalMonitor:
         """Returns the periods that have ended; see `SampleCollector.take`. None unless samples are collected."""
         return [] if self._samples is None else self._samples.take(now_s)
 
-    def snapshot(self, now_s: float, wall_s: float) -> Dict[str, Any]:
-        """Returns the state as JSON values; see `Monitor.snapshot`. Reads only."""
-        state = {**self._announcer.snapshot(self._rules.bounds, now_s, wall_s), **self._rules.snapshot(now_s)}
-        state["since"]["level"] = wall_s - (now_s - self._level_since_s)
-        if self.held is not None and self.held.caused_s is not None:
-            state["since"]["caused"] = wall_s - (now_s - self.held.caused_s)
-            state["cause"] = self.held.last_cause
-        # A silence that is announced as its source's is found again after a restart, by itself or with its source.
-        is_told = self._announcer.level.severity >= _STALE.severity
-        return {**state, "stale": True} if self.staleness.stale and is_told else state
+    def snapshot(self, now_s: float, ahead_s: float) -> Dict[str, Any]:
+        """Returns the state as JSON values, as `Alert.snapshot`."""
+        return {**super().snapshot(now_s, ahead_s), **self._rules.snapshot(now_s)}
 
     def restore(self, state: SavedSignal, now_s: float, downtime: Downtime) -> None:
         """Continues from a snapshot, before the first sample; after an UnusableStateError it must not be used."""
         saved = Saved(state)
-        self._rules = rules_for(saved, self.config)
         self._rules.restore(saved, now_s)
-        self._announcer.restore(saved, self._rules.bounds, now_s, downtime)
-        if saved.flag("stale"):
-            self.staleness.fall_silent()
-        self._level = self._rules.level(stale=self.staleness.stale)
-        self._level_since_s = now_s - age_s(saved.section("since").number("level"), downtime.end_s)
-        if saved.has("cause"):
-            held = self._held()
-            held.cause = saved.text("cause")
-            held.caused_s = now_s - age_s(saved.section("since").number("caused"), downtime.end_s)
+        super().restore(state, now_s, downtime)
         self._begin_count(now_s)
         if self.config.statistic == "count":
             self._freeze_or_thaw(now_s)
 
-    def end(self, now_s: float) -> Optional[Transition]:
-        """Returns the transition with which a signal that is not OK leaves the configuration."""
-        if self._announcer.level is _OK:
-            return None
-        ended = self.judgement(now_s)._replace(level=_OK, rule=None, is_invalid=False, flapping=False, hint="")
-        return self._announcer.announce(ended, "no longer watched")
+    @property
+    def _explaining_rules(self) -> Sequence[Rule]:
+        return self._rules.bounds
 
     def _judge(self, value: object, now_s: float) -> Optional[Transition]:
         self._calm_max = -math.inf
@@ -422,10 +280,11 @@ class SignalMonitor:
             window.arrive(staleness.silence_s(now_s), now_s)
         staleness.arrive(now_s)
         if self.held is not None:
-            self.held.awaits_until_s = None
+            self.held.awaits_until_s = -math.inf
         number = self._quality.judge(value)
-        if type(value) is DriverStatus:
-            rules = self._use_status_rules(now_s)
+        if type(value) is DriverStatus and rules.of_bounds and not config.bounds:
+            rules.expect_levels()
+            self._freeze_or_thaw(now_s)
         good = not math.isnan(number)
         judged = None
         if good:
@@ -469,15 +328,6 @@ class SignalMonitor:
             self.staleness.waiting = False
             if self.staleness.unreachable_since_s is None:
                 self._announcer.note_known(now_s)
-
-    def _use_status_rules(self, now_s: float) -> SignalRules:
-        """Returns the rules of a signal that receives the statuses of a driver."""
-        if not self.config.bounds and not isinstance(self._rules, StatusRules):
-            allowed = self._rules.warn.allowed
-            self._rules = StatusRules(self.config)
-            self._rules.allow(allowed)
-            self._freeze_or_thaw(now_s)
-        return self._rules
 
     def _use_config(self, config: SignalConfig) -> None:
         """Takes a configuration, and from it the values from which nothing can follow while everything is at rest.
@@ -536,33 +386,16 @@ class SignalMonitor:
         if self.judged is not None:
             self._rules.judge(self.judged, now_s)
 
-    def _settle(self, now_s: float) -> Optional[Transition]:
-        return self._enter(self._rules.level(stale=self.staleness.stale), now_s)
+    def _true_level(self) -> Level:
+        return self._rules.level(stale=self.staleness.stale)
+
+    def _is_news(self, level: Level) -> bool:
+        return super()._is_news(level) or (level is _ERROR and self._rules.invalid.fires)
 
     def _enter(self, level: Level, now_s: float) -> Optional[Transition]:
-        """Announces the true level unless it is announced already, unknown, or withheld by flapping."""
-        if level is not self._level:
-            self._level = level
-            self._level_since_s = now_s
-        if self.staleness.unknown:
-            return None
-        if self._samples is not None:
+        if self._samples is not None and not self.staleness.unknown:
             self._samples.note_level(level, now_s)
-        announcer, held, caused = self._announcer, self.held, ""
-        if held is not None:
-            if held.holds(now_s):
-                if level.severity > announcer.level.severity:
-                    announcer.note_known(now_s)
-                    return None
-            else:
-                self.held, caused = None, held.text
-        is_news = self.staleness.stale if level is _STALE else level is _ERROR and self._rules.invalid.fires
-        if level is announcer.level or not announcer.is_due(level, is_news=is_news):
-            announcer.note_known(now_s)
-            return None
-        return announcer.announce(
-            self.judgement(now_s), caused=caused if level.severity > announcer.level.severity else ""
-        )
+        return super()._enter(level, now_s)
 
 
 def _calm_number(value: object) -> float:

@@ -4,7 +4,7 @@ Theory of operation. Every message on a topic is a sign of life of its source: e
 and what `Monitor.observe_source` says. A source is *heard* from a message on, until it is *silent*: from the tick on at
 which its silence is too long. Others may fall silent with it. One of them, the *head*, gives the alert its name, and
 speaks for itself or, if it has a single signal and is alone, through that. The signals of all others are held
-(causes.py). When the head is heard again, the others are *parted*: neither heard nor silent, until their limit has
+(alert.py). When the head is heard again, the others are *parted*: neither heard nor silent, until their limit has
 passed once more.
 
 A source that is heard costs nothing per sample: when its last message came follows at the tick from its signals. Only
@@ -19,11 +19,11 @@ from functools import lru_cache
 from typing import Any, Callable, Dict, Iterable, Iterator, List, Mapping, Optional, Sequence, Tuple
 
 from ..config.signal_config import SignalConfig, read_signal, template_name
-from ..values.model import Changes, Transition
+from ..values.model import Changes, Level, Transition
+from .alert import Alert
 from .rule import TIME_TOLERANCE_S
 from .saved_state import Downtime, Saved, SavedSignal, age_s
 from .signal_monitor import SignalMonitor
-from .staleness import Staleness
 from .wording import Judgement
 
 TOGETHER_S = 2.0
@@ -39,42 +39,20 @@ def is_source(name: str) -> bool:
     return name.startswith("/")
 
 
-class SourceMonitor(SignalMonitor):
-    """The alert of a source, judged as a signal that gets a sample when messages come again."""
+class Source(Alert):
+    """One topic that watched signals read, and the alert of its silence. Times are in seconds."""
 
-    __slots__ = ("source",)
-
-    source: Source
-    """The source that it is the alert of."""
-
-    def judgement(self, now_s: float, *, with_statistics: bool = True) -> Judgement:
-        """Returns the state, as of a signal, with the number of signals and the other topics."""
-        judgement = super().judgement(now_s, with_statistics=False)
-        return judgement._replace(source_signals=len(self.source.signals), with_topics=self.source.with_topics)
-
-
-class Source:
-    """One topic that watched signals read. Times are in seconds."""
-
-    __slots__ = (
-        "_start_s", "config", "head", "is_heard", "known_since_s", "own", "robot", "signals", "speaks", "staleness",
-        "with_topics",
-    )  # fmt: skip
+    __slots__ = ("head", "is_heard", "signals", "speaks", "was_silent", "with_topics")
 
     def __init__(self, config: SignalConfig, robot: str, now_s: float) -> None:
         """Begins to exist; the startup grace counts from `now_s`."""
-        self.config = config
-        self.robot = robot
-        self._start_s = now_s
-        self.staleness = Staleness(config, now_s)
+        super().__init__(config, robot, now_s)
         self.signals: Sequence[SignalMonitor] = ()
         """Those that read the topic; a template only while it has no elements."""
         self.is_heard = False
         """Whether messages come; False before the first, and from a silence on."""
-        self.known_since_s: Optional[float] = None
-        """Since when messages came, moved forward by downtime of the link; None before the first."""
-        self.own: Optional[SourceMonitor] = None
-        """Its alert; None while it was never announced, nor silent with another one."""
+        self.was_silent = False
+        """Whether it was ever announced, or silent with another one."""
         self.head: Optional[Source] = None
         """The source that it is silent with, which gives the alert its name; None: itself."""
         self.speaks = False
@@ -95,7 +73,7 @@ class Source:
     @property
     def is_shown(self) -> bool:
         """Whether it is a signal among the others: its alert is open, or it is silent with another one."""
-        return self.own is not None and (self.own.is_announced or (self.is_silent and self.head is not None))
+        return self.is_announced or (self.is_silent and self.head is not None)
 
     @property
     def alert(self) -> str:
@@ -103,131 +81,105 @@ class Source:
         head = self.head or self
         return head.name if head.speaks or not head.signals else head.signals[0].config.name
 
+    def judgement(self, now_s: float, *, with_statistics: bool = True) -> Judgement:
+        """Returns the state, as of a signal, with the number of signals and the other topics."""
+        seen = 1.0 if self.staleness.seen else None
+        judgement = super().judgement(now_s)._replace(latest=seen, judged=seen, good_samples=int(seen or 0))
+        return judgement._replace(source_signals=len(self.signals), with_topics=self.with_topics)
+
     def listen(self) -> None:
         """Notes the latest message, by the samples of its signals."""
         if self.is_heard:
-            heard_s = max((each.sample_s for each in self.signals), default=-math.inf)
+            seen = (each.staleness.last_seen_s for each in self.signals if each.staleness.seen)
+            heard_s = max(seen, default=-math.inf)
             if heard_s > self.staleness.last_seen_s:
                 self.staleness.arrive(heard_s)
 
     def hear(self, now_s: float) -> Optional[Transition]:
         """Processes a message while it is not heard."""
         self.is_heard = True
-        if self.known_since_s is None:
-            self.known_since_s = now_s
         for signal in self.signals:
-            signal.await_sample(now_s, is_heard=True)
-        if self.own is None:
-            self.staleness.arrive(now_s)
-            return None
-        self.own.let_go()
-        return self.own.observe(1.0, now_s)
+            signal.await_sample(now_s + (signal.config.stale_after_s or math.inf))
+        self.hold("")
+        self.staleness.arrive(now_s)
+        self._announcer.note_sample(Level.OK, now_s)
+        return self._settle(now_s)
 
     def part(self, now_s: float) -> None:
         """The alert that it is silent with has ended: its own limit counts from now."""
         self.head = None
         self.staleness.stale = False
         self.staleness.count_anew(self.staleness.first_limit_s, now_s)
-        for signal in (*self.signals, *filter(None, [self.own])):
-            signal.await_sample(now_s, is_heard=False)
+        for each in (*self.signals, self):
+            each.await_sample(math.inf)
 
     def fall_silent(self, now_s: float) -> Optional[Transition]:
         """Makes it silent, with its `head` or by itself."""
         self.is_heard = False
-        self.hold()
-        if self.own is None:
-            self.staleness.fall_silent()
-            return None
-        return self.own.fall_silent(now_s)
+        self.hold_signals()
+        self.staleness.fall_silent()
+        return self._settle(now_s)
 
-    def hold(self) -> None:
+    def hold_signals(self) -> None:
         """Holds what another name speaks for: its signals, and itself if it has a `head`; what speaks is let go."""
-        if self.own is None and (self.speaks or self.head is not None):
-            since_s = self._start_s if self.known_since_s is None else self.known_since_s
-            own = SourceMonitor(self.config, self.robot, since_s)
-            own.source = self
-            if self.known_since_s is not None:
-                own.observe(1.0, since_s)
-            own.staleness = self.staleness
-            self.own = own
+        self.was_silent = self.was_silent or self.speaks or self.head is not None
         is_quiet = self.head is None and not self.speaks
         for signal in self.signals:
-            _hold(signal, "" if is_quiet else self.alert)
-        if self.own is not None:
-            _hold(self.own, "" if self.speaks else self.alert)
+            signal.hold("" if is_quiet else self.alert)
+        self.hold("" if self.speaks else self.alert)
 
     def configure(self, config: SignalConfig, now_s: float) -> Optional[Transition]:
         """Applies the limits of its signals."""
         if config == self.config:
             return None
-        self.config = config
-        if self.own is not None:
-            return self.own.configure(config, now_s)
-        self.staleness.configure(config, seen=self.known_since_s is not None)
-        if self.is_silent and not self.staleness.is_silent(now_s):
-            self.staleness.stale, self.staleness.waiting = False, self.known_since_s is None
-        return None
+        self._configure(config, now_s)
+        return self._settle(now_s)
 
     def inhibit(self, now_s: float) -> None:
         """The robot cannot be reached from `now_s` on."""
         self.listen()
-        if self.own is not None:
-            self.own.inhibit(now_s)
-        elif self.staleness.unreachable_since_s is None:
-            self.staleness.unreachable_since_s = now_s
+        super().inhibit(now_s)
 
     def release(self, now_s: float, *, is_link: bool) -> Optional[Transition]:
         """Ends `inhibit`."""
         self.listen()
-        if self.own is not None:
-            return self.own.release(now_s, is_link=is_link)
-        downtime_s = self.staleness.end_downtime(now_s, is_link=is_link)
-        if self.known_since_s is not None:
-            self.known_since_s += downtime_s
-        return None
+        self._end_downtime(now_s, is_link=is_link)
+        return self._settle(now_s)
 
     def restart_time(self, now_s: float, back_s: float) -> None:
         """Time went back to `now_s` by `back_s`."""
         self.is_heard = False
-        if self.known_since_s is not None:
-            self.known_since_s = min(self.known_since_s, now_s)
-        if self.own is not None:
-            self.own.restart_time(now_s, back_s)
-        else:
-            self.staleness.restart(now_s)
+        super().restart_time(now_s, back_s)
 
-    def snapshot(self, now_s: float, wall_s: float) -> SavedSignal:
-        """Returns its state as `Monitor.snapshot` does; empty while it has none to continue from."""
-        state: Dict[str, Any] = {} if self.own is None else self.own.snapshot(now_s, wall_s)
+    def snapshot(self, now_s: float, ahead_s: float) -> Dict[str, Any]:
+        """Returns its state as `Alert.snapshot` does; empty while it has none to continue from."""
+        if not self.was_silent and not self.is_silent:
+            return {}
+        state = super().snapshot(now_s, ahead_s)
         if self.is_silent:
-            state.setdefault("since", {})["silent"] = wall_s - (now_s - self.staleness.counts_from_s)
+            state["since"]["silent"] = self.staleness.counts_from_s + ahead_s
             state["silence"] = {"head": "" if self.head is None else self.head.name, "speaks": self.speaks}
         return state
 
-    def restore(self, saved: Saved, own: SourceMonitor, now_s: float, downtime: Downtime) -> None:
-        """Continues with a restored alert; `Sources.relate` must follow."""
-        own.configure(self.config, now_s)
-        self.own, own.staleness = own, self.staleness
+    def restore(self, state: SavedSignal, now_s: float, downtime: Downtime) -> None:
+        """Continues from a snapshot; `Sources.relate` must follow."""
+        super().restore(state, now_s, downtime)
+        saved = Saved(state)
+        self.was_silent = True
         if saved.has("silence"):
-            since, silence = saved.section("since").number("silent"), saved.section("silence")
+            silence = saved.section("silence")
             silence.text("head")
-            self.staleness.silent_since_s = now_s - age_s(since, downtime.begin_s)
             self.speaks = silence.flag("speaks")
+            since = saved.section("since").number("silent")
+            self.staleness.silent_since_s = now_s - age_s(since, downtime.begin_s)
             self.staleness.fall_silent()
-
-
-def _hold(signal: SignalMonitor, alert: str) -> None:
-    if alert:
-        signal.hold(alert)
-    else:
-        signal.let_go()
 
 
 class Sources:
     """The sources of one robot."""
 
     def __init__(self, robot: str) -> None:
-        """Starts without sources; they come with `expect` or with their first message."""
+        """Starts without sources; they come with `expect`."""
         self._robot = robot
         self._names: Mapping[str, str] = {}
         self._are_expected = False
@@ -254,6 +206,11 @@ class Sources:
         """Returns the source of a signal or element; None: it has none."""
         return self._by_signal.get(name) or self._by_signal.get(template_name(name))
 
+    def is_heard(self, signal: str) -> bool:
+        """Whether the samples of a signal can be judged at once: its source is heard, or it has none."""
+        source = self.of_signal(signal)
+        return source is None or source.is_heard
+
     def get(self, name: str) -> Optional[Source]:
         """Returns a source by its name."""
         return self._by_name.get(name)
@@ -276,8 +233,7 @@ class Sources:
             elif self._are_expected:
                 self._add(Source(config, self._robot, now_s))
         for source in before.values():
-            if source.own is not None:
-                changes.add(source.own.end(now_s))
+            changes.add(source.end(now_s))
             self._end(source, now_s)
 
     def _add(self, source: Source) -> None:
@@ -290,13 +246,7 @@ class Sources:
         for name, source in self._by_name.items():
             source.signals = [signal for config in self._topics[name] for signal in signals_of(config.name)]
             if source.is_silent:
-                source.hold()
-
-    def begin(self, topic: str, now_s: float) -> Optional[Source]:
-        """Returns the source of a topic, which may begin to exist; None: no signal reads it."""
-        if topic not in self._by_name and topic in self._topics:
-            self._add(Source(_config(topic, self._topics[topic]), self._robot, now_s))
-        return self._by_name.get(topic)
+                source.hold_signals()
 
     def hear(self, source: Source, now_s: float, changes: Changes) -> None:
         """Processes a message of a source that is not heard."""
@@ -310,17 +260,17 @@ class Sources:
             if other.head is source:
                 other.part(now_s)
 
-    def tick(self, now_s: float, changes: Changes) -> List[Source]:
-        """Finds the sources that are silent for too long; returns those that were not before."""
-        fallen: List[Source] = []
+    def tick(self, now_s: float, changes: Changes) -> bool:
+        """Makes silent what has had no message for too long; returns whether there was any."""
         for source in self:
             source.listen()
-        for source in self:
-            if source.staleness.is_due(now_s):
-                fallen += self._fall_silent(source, now_s, changes)
-        return fallen
+        due = [source for source in self if source.staleness.is_due(now_s)]
+        for source in due:
+            if not source.is_silent:  # with an earlier one
+                self._fall_silent(source, now_s, changes)
+        return bool(due)
 
-    def _fall_silent(self, due: Source, now_s: float, changes: Changes) -> List[Source]:
+    def _fall_silent(self, due: Source, now_s: float, changes: Changes) -> None:
         due.head = next((each for each in self if each.is_silent and not each.head and _are_together(each, due)), None)
         others: List[Source] = []
         if due.head is None:
@@ -331,20 +281,19 @@ class Sources:
             other.head, other.speaks, other.with_topics = due, False, ()
         for each in (due, *others):
             changes.add(each.fall_silent(now_s))
-        return [due, *others]
 
     def restore(self, name: str, state: SavedSignal, now_s: float, downtime: Downtime) -> Optional[Transition]:
         """Continues from a snapshot; the alert of a topic that is no longer watched ends.
 
         Raises UnusableStateError. `relate` must follow.
         """
-        source = self._by_name.get(name)
-        own = SourceMonitor(replace(_CONFIG, name=name, topic=name), self._robot, now_s)
-        own.source = source or Source(own.config, self._robot, now_s)
-        own.restore(state, now_s, downtime)
-        if source is None:
-            return own.end(now_s)
-        source.restore(Saved(state), own, now_s, downtime)
+        known = self._by_name.get(name)
+        source = Source(known.config if known else _shared_config(name, 0.0, 0.0), self._robot, now_s)
+        source.restore(state, now_s, downtime)
+        if known is None:
+            return source.end(now_s)
+        source.signals = known.signals
+        self._add(source)
         return None
 
     def relate(self, states: Mapping[str, SavedSignal], now_s: float, changes: Changes) -> None:
@@ -361,7 +310,7 @@ def _config(name: str, of_topic: Sequence[SignalConfig]) -> SignalConfig:
     """Returns how a source is judged: its limits are the smallest of its signals that have any."""
     limited = [each for each in of_topic if each.stale_after_s > 0.0]
     stale_after_s = min((each.stale_after_s for each in limited), default=0.0)
-    grace_s = min((each.startup_grace_s for each in limited), default=0.0)
+    grace_s = min(each.startup_grace_s for each in limited or of_topic)
     return _shared_config(name, stale_after_s, grace_s)
 
 

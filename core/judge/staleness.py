@@ -16,7 +16,7 @@ class Staleness:
     """Follows the arrivals of one signal. The downtime of the link does not count as silence. Times are in seconds."""
 
     __slots__ = (
-        "_hint", "_hint_since_s", "_limits", "_seen", "counted_anew_s", "last_seen_s", "limit_s", "silent_since_s",
+        "_hint", "_hint_since_s", "_limits", "counted_anew_s", "last_seen_s", "limit_s", "seen", "silent_since_s",
         "stale", "unreachable_since_s", "waiting", "without_link_s",
     )  # fmt: skip
 
@@ -25,6 +25,8 @@ class Staleness:
 
     def __init__(self, limits: SignalConfig, now_s: float) -> None:
         """Starts before the first sample: the startup grace counts from `now_s`."""
+        self.seen = False
+        """Whether there has been a sample, good or bad."""
         self.last_seen_s = now_s
         """When the latest sample came; before the first, when the signal began to be watched."""
         self.silent_since_s = now_s
@@ -37,11 +39,9 @@ class Staleness:
         """Since when the link has been down; None while it is up."""
         self.without_link_s = 0.0
         """How long the link was down since the latest sample."""
-        self.counted_anew_s = 0.0
-        """The silence after which the limit began to count anew."""
         self._hint = ""
         self._hint_since_s = now_s
-        self.configure(limits, seen=False)
+        self.configure(limits, now_s)
 
     @property
     def unknown(self) -> bool:
@@ -53,10 +53,16 @@ class Staleness:
         """Whether rules and durations are frozen."""
         return self.stale or self.waiting or self.unreachable_since_s is not None
 
-    def configure(self, limits: SignalConfig, *, seen: bool) -> None:
-        """Applies the limit that holds after the first sample (`seen`), or before it."""
-        self._limits, self._seen = limits, seen
+    def configure(self, limits: SignalConfig, now_s: float) -> None:
+        """Applies the limits of a configuration; what is silent for less than the new one is not stale any more."""
+        self._limits = limits
+        self._count()
+        self.stale = self.stale and self.is_silent(now_s)
+        self.waiting = self.waiting or not (self.stale or self.seen)
+
+    def _count(self) -> None:
         self.counted_anew_s = 0.0
+        """The silence after which the limit began to count anew."""
         self.limit_s = self.first_limit_s
 
     @property
@@ -65,7 +71,7 @@ class Staleness:
         limits = self._limits
         if limits.stale_after_s <= 0.0:
             return math.inf
-        return limits.stale_after_s if self._seen else limits.startup_grace_s
+        return limits.stale_after_s if self.seen else limits.startup_grace_s
 
     @property
     def counts_from_s(self) -> float:
@@ -109,21 +115,18 @@ class Staleness:
         """Notes why there are no samples; valid until the next one."""
         self._hint, self._hint_since_s = hint, self.silent_since_s
 
-    def is_half_over(self, now_s: float, startup_grace_s: float, since_s: float = -math.inf) -> bool:
-        """Whether the link is up and half of the limit has passed (of the startup grace if staleness is disabled).
-
-        It is counted from the latest sample, or from `since_s` if that is later.
-        """
-        limit_s = startup_grace_s if self.waiting and math.isinf(self.limit_s) else self.limit_s
-        return self.unreachable_since_s is None and now_s - max(self.silent_since_s, since_s) >= limit_s / 2.0
+    def is_half_over(self, now_s: float) -> bool:
+        """Whether the link is up and half of the limit has passed (of the startup grace if staleness is disabled)."""
+        limit_s = self._limits.startup_grace_s if self.waiting and math.isinf(self.limit_s) else self.limit_s
+        return self.unreachable_since_s is None and now_s - self.silent_since_s >= limit_s / 2.0
 
     def arrive(self, now_s: float) -> None:
         """Processes a sample, good or bad."""
         self.last_seen_s = self.silent_since_s = now_s
         self.stale = self.waiting = False
-        if not self._seen or self.counted_anew_s or self.without_link_s:
-            self.without_link_s = 0.0
-            self.configure(self._limits, seen=True)
+        if not self.seen or self.counted_anew_s or self.without_link_s:
+            self.seen, self.without_link_s = True, 0.0
+            self._count()
         if self.unreachable_since_s is not None:
             self.unreachable_since_s = now_s  # it was on its way when the link broke
 
@@ -148,8 +151,8 @@ class Staleness:
     def restart(self, now_s: float) -> None:
         """Time went back to `now_s`: silence counts from here. A stale signal waits for its next sample."""
         self.last_seen_s = self.silent_since_s = now_s
-        self.without_link_s = self.counted_anew_s = 0.0
-        self.limit_s = self.first_limit_s
+        self.without_link_s = 0.0
+        self._count()
         if self.stale:
             self.stale, self.waiting = False, True
         if self.unreachable_since_s is not None:

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import math
+from types import MappingProxyType
 from typing import Dict, Mapping, NamedTuple, Optional, Sequence
 
 from ..config.remarks import doubt_of
@@ -49,7 +50,7 @@ _KEEPING = "still firing until keep_firing_for_s has passed"
 
 
 class Judgement(NamedTuple):
-    """The state of a signal at one moment, as `SignalMonitor` judged it."""
+    """The state of a signal or source at one moment, as it was judged. A source has the first fields only."""
 
     config: SignalConfig
     robot: str
@@ -64,48 +65,50 @@ class Judgement(NamedTuple):
     """The level of the last transition."""
     since_s: float
     """Since when the level has lasted, in seconds."""
-    latest: object
-    """The latest datum as received; None before the first."""
-    latest_good: Optional[float]
-    """The latest value; None while there is none, it is bad, or the signal is stale or unreachable."""
-    judged: Optional[float]
-    """Value of the signal's statistic; None while it is undefined."""
-    rule: Optional[Rule]
-    """The rule that explains the level; None where none does."""
-    is_invalid: bool
-    """Whether the level is ERROR for invalid data."""
-    is_bad: bool
-    """Whether the latest datum is invalid."""
+    seen: bool
+    """Whether there has been a sample, good or bad."""
     is_stale: bool
     """Whether no sample has come for too long."""
-    good_samples: int
-    bad_samples: int
     last_seen_s: float
     """When the latest sample came, in seconds."""
     silence_s: float
     """Time without samples, without the downtime of the link, in seconds."""
-    statistics: Mapping[str, float]
-    """The statistics of the window that can be computed, the judged one where it is defined, and the trend of a
-    forecast (`trend_per_min`)."""
-    forecast: Optional[Forecast]
-    """None: the statistic is not `forecast`, it is undefined, or the latest value is not known (`latest_good`)."""
-    window_samples: int
-    window_is_long_enough: bool
-    """Whether samples have come for `window_min_s`."""
-    suspicion: str
-    """`suspicious data: ...`, or empty."""
-    flapping: bool
-    state_change_percent: float
-    down_cause: str
-    """Why the link is down, for the signal `link`."""
-    cause: str
-    """Name of the alert that it suffers from; empty without one."""
     without_link_s: float
     """Time without samples that is left out of `silence_s`, since the link was down, in seconds."""
     limit_s: float
     """Longest time without samples, in seconds."""
     hint: str
     """Why there are no samples; empty: unknown, or there are."""
+    flapping: bool
+    state_change_percent: float
+    cause: str
+    """Name of the alert that it suffers from; empty without one."""
+    latest: object = None
+    """The latest datum as received; None before the first."""
+    latest_good: Optional[float] = None
+    """The latest value; None while there is none, it is bad, or the signal is stale or unreachable."""
+    judged: Optional[float] = None
+    """Value of the signal's statistic; None while it is undefined."""
+    rule: Optional[Rule] = None
+    """The rule that explains the level; None where none does."""
+    is_invalid: bool = False
+    """Whether the level is ERROR for invalid data."""
+    is_bad: bool = False
+    """Whether the latest datum is invalid."""
+    good_samples: int = 0
+    bad_samples: int = 0
+    statistics: Mapping[str, float] = MappingProxyType({})
+    """The statistics of the window that can be computed, the judged one where it is defined, and the trend of a
+    forecast (`trend_per_min`)."""
+    forecast: Optional[Forecast] = None
+    """None: the statistic is not `forecast`, it is undefined, or the latest value is not known (`latest_good`)."""
+    window_samples: int = 0
+    window_is_long_enough: bool = False
+    """Whether samples have come for `window_min_s`."""
+    suspicion: str = ""
+    """`suspicious data: ...`, or empty."""
+    down_cause: str = ""
+    """Why the link is down, for the signal `link`."""
     storm: str = ""
     """Why it flaps, if that is for the number of its transitions; else empty."""
     source_signals: int = 0
@@ -124,11 +127,6 @@ class Judgement(NamedTuple):
     def reports_level(self) -> bool:
         """Whether the level is that which a driver reports, not one that follows from bounds."""
         return isinstance(self.latest, DriverStatus) and not self.config.bounds
-
-    @property
-    def seen(self) -> bool:
-        """Whether there has been a sample, good or bad."""
-        return self.good_samples + self.bad_samples > 0
 
 
 def status(judgement: Judgement, message: Optional[str] = None) -> Status:

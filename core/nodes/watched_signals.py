@@ -6,9 +6,9 @@ from dataclasses import replace
 from functools import partial
 from typing import Any, Callable, Dict, FrozenSet, Mapping, Optional, Set, Tuple, Union
 
+from ..config.causes import causes_first
 from ..config.monitor_config import DEFAULT_SIGNALS, MonitorConfig, load_config
 from ..config.signal_config import LINK, SignalConfig
-from ..judge.causes import causes_first
 from ..judge.monitor import Monitor
 from ..port.graph import Counts, Unread, Wanted
 from ..port.middleware import Middleware, Subscription, Timer

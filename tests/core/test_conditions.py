@@ -291,8 +291,8 @@ def test_the_status_names_the_conditions() -> None:
 @pytest.mark.parametrize(
     ("condition", "error"),
     [
-        ({}, "signal: is missing; expected the name of another signal"),
-        ({"is": 1.0}, "signal: is missing; expected the name of another signal"),
+        ({}, "signal: is missing; expected the name of the other signal"),
+        ({"is": 1.0}, "signal: is missing; expected the name of the other signal"),
         ({"signal": "charging"}, "expected one of is, is_not, below, above, between, got none"),
         (
             {"signal": "charging", "is": 1.0, "below": 2.0},

@@ -11,7 +11,7 @@ from harness.seeds import fixed_seed
 from harness.silence_model import Line, Model, Signal, random_robot
 
 from robot_health_monitor.core import Monitor, Sample, load_config
-from robot_health_monitor.core.judge.causes import causes_first
+from robot_health_monitor.core.config.causes import causes_first
 
 pytestmark = pytest.mark.newest_python
 

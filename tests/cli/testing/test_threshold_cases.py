@@ -357,8 +357,9 @@ def test_every_mistake_is_reported_with_its_line(folder: Path) -> None:
             "none.yaml: cannot be read: No such file or directory",
         ),
         (
-            "thresholds: thresholds.yaml\ntests:\n- &a {name: a, input: {arm: 1}, alerts: []}\n- *a\n",
-            "a.test.yaml:3: tests.1.name: another test of this file has the same name",
+            "thresholds: thresholds.yaml\ntests:\n- {name: a, input: {arm: 1}, alerts: []}\n"
+            "- {name: a, input: {arm: 1}, alerts: []}\n",
+            "a.test.yaml:4: tests.1.name: another test of this file has the same name",
         ),
         (
             "thresholds: thresholds.yaml\ntests:\n- name: a\n  input: {arm: 1}\n  alerts:\n"

@@ -218,8 +218,8 @@ def test_all_mistakes_of_a_file_are_found_in_one_pass(tmp_path: Path) -> None:
         f"7: {signals}.arm.scale: expected a number other than 0, got 0",
         f"7: {signals}.arm.warn_above: expected at most error_above (70), got 80: a rising value crosses the WARN"
         " bound first",
-        f"7: {signals}.arm.warn_above: expected at most 60 (valid_max), got 80",
-        f"7: {signals}.arm.error_above: expected at most 60 (valid_max), got 70",
+        f"7: {signals}.arm.warn_above: expected at most valid_max (60), got 80",
+        f"7: {signals}.arm.error_above: expected at most valid_max (60), got 70",
         f"9: {signals}.leg.only_if.signal: expected the name of another signal (battery_level, arm, link), got 'foot'",
         f"10: {signals}.link: this name is reserved for the link to the robot; expected another",
     ]
@@ -252,13 +252,12 @@ def load_signals(signals: Mapping[str, Any]) -> Any:
     return load_config({"signals": signals})
 
 
-def test_two_types_for_one_topic_are_a_mistake_at_both_signals() -> None:
+def test_two_types_for_one_topic_are_a_mistake() -> None:
     with pytest.raises(ConfigError) as caught:
         load_signals(
             {"a": {"topic": "t", "type": "std_msgs/Float32"}, "b": {"topic": "t", "type": "std_msgs/msg/Float64"}}
         )
     assert [str(error) for error in caught.value.all] == [
-        "signals.a.type: signal b of the same topic t has std_msgs/msg/Float64, this one std_msgs/Float32",
         "signals.b.type: signal a of the same topic t has std_msgs/Float32, this one std_msgs/msg/Float64",
     ]
     load_signals({"a": {"topic": "t", "type": "std_msgs/Float32"}, "b": {"topic": "t", "type": "std_msgs/msg/Float32"}})
@@ -269,7 +268,7 @@ def test_a_signal_without_a_type_has_that_of_another_one_of_its_topic() -> None:
     assert load_signals(signals).signals["rate"].type == "std_msgs/Float32"
     with pytest.raises(ConfigError) as caught:
         load_signals({**signals, "b": {"topic": "t", "field": "percentage"}})
-    assert [error.path[1:] for error in caught.value.all] == [("b", "field"), ("a", "type")]
+    assert [error.path[1:] for error in caught.value.all] == [("b", "field")]
     assert "t: std_msgs/Float32 has no field percentage" in str(caught.value)
     assert str(caught.value).endswith("; the type is that of signal a of the same topic")
 

@@ -182,12 +182,12 @@ def test_what_is_just_possible_loads(settings: Dict[str, Any]) -> None:
         ),
         ({"flap_low": 60}, "flap_low: expected at most flap_high (50), got 60"),
         ({"flap_high": 10}, "flap_high: expected at least flap_low (25), got 10"),
-        ({"valid_max": 100, "warn_above": 120}, "warn_above: expected at most 100 (valid_max), got 120"),
+        ({"valid_max": 100, "warn_above": 120}, "warn_above: expected at most valid_max (100), got 120"),
         (
             {"valid_max": 100, "warn_above": 100.0000001},
-            "warn_above: expected at most 100 (valid_max), got 100.0000001",
+            "warn_above: expected at most valid_max (100), got 100.0000001",
         ),
-        ({"valid_min": 0, "error_below": -5}, "error_below: expected at least 0 (valid_min), got -5"),
+        ({"valid_min": 0, "error_below": -5}, "error_below: expected at least valid_min (0), got -5"),
         (
             {"valid_max": 100, "warn_below": 99, "hysteresis": 2},
             "hysteresis: expected less, got 2: warn_below would clear at 101, which is not a valid value",
@@ -256,7 +256,7 @@ def test_an_unknown_key_is_refused_with_a_hint() -> None:
 @pytest.mark.parametrize(
     ("condition", "problem"),
     [
-        ({"is": 0}, "only_if.signal: is missing; expected the name of another signal"),
+        ({"is": 0}, "only_if.signal: is missing; expected the name of the other signal"),
         ({"signal": "link"}, "only_if: expected one of is, is_not, below, above, between, got none"),
         (
             {"signal": "link", "is": 1, "above": 2},

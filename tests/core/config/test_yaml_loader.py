@@ -1,13 +1,13 @@
 """YAML is loaded with a bounded amount of work, with libyaml's parser and without it.
 
-Without the bounds these tests do not end: their texts expand to a billion values.
+Without the bounds some of these tests do not end.
 """
 
 from __future__ import annotations
 
 import importlib.util
 from types import ModuleType
-from typing import Any, Iterator, List
+from typing import Any, Iterator
 
 import pytest
 
@@ -40,48 +40,23 @@ def refusal(loader: ModuleType, text: str) -> ConfigError:
     return raised.value
 
 
-def bomb(first: str, opening: str, closing: str) -> str:
-    """Returns twelve levels, each with nine aliases of the one above."""
-    levels: List[str] = [f"x0: &x0 {first}\n"]
-    for level in range(1, 12):
-        aliases = ", ".join([f"*x{level - 1}"] * 9)
-        levels.append(f"x{level}: &x{level} {opening}{aliases}{closing}\n")
-    return "".join(levels)
-
-
-TOO_LARGE = "expected at most 20000 keys and values, got more by aliases of aliases"
+ALIAS = "is not valid YAML: aliases such as *name are not supported, as in ROS 2"
 
 
 @pytest.mark.parametrize(
-    "text",
+    ("text", "line"),
     [
-        bomb("[1, 2]", "[", "]"),
-        bomb("{a: 1}", "{<<: [", "]}"),
-        bomb("[1, 2]", "{placeholders: [", "]}"),
+        ("a: &a [1]\nb: *a\n", 2),
+        ("a: &a [1]\nb: [*a, *a]\n", 2),
+        ("a: &a {b: 1}\nc:\n  <<: *a\n", 3),
+        ("a: &a\n  b: *a\n", 2),
+        ("a: &a\n- *a\n", 2),
+        ("a: &a b\n*a : c\n", 2),
     ],
-    ids=["lists", "merge keys", "placeholders"],
 )
-def test_aliases_of_aliases_are_refused_before_they_are_expanded(loader: ModuleType, text: str) -> None:
-    assert len(text) < 800
+def test_an_alias_is_refused_before_it_is_expanded(loader: ModuleType, text: str, line: int) -> None:
     error = refusal(loader, text)
-    assert error.problem == TOO_LARGE
-    assert error.line == 5
-
-
-def test_aliases_that_double_at_each_of_sixty_levels_are_refused(loader: ModuleType) -> None:
-    levels = "\n".join(f"l{level}: &l{level} {{a: *l{level - 1}, b: *l{level - 1}}}" for level in range(1, 60))
-    assert refusal(loader, f"l0: &l0 {{a: 1}}\n{levels}\n").problem == TOO_LARGE
-
-
-def test_a_chain_of_aliases_deeper_than_any_file_needs_is_refused(loader: ModuleType) -> None:
-    levels = "\n".join(f"l{level}: &l{level} [*l{level - 1}]" for level in range(1, 100))
-    error = refusal(loader, f"l0: &l0 [1]\n{levels}\n")
-    assert error.problem == "expected at most 64 levels of nesting, got more by aliases of aliases"
-
-
-@pytest.mark.parametrize("text", ["a: &a\n  b: *a\n", "a: &a\n  b: [*a]\n", "a: &a\n  <<: *a\n"])
-def test_a_structure_that_contains_itself_is_refused(loader: ModuleType, text: str) -> None:
-    assert refusal(loader, text).problem == "expected a finite structure, got one that contains itself"
+    assert (error.problem, error.line) == (ALIAS, line)
 
 
 @pytest.mark.parametrize("text", ["[" * 90_000, "{a: " * 40_000, "- " * 90_000, "? " * 60_000])
@@ -142,22 +117,22 @@ def test_a_syntax_error_is_one_short_line(loader: ModuleType, text: str) -> None
     assert refusal(loader, text).problem.startswith("is not valid YAML: ")
 
 
-def test_lines_are_those_of_the_keys_also_in_flow_mappings_and_below_aliases(loader: ModuleType) -> None:
-    text = "base: &base\n  unit: V\n  limits: {low: 1,\n    high: 2}\nleft:\n  <<: *base\n  unit: A\nright: *base\n"
+def test_lines_are_those_of_the_keys_also_in_flow_mappings_and_lists(loader: ModuleType) -> None:
+    text = "base: &base\n  unit: V\n  limits: {low: 1,\n    high: 2}\nleft:\n- unit: A\n- true: 3\n"
     lines = loader.load(text, Problems()).lines
     assert lines["base", "limits", "high"] == 4
-    assert lines["left", "unit"] == 7
-    assert lines["left", "limits", "low"] == 3
-    assert lines["right", "unit"] == 2
+    assert lines["left", "1"] == 7
+    assert lines["left", "0", "unit"] == 6
+    assert lines["left", "1", "true"] == 7
 
 
 def test_keys_given_twice_are_reported_once_each_with_both_lines(loader: ModuleType) -> None:
     problems = Problems()
-    document = loader.load("a: &a\n  b: 1\n  b: 2\nc: *a\nc: 3\n", problems)
+    document = loader.load("a:\n  b: 1\n  b: 2\nc: 2\nc: 3\n", problems)
     assert document.value == {"a": {"b": 2}, "c": 3}
     assert [(each.line, each.path, each.problem) for each in problems.errors] == [
-        (5, ("c",), "is given twice, first in line 4"),
         (3, ("a", "b"), "is given twice, first in line 2"),
+        (5, ("c",), "is given twice, first in line 4"),
     ]
 
 

@@ -66,7 +66,7 @@ def test_the_topics_are_the_absolute_names() -> None:
 
 
 def test_saved_states_move_to_another_clock() -> None:
-    state = {"since": {"announced": 5.0}, "storm": {"number": 2, "first": 3.0, "last": 4.0}, "warn": {"state": "x"}}
+    state = {"since": {"announced": 5.0}, "storm": [3.0, 4.0], "warn": {"state": "x"}}
     saved = SavedMonitor("r1", 10.0, {"battery": state}).moved(1000.0)
     assert saved == SavedMonitor(
         "r1",
@@ -74,7 +74,7 @@ def test_saved_states_move_to_another_clock() -> None:
         {
             "battery": {
                 "since": {"announced": 1005.0},
-                "storm": {"number": 2, "first": 1003.0, "last": 1004.0},
+                "storm": [1003.0, 1004.0],
                 "warn": {"state": "x"},
             }
         },

@@ -8,7 +8,6 @@ import pytest
 
 from robot_health_monitor.core import Level, Monitor, Sample, load_config
 from robot_health_monitor.core.config.monitor_config import MonitorConfig
-from robot_health_monitor.core.judge.causes import causes_first
 from robot_health_monitor.core.values.errors import ConfigError
 
 MOTOR = {"error_above": 80.0, "stale_after_s": 0.0}
@@ -88,11 +87,6 @@ def test_of_one_tick_only_the_cause_is_announced() -> None:
     robot = Robot(speed={"topic": "/a", "depends_on": ["motor"]}, motor={"topic": "/b", "stale_after_s": 4.0})
     robot.at(0.0, motor=50.0, speed=1.0)
     assert [line.split()[1] for line in robot.at(6.0)] == ["/a"]
-
-
-def test_causes_come_before_what_they_cause_otherwise_in_the_order_of_the_configuration() -> None:
-    signals = configured(c={"depends_on": ["b"]}, x={}, b={"depends_on": ["a"]}, a={}, y={"depends_on": ["x"]}).signals
-    assert causes_first(signals) == ["a", "b", "c", "x", "y"]
 
 
 def test_a_cause_of_a_cause_is_a_cause_and_the_nearest_is_named() -> None:

@@ -127,6 +127,7 @@ class TestATemplate:
 
     def test_can_have_a_hint_before_its_first_element(self) -> None:
         watched = monitor(cells=CELLS)
+        watched.expect_sources()
         watched.tick(0.0)
         assert [each.name for each in watched.without_samples(5.0)] == ["cells"]
         watched.note_hint("cells", "no publisher on /cells")

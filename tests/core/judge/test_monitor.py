@@ -1135,7 +1135,7 @@ def test_reports_between_the_calls_change_nothing_to_the_last_bit(statistic: str
     settings = {"statistic": statistic, "window_s": 5.0, "window_min_s": 0.0, "warn_above": 1e9, "flap_detection": True}
     read, unread = Watched(**settings), Watched(**settings)
     for step in range(3000):
-        value = 1e9 + chance.gauss(0.0, 1.0) if step % 500 else 1.7e308
+        value = 1e9 + chance.gauss(0.0, 1.0) if step % 500 else 1e140
         for watched in (read, unread):
             watched.observe(value, step * 0.1)
         read.monitor.report(step * 0.1)

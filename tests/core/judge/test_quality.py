@@ -32,7 +32,7 @@ def test_real_numbers_are_good(value: object, number: float) -> None:
 def test_what_is_no_finite_real_number_is_bad_and_counted(value: object) -> None:
     judged = quality()
     assert math.isnan(judged.judge(value))
-    assert (judged.good_samples, judged.bad_samples, judged.seen) == (0, 1, True)
+    assert (judged.good_samples, judged.bad_samples) == (0, 1)
     assert judged.latest is value
 
 

@@ -557,7 +557,7 @@ def full_state() -> Dict[str, Any]:
         flaps={"changes": 0b10101010101010101010, "last": "WARN", "flapping": True, "worst": "WARN"},
     )
     state["since"]["unknown"] = 9.0
-    state["storm"] = {"number": 61, "first": 1e9 - 40.0, "last": 1e9 - 1.0}  # the test restores at 1e9
+    state["storm"] = [1e9 - 40.0, 1e9 - 1.0]  # the test restores at 1e9
     state.update(invalid={"state": "pending", "condition": True, "waited_s": 1.0}, stale=True, latched="WARN")
     return state
 
@@ -578,11 +578,10 @@ def replaced(state: Any, path: Tuple[str, ...], value: Any) -> Any:
     return {**state, path[0]: replaced(state[path[0]], path[1:], value)}
 
 
-@pytest.mark.parametrize("number", [-1, 0, 1, 61, 1e300, 0.5, None])
-@pytest.mark.parametrize("first", [-1e300, 0, 1e9 - 1.0, 1e300, None])
-@pytest.mark.parametrize("last", [-1e300, 1e9 - 2.0, 1e300, None])
-def test_a_storm_of_any_form_ends_within_a_minute(number: Any, first: Any, last: Any) -> None:
-    state = {**full_state(), "storm": {"number": number, "first": first, "last": last}, "latched": "OK"}
+@pytest.mark.parametrize("number", [0, 1, 61, 10_000])
+@pytest.mark.parametrize("time_s", [-1e300, 0, 1e9 - 1.0, 1e300, None])
+def test_a_storm_of_any_form_ends_within_a_minute(number: int, time_s: Any) -> None:
+    state = {**full_state(), "storm": [time_s] * number, "latched": "OK"}
     state["announced"] = {"level": "OK"}
     monitor = Monitor(load_config({"signals": {"a": {"warn_below": 20.0, "stale_after_s": 0.0}}}))
     assert monitor.restore({"a": state}, 100.0, 1e9).notices == ()

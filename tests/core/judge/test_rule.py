@@ -9,7 +9,7 @@ import pytest
 
 from robot_health_monitor.core import Level
 from robot_health_monitor.core.config.signal_config import read_signal
-from robot_health_monitor.core.judge.rule import Rule, RuleConfig, SignalRules, State
+from robot_health_monitor.core.judge.rule import Rule, SignalRules, State
 from robot_health_monitor.core.judge.saved_state import Saved, UnusableStateError
 
 
@@ -20,7 +20,9 @@ def rule(
     for_s: float = 0.0,
     keep_firing_for_s: float = 0.0,
 ) -> Rule:
-    return Rule(RuleConfig(below, above, hysteresis, for_s, keep_firing_for_s))
+    rule = Rule()
+    rule.configure(below, above, hysteresis, for_s, keep_firing_for_s)
+    return rule
 
 
 def fires_after(rule: Rule, *values: float) -> List[bool]:
@@ -171,7 +173,7 @@ def test_new_bounds_apply_to_the_next_value_and_a_firing_rule_keeps_firing() -> 
     under_test = rule(below=20.0, for_s=5.0)
     under_test.judge(19.0, 0.0)
     under_test.judge(19.0, 5.0)
-    under_test.configure(RuleConfig(25.0, None, 0.0, 5.0, 0.0))
+    under_test.configure(25.0, None, 0.0, 5.0, 0.0)
     under_test.judge(24.0, 6.0)
     assert under_test.state is State.FIRING and under_test.bound == 25.0
 
@@ -179,7 +181,7 @@ def test_new_bounds_apply_to_the_next_value_and_a_firing_rule_keeps_firing() -> 
 def test_an_old_bounds_hysteresis_does_not_hold_under_a_new_bound() -> None:
     under_test = rule(below=20.0, hysteresis=5.0)
     under_test.judge(19.0, 0.0)
-    under_test.configure(RuleConfig(10.0, None, 5.0, 0.0, 0.0))
+    under_test.configure(10.0, None, 5.0, 0.0, 0.0)
     under_test.judge(14.0, 1.0)
     assert not under_test.fires
 
@@ -188,12 +190,13 @@ def test_a_rule_that_keeps_firing_under_a_new_bound_still_knows_the_side_it_cros
     under_test = rule(below=20.0, keep_firing_for_s=10.0)
     under_test.judge(19.0, 0.0)
     under_test.judge(30.0, 1.0)
-    under_test.configure(RuleConfig(25.0, None, 0.0, 0.0, 10.0))
+    under_test.configure(25.0, None, 0.0, 0.0, 10.0)
     assert (under_test.bound, under_test.is_below) == (20.0, True)
 
 
 def test_a_saved_state_that_is_unknown_is_refused_with_those_that_are_known() -> None:
-    rule = Rule(RuleConfig(below=20.0, above=None, hysteresis=0.0, for_s=0.0, keep_firing_for_s=0.0))
+    rule = Rule()
+    rule.configure(below=20.0)
     with pytest.raises(UnusableStateError) as error:
         rule.restore(Saved({"state": "asleep"}), 0.0)
     assert str(error.value) == (

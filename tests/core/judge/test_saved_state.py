@@ -51,6 +51,14 @@ def test_another_type_is_refused(read: str, values: Mapping[str, Any]) -> None:
         getattr(Saved(values), read)(read)
 
 
+def test_a_list_of_numbers_is_bounded_and_has_finite_numbers_only() -> None:
+    assert Saved({"times": [1, 2.5, 3.0]}).numbers("times", 2) == [1.0, 2.5]
+    assert Saved({}).numbers("times", 2) == []
+    for wrong in (1, "12", {"1": 2}, [float("nan")], ["1"]):
+        with pytest.raises(UnusableStateError, match=r"^times: expected a"):
+            Saved({"times": wrong}).numbers("times", 2)
+
+
 def test_durations_are_neither_negative_nor_endless() -> None:
     saved = Saved({"negative": -1.0, "huge": 1e308})
     assert saved.duration_s("negative") == 0.0

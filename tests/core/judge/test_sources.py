@@ -242,12 +242,11 @@ def test_without_sources_signals_behave_as_before() -> None:
     assert [each.signal for each in monitor.tick(11.0)] == list(DRIVER)
 
 
-def test_a_source_exists_from_its_first_message_on() -> None:
-    monitor = Monitor(load_config({"signals": {**DRIVER, "scan": {"topic": "/scan"}}}))
+def test_a_message_on_a_topic_that_is_no_source_changes_nothing() -> None:
+    monitor = Monitor(load_config({"signals": DRIVER}))
     monitor.tick(0.0)
-    monitor.observe_source("/joint_states", 1.0)
-    assert [each.signal for each in monitor.tick(6.5)] == ["/joint_states"]
-    assert [each.signal for each in monitor.tick(11.0)] == ["scan"]
+    assert monitor.observe_source("/joint_states", 10.0) == []
+    assert [each.signal for each in monitor.tick(11.0)] == list(DRIVER)
 
 
 class TestLink:

@@ -15,7 +15,6 @@ def staleness(now_s: float = 0.0, **settings: Any) -> Staleness:
 def seen(now_s: float) -> Staleness:
     found = staleness()
     found.arrive(now_s)
-    found.configure(read_signal("battery", {}), seen=True)
     return found
 
 

@@ -61,9 +61,16 @@ def test_an_action_without_goals_is_never_stale() -> None:
     assert stage.log(Severity.WARN, Severity.ERROR) == []
 
 
-@pytest.mark.parametrize(("key", "value"), [("topic", "/status"), ("type", "std_msgs/Float32"), ("field", "value")])
-def test_what_belongs_to_a_topic_is_refused_beside_an_action(key: str, value: str) -> None:
-    with pytest.raises(ConfigError, match=f"signals.nav_goals.{key}: expected either action or {key}"):
+@pytest.mark.parametrize(
+    ("key", "value", "error"),
+    [
+        ("topic", "/status", "signals.nav_goals.action: expected one of topic, action, .*, got topic and action"),
+        ("type", "std_msgs/Float32", "signals.nav_goals.type: the goals of an action have no field; remove this key"),
+        ("field", "value", "signals.nav_goals.field: the goals of an action have no field; remove this key"),
+    ],
+)
+def test_what_belongs_to_a_topic_is_refused_beside_an_action(key: str, value: str, error: str) -> None:
+    with pytest.raises(ConfigError, match=error):
         load_config({"signals": {"nav_goals": {**NAV, key: value}}})
 
 

@@ -121,7 +121,7 @@ def test_a_live_change_is_followed() -> None:
     [
         ({"node": "/a", "topic": "/a"}, "node"),
         ({"node": "/a", "publishers": "/a"}, "publishers"),
-        ({"node": "/a", "field": "data"}, "field"),
+        ({"node": "/a", "field": "value"}, "field"),
         ({"lifecycle": "/a", "error_below": 3}, "error_below"),
         ({"lifecycle": "/a*"}, "lifecycle"),
         ({"action": "/a?"}, "action"),

@@ -1,0 +1,303 @@
+"""What a signal and a source have in common: a level that is known or not, and announced or held back.
+
+Three levels are kept apart:
+
+* the true level (`_level`) follows from the samples and rules;
+* the announced level is that of the last transition. It differs from the true one while the signal flaps, is unknown,
+  or is held (docs/rules.md, "One cause, one alert");
+* the shown level is the true one, or STALE while it is unknown: before the first sample and while the link is down.
+
+While an alert is held, a transition to a level that is worse than the announced one is not announced; a transition to a
+better one always is: creation is suppressed, resolution never. A signal is held by its own source while that is silent,
+and by what it depends on (causes.py).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Dict, Optional, Sequence
+
+from ..config.signal_config import SignalConfig
+from ..values.formatting import duration_text, fingerprint
+from ..values.model import Level, Transition
+from .announcer import Announcer
+from .rule import TIME_TOLERANCE_S, Rule
+from .saved_state import Downtime, Saved, SavedSignal, age_s
+from .staleness import LONG_DOWNTIME_S, Staleness
+from .wording import Judgement
+
+_OK, _STALE = Level.OK, Level.STALE
+
+
+class Held:
+    """Why worse levels are not announced now. Times are in seconds."""
+
+    __slots__ = ("awaits_until_s", "cause", "caused_s", "ended_s", "last_cause", "settles_until_s", "silence")
+
+    def __init__(self) -> None:
+        """Holds nothing yet."""
+        self.silence = ""
+        """The alert of its silent source; empty while it is not silent."""
+        self.awaits_until_s = -math.inf
+        """Messages came again: until when its own sample may come. Minus infinity: it came, or they did not."""
+        self.cause = ""
+        """The nearest of its causes by `depends_on`; empty without one."""
+        self.last_cause = ""
+        """The same, or that of the latest moment with one."""
+        self.caused_s: Optional[float] = None
+        """Since when it has had a cause by `depends_on`; None: it had none."""
+        self.ended_s = 0.0
+        """When the last one ended."""
+        self.settles_until_s = -math.inf
+        """Until when it settles after that."""
+
+    def begin(self, cause: str, since_s: float) -> None:
+        """Notes the nearest cause; `since_s` counts if it had none before."""
+        self.cause = self.last_cause = cause
+        if self.caused_s is None:
+            self.caused_s = since_s
+
+    def end(self, now_s: float, settles_s: float) -> None:
+        """Notes that no cause by `depends_on` is left."""
+        self.cause, self.ended_s, self.settles_until_s = "", now_s, now_s + settles_s
+
+    @property
+    def text(self) -> str:
+        """What it was caused by, and for how long; empty: by nothing that it depends on."""
+        if self.caused_s is None:
+            return ""
+        return f"was caused by {self.last_cause} for {duration_text(self.ended_s - self.caused_s)}"
+
+    def holds(self, now_s: float) -> bool:
+        """Whether worse levels are not announced."""
+        if self.silence or self.cause or now_s <= self.awaits_until_s + TIME_TOLERANCE_S:
+            return True
+        return now_s < self.settles_until_s - TIME_TOLERANCE_S
+
+    def leave_out(self, downtime_s: float) -> None:
+        """Lets a time count for nothing: the robot could not be reached, or was not watched."""
+        self.settles_until_s += downtime_s
+        self.awaits_until_s += downtime_s
+
+    def restart(self, now_s: float, settles_s: float) -> None:
+        """Time went back to `now_s`: running waits restart."""
+        self.awaits_until_s = -math.inf
+        if self.caused_s is not None:
+            self.settles_until_s = now_s + settles_s
+            self.caused_s, self.ended_s = min(self.caused_s, now_s), min(self.ended_s, now_s)
+
+
+class Alert:
+    """The levels of a signal or a source. Methods return the one transition that they cause, or None.
+
+    By itself it is OK, and STALE while it is silent for too long. Times (`now_s`) are in seconds.
+    """
+
+    __slots__ = (
+        "_announcer", "_fingerprint", "_level", "_level_since_s", "_robot", "config", "held", "staleness",
+    )  # fmt: skip
+
+    def __init__(self, config: SignalConfig, robot: str, now_s: float) -> None:
+        """Starts before the first sample: the startup grace counts from `now_s`."""
+        self.config = config
+        self._robot = robot
+        self._fingerprint = fingerprint(robot, config.name)
+        self._announcer = Announcer(config, now_s)
+        self.staleness = Staleness(config, now_s)
+        self._level = _OK
+        self._level_since_s = now_s
+        self.held: Optional[Held] = None
+        """Why worse levels are not announced; None: nothing holds them back."""
+
+    @property
+    def level(self) -> Level:
+        """The level to show: the true one, STALE while it is unknown."""
+        if self.staleness.unreachable_since_s is not None:
+            return _STALE
+        return Level.worst((self._level, _STALE)) if self.staleness.waiting else self._level
+
+    @property
+    def _shown_since_s(self) -> float:
+        """Since when the level to show has lasted, in seconds."""
+        staleness = self.staleness
+        if staleness.unreachable_since_s is not None:
+            return staleness.unreachable_since_s
+        # Before the first sample after a restart, the true level may be older than the monitor.
+        return self._level_since_s if self.level is self._level else staleness.last_seen_s
+
+    @property
+    def state(self) -> str:
+        """The state to show: waiting, unreachable, stale, or inactive."""
+        staleness = self.staleness
+        if staleness.unreachable_since_s is not None:
+            return "unreachable"
+        if staleness.waiting:
+            return "waiting"
+        return "stale" if staleness.stale else "inactive"
+
+    @property
+    def cause(self) -> str:
+        """Name of the alert that this one suffers from; empty without one."""
+        return "" if self.held is None else self.held.silence or self.held.cause
+
+    @property
+    def is_announced(self) -> bool:
+        """Whether an alert of it is open."""
+        return self._announcer.level is not _OK
+
+    @property
+    def is_withheld(self) -> bool:
+        """Whether it has a cause, and its level is worse than the announced one."""
+        return bool(self.cause) and self.level.severity > self._announcer.level.severity
+
+    def hold(self, alert: str) -> None:
+        """Holds worse levels back: its source is silent, which is an alert of this name; empty: no longer."""
+        if alert:
+            self._get_held().silence = alert
+        elif self.held is not None:
+            self.held.silence, self.held.awaits_until_s = "", -math.inf
+
+    def await_sample(self, until_s: float) -> None:
+        """Ends `hold`, but waits until then for its own sample: messages came again, or may come."""
+        held = self.held
+        if held is not None and (held.silence or held.awaits_until_s > -math.inf):
+            held.silence, held.awaits_until_s = "", until_s
+
+    def note_cause(self, cause: str, now_s: float) -> Optional[Transition]:
+        """Notes the nearest of its causes by `depends_on`; empty: none, or no longer."""
+        if cause:
+            self._get_held().begin(cause, now_s)
+        elif self.held is not None and self.held.cause:
+            self.held.end(now_s, self._settles_s)
+            return self._settle(now_s)
+        return None
+
+    def _get_held(self) -> Held:
+        self.held = self.held or Held()
+        return self.held
+
+    @property
+    def _settles_s(self) -> float:
+        """How long it settles when its last cause has ended."""
+        return max(self.config.for_s, self.config.stale_after_s)
+
+    def inhibit(self, now_s: float) -> None:
+        """Freezes it: from `now_s` on, the robot cannot be reached."""
+        if self.staleness.unreachable_since_s is None:
+            self.staleness.unreachable_since_s = now_s
+            self._announcer.note_unknown(now_s)
+
+    def _end_downtime(self, now_s: float, *, is_link: bool) -> float:
+        """Ends `inhibit`; returns how long that was. `is_link`: the link was down; else nothing watched the robot."""
+        downtime_s = self.staleness.end_downtime(now_s, is_link=is_link)
+        if self.held is not None:
+            self.held.leave_out(downtime_s)
+            if is_link and downtime_s > LONG_DOWNTIME_S and self.held.awaits_until_s > -math.inf:
+                self.held.awaits_until_s = max(self.held.awaits_until_s, now_s + self.config.startup_grace_s)
+        return downtime_s
+
+    def restart_time(self, now_s: float, back_s: float) -> None:
+        """Restarts what waits: time went back to `now_s` by `back_s`."""
+        self._level_since_s = min(self._level_since_s, now_s)
+        self._announcer.restart(now_s, back_s)
+        self.staleness.restart(now_s)
+        if self.held is not None:
+            self.held.restart(now_s, self._settles_s)
+
+    def _configure(self, config: SignalConfig, now_s: float) -> None:
+        """Applies a new configuration of the same name; durations stay."""
+        self.config = config
+        self._announcer.configure(config, now_s)
+        self.staleness.configure(config, now_s)
+
+    def judgement(self, now_s: float, *, with_statistics: bool = True) -> Judgement:
+        """Returns the state after the last call, as of `now_s`; without statistics in half the time. Reads only."""
+        staleness, flaps = self.staleness, self._announcer.flaps
+        return Judgement(
+            config=self.config,
+            robot=self._robot,
+            fingerprint=self._fingerprint,
+            now_s=now_s,
+            level=self.level,
+            state=self.state,
+            announced=self._announcer.level,
+            since_s=self._shown_since_s,
+            seen=staleness.seen,
+            is_stale=staleness.stale,
+            last_seen_s=staleness.last_seen_s,
+            silence_s=staleness.silence_s(now_s),
+            without_link_s=staleness.without_link_s,
+            limit_s=staleness.counted_limit_s,
+            hint=staleness.hint,
+            flapping=flaps.flapping,
+            state_change_percent=flaps.percent,
+            cause=self.cause,
+        )
+
+    def snapshot(self, now_s: float, ahead_s: float) -> Dict[str, Any]:
+        """Returns the state as JSON values. Reads only.
+
+        `ahead_s` is the time in seconds since 1970 minus the time of the calls.
+        """
+        state = self._announcer.snapshot(self._explaining_rules, now_s, ahead_s)
+        state["since"]["level"] = self._level_since_s + ahead_s
+        if self.held is not None and self.held.caused_s is not None:
+            state["since"]["caused"] = self.held.caused_s + ahead_s
+            state["cause"] = self.held.last_cause
+        # A silence that is announced as its source's is known again after a restart, by itself or with its source.
+        is_open = self._announcer.level.severity >= _STALE.severity
+        return {**state, "stale": True} if self.staleness.stale and is_open else state
+
+    def restore(self, state: SavedSignal, now_s: float, downtime: Downtime) -> None:
+        """Continues from a snapshot, before the first sample; after an UnusableStateError it must not be used."""
+        saved = Saved(state)
+        self._announcer.restore(saved, self._explaining_rules, now_s, downtime)
+        if saved.flag("stale"):
+            self.staleness.fall_silent()
+        self._level = self._true_level()
+        since = saved.section("since")
+        self._level_since_s = now_s - age_s(since.number("level"), downtime.end_s)
+        if saved.has("cause"):
+            self._get_held().begin(saved.text("cause"), now_s - age_s(since.number("caused"), downtime.end_s))
+
+    @property
+    def _explaining_rules(self) -> Sequence[Rule]:
+        """The rules that can explain a level."""
+        return ()
+
+    def end(self, now_s: float) -> Optional[Transition]:
+        """Returns the transition with which an alert that is open leaves the configuration."""
+        if not self.is_announced:
+            return None
+        ended = self.judgement(now_s)._replace(level=_OK, rule=None, is_invalid=False, flapping=False, hint="")
+        return self._announcer.announce(ended, "no longer watched")
+
+    def _true_level(self) -> Level:
+        return _STALE if self.staleness.stale else _OK
+
+    def _is_news(self, level: Level) -> bool:
+        """Whether flapping never hides a level: silence, or invalid data."""
+        return self.staleness.stale and level is _STALE
+
+    def _settle(self, now_s: float) -> Optional[Transition]:
+        return self._enter(self._true_level(), now_s)
+
+    def _enter(self, level: Level, now_s: float) -> Optional[Transition]:
+        """Announces the true level unless it is announced already, unknown, held, or withheld by flapping."""
+        if level is not self._level:
+            self._level = level
+            self._level_since_s = now_s
+        if self.staleness.unknown:
+            return None
+        announcer, held, caused = self._announcer, self.held, ""
+        if held is not None:
+            is_worse = level.severity > announcer.level.severity
+            if not held.holds(now_s):
+                self.held, caused = None, held.text if is_worse else ""
+            elif is_worse:
+                announcer.note_known(now_s)
+                return None
+        if level is announcer.level or not announcer.is_due(level, is_news=self._is_news(level)):
+            announcer.note_known(now_s)
+            return None
+        return announcer.announce(self.judgement(now_s), caused=caused)
