@@ -2,7 +2,8 @@
 
 Launch files load a file in ROS 2's form below the node's name, `/alert_system/ros__parameters/signals/...`; private
 parameters such as `_publish_rate:=5` stand beside it, `/alert_system/publish_rate`. The parameter server outlives the
-node and accepts any value: those that a node refuses are put back.
+node and accepts any value, so the values in force are kept there too: below `last_accepted`, where a launch file that
+clears the node's parameters clears them.
 """
 
 from __future__ import annotations
@@ -15,13 +16,14 @@ from ..core.config.monitor_config import NODE_PARAMETERS
 from ..core.messages.dialect import Message
 from ..core.port.middleware import OnChange
 from ..core.values.errors import ConfigError, Path, Problems
-from ..core.values.faults import Faults
+from ..core.values.faults import PARAMETERS_FAULT, Faults
 from ..core.values.formatting import describe
 from ..runtime.native_node import Log, apply_change
 from .master import Master
 
 _FILE_KEY = "ros__parameters"
 """Key above the parameters of a node in a parameter file."""
+_ACCEPTED_KEY = "last_accepted"
 _LOG_LEVEL = next(parameter for parameter in NODE_PARAMETERS if parameter.name == "log_level")
 _SERVER = "parameter server"
 _OVERRIDES = tuple(parameter.name for parameter in NODE_PARAMETERS)
@@ -40,26 +42,30 @@ class NodeParameters:
         self._node = node
         self._lock = threading.Lock()
         self._given: Optional[Mapping[str, Any]] = None
-        self._tree: Any = {}
-        """What the parameter server had when it was read last, or what was put back there."""
+        self._found: Any = {}
+        self._kept: Any = None
+        self._accepted: Optional[Dict[str, Any]] = None
 
     def given(self) -> Mapping[str, Any]:
-        """Returns the configuration in force: what was read, or raised, until a `reload` is accepted."""
+        """Returns the configuration in force: what `read` returned, or raised, until a `reload` is accepted."""
         if self._given is None:
-            self._given = self._read()
+            self._given = self.read()
         return self._given
 
-    def _read(self) -> Mapping[str, Any]:
+    def read(self) -> Mapping[str, Any]:
         """Returns the configuration: the parameters of the file together with the private ones.
 
         Raises:
             ConfigError: a value stands where a mapping is expected, or a parameter is set in both places.
         """
-        self._tree = self._master.parameter(self._node, {})
-        if not isinstance(self._tree, dict):
-            raise ConfigError(f"expected a mapping as the parameter {self._node}, got {describe(self._tree)}")
-        private = {key: value for key, value in self._tree.items() if key != _FILE_KEY}
-        from_file = self._tree.get(_FILE_KEY, {})
+        self._found = self._master.parameter(self._node, {})
+        if not isinstance(self._found, dict):
+            raise ConfigError(f"expected a mapping as the parameter {self._node}, got {describe(self._found)}")
+        self._kept = self._found.pop(_ACCEPTED_KEY, None)
+        if self._accepted is None and isinstance(self._kept, dict):
+            self._accepted = self._kept
+        private = {key: value for key, value in self._found.items() if key != _FILE_KEY}
+        from_file = self._found.get(_FILE_KEY, {})
         if not isinstance(from_file, dict):
             raise ConfigError(f"expected a mapping, got {describe(from_file)}", (_FILE_KEY,))
         problems = Problems()
@@ -74,20 +80,50 @@ class NodeParameters:
         """Reads the parameters again, and puts them back if they are refused; returns the response of `~reload`."""
 
         def read() -> str:
-            proposed = self._read()
+            proposed = self.read()
             changes = apply(proposed)
             self._given = proposed
             return changes
 
         with self._lock:
-            in_force = self._tree
+            before = self._found
             accepted, text = apply_change(read, log)
             if accepted:
-                faults.clear(_SERVER)
-            elif self._tree != in_force:
-                self._tree = in_force
-                faults.guard(_SERVER, self._master.set_parameter, self._node, in_force)
+                faults.guard(_SERVER, self.keep)
+                faults.clear(PARAMETERS_FAULT)
+            elif self._found is not before:  # the master has answered
+                faults.guard(_SERVER, self.put_back)
         return {"success": accepted, "message": text}
+
+    def keep(self) -> None:
+        """Keeps what was read last, if anything, as the values in force for this node and one that is started again."""
+        if self._given is None:
+            return
+        self._accepted = self._found
+        if self._kept != self._found:
+            self._master.set_parameter(f"{self._node}/{_ACCEPTED_KEY}", self._found)
+
+    def put_back(self) -> bool:
+        """Replaces what was read last by the values in force; returns whether that changed anything."""
+        if self._accepted is None or self._accepted == self._found:
+            return False
+        if isinstance(self._found, dict):
+            self._restore(self._node, self._found, self._accepted)
+        else:
+            self._master.set_parameter(self._node, {**self._accepted, _ACCEPTED_KEY: self._accepted})
+        self._found = self._accepted
+        return True
+
+    def _restore(self, name: str, found: Mapping[str, Any], accepted: Mapping[str, Any]) -> None:
+        """Touches only what differs: other parameters may be changing at the same time."""
+        for key in found.keys() - accepted.keys():
+            self._master.delete_parameter(f"{name}/{key}")
+        for key, value in accepted.items():
+            was = found.get(key)
+            if isinstance(value, dict) and isinstance(was, dict):
+                self._restore(f"{name}/{key}", was, value)
+            elif was != value or type(was) is not type(value):
+                self._master.set_parameter(f"{name}/{key}", value)
 
 
 def set_log_level(parameters: Mapping[str, Any]) -> None:

@@ -28,6 +28,7 @@ class Node:
 
     def start(self) -> None:
         self.parameters.given()
+        self.parameters.keep()
 
     def reload(self) -> Dict[str, Any]:
         return dict(
@@ -122,6 +123,30 @@ def test_what_was_deleted_comes_back_with_a_refusal(node: Node, parameters: Any)
     assert node.server.parameter(f"{NODE}/ros__parameters", {}) == {
         "signals": {"fan": {"warn_below": 900, "unit": "rpm"}}
     }
+
+
+def test_a_node_that_is_started_again_can_go_back_to_the_last_good_parameters(
+    node: Node, parameters: Any, master: Any
+) -> None:
+    node.start()
+    parameters(BOUND, 800)
+    assert node.reload()["success"] is True
+    parameters(BOUND, "low")  # and no reload before the node is killed
+    again = Node(master)
+    assert again.parameters.given() == {"signals": {"fan": {"warn_below": "low"}}}
+    assert again.parameters.put_back() is True
+    assert again.parameters.read() == {"signals": {"fan": {"warn_below": 800}}}
+    assert again.parameters.put_back() is False  # these are the last good ones
+
+
+def test_a_first_start_has_nothing_to_go_back_to(node: Node) -> None:
+    node.parameters.given()
+    assert node.parameters.put_back() is False
+
+
+def test_a_node_that_reads_no_parameters_keeps_none(node: Node) -> None:
+    node.parameters.keep()
+    assert node.server.parameter(f"{NODE}/last_accepted", None) is None
 
 
 def test_a_master_that_is_gone_refuses_nothing_and_changes_nothing(
