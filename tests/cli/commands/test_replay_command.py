@@ -454,7 +454,7 @@ def test_simulated_time_is_that_of_the_recorded_clock(
         ("rosbags", "without_definitions"),
         ("lz4", "lz4.bag"),
         ("mcap", "none.mcap"),
-        ("zstandard", "a.mcap"),
+        ("zstandard", "zstd.mcap"),
     ],
 )
 def test_a_missing_library_is_named_with_the_command_that_installs_it(
@@ -464,7 +464,8 @@ def test_a_missing_library_is_named_with_the_command_that_installs_it(
     if path.suffix == ".bag":
         recording = write_bag(path, messages, path.stem)
     else:
-        recording = write_mcap(path, messages) if path.suffix else write_folder(path, messages)
+        is_mcap = bool(path.suffix)
+        recording = write_mcap(path, messages, compression=path.stem) if is_mcap else write_folder(path, messages)
         for file in path.glob("*.db3"):
             with contextlib.closing(sqlite3.connect(file)) as database:
                 database.execute("DROP TABLE IF EXISTS message_definitions")

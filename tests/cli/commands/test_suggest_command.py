@@ -211,12 +211,12 @@ def test_a_file_that_is_no_recording_is_one_line(robot_health: Start, tmp_path: 
 def test_a_missing_library_is_one_line_with_the_command_that_installs_it(
     robot_health_process: Start, tmp_path: Path
 ) -> None:
-    (tmp_path / "zstandard.py").write_text("raise ModuleNotFoundError('gone', name='zstandard')\n")
+    (tmp_path / "mcap.py").write_text("raise ModuleNotFoundError('gone', name='mcap')\n")
     (tmp_path / "a.mcap").write_bytes(b"")
     root = Path(__file__).resolve().parents[3]
     process = robot_health_process("suggest", tmp_path / "a.mcap", PYTHONPATH=f"{tmp_path}{os.pathsep}{root}")
     assert process.wait() == 3
-    assert [line.text for line in process.lines] == ["robot-health: zstandard is not installed: pip install zstandard"]
+    assert [line.text for line in process.lines] == ["robot-health: mcap is not installed: pip install mcap"]
 
 
 def test_messages_that_are_out_of_order_are_named(robot_health: Start, tmp_path: Path) -> None:
