@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import List
 
 import pytest
+from harness.waiting import wait_for
 
 from robot_health_monitor.core.values.errors import ServiceError
 from robot_health_monitor.runtime.event_loops import LoopThread, ThreadPool, run_in_daemon_thread
@@ -116,12 +117,19 @@ def test_a_result_is_not_kept() -> None:
 def test_a_function_that_hangs_is_given_up_and_blocks_only_its_place() -> None:
     async def scenario() -> None:
         release = threading.Event()
+        begun: List[int] = []
+
+        def hang() -> None:
+            begun.append(1)
+            release.wait()
+
         pool = ThreadPool("worker", 2, 10, timeout_s=0.05)
         with pytest.raises(ServiceError, match=r"no answer within 0\.05 s"):
-            await pool.run(release.wait)
+            await pool.run(hang)  # which has not begun yet on a busy machine
         assert await pool.submit(lambda: "next") == "next"
-        with pytest.raises(ServiceError):
-            await pool.run(release.wait)
+        for _ in range(2):
+            pool.submit(hang)
+        wait_for(lambda: len(begun) == 2)
         late: List[str] = []
         with pytest.raises(ServiceError):
             await pool.run(lambda: late.append("no place"))
