@@ -1,18 +1,19 @@
 """Forecast of a signal: least-squares lines through the window and its halves, O(1) per sample, without drift.
 
-Theory of operation. Each half is a window too: a sample joins the newer half, joins the older one when it is half a
-window old, and leaves the newer one after that.
+Theory of operation. Each half of the window has the sums of least_squares.py: a sample joins the newer half, moves to
+the older one when it is more than half a window old, and leaves. The line through all samples comes from the sums of
+both halves.
 """
 
 from __future__ import annotations
 
 import math
-from bisect import bisect_right
 from operator import itemgetter
 from typing import Callable, Mapping, Optional, Tuple
 
 from ..config.signal_config import SignalConfig
 from ..values.model import Forecast
+from .least_squares import LineSums, Moments, merged
 from .window import CountWindow, GapWindow, Window
 
 __all__ = ["LEAST_SAMPLES", "ForecastWindow", "window_for"]
@@ -32,7 +33,7 @@ _Lines = Tuple[_Line, _Line, _Line]
 class ForecastWindow(Window):
     """A window that also forecasts its values. Both halves hold a sample that is exactly half a window old."""
 
-    __slots__ = ("_bounds", "_choose", "_newer", "_older", "_older_until_s", "forecast_s")
+    __slots__ = ("_bounds", "_choose", "_middle", "_newer", "_older", "_older_count", "forecast_s")
 
     def __init__(
         self,
@@ -62,21 +63,36 @@ class ForecastWindow(Window):
     def clear(self) -> None:
         """Removes every sample."""
         super().clear()
-        self._older, self._newer = (Window(self.window_s / 2.0, self.window_samples) for _ in range(2))
-        self._older_until_s = -math.inf
-        """Up to which time samples are in the older half, or have left it."""
+        self._older, self._newer = LineSums(), LineSums()
+        self._middle = 0
+        """Index of the oldest sample of the newer half."""
+        self._older_count = 0
 
     def add(self, value: float, now_s: float) -> None:
         """Adds a sample, as `Window.add`."""
         super().add(value, now_s)
-        self._newer.add(value, now_s)
-        times, middle_s = self._times, now_s - self.window_s / 2.0
-        at = bisect_right(times, self._older_until_s, self._first)
-        while times[at] <= middle_s:
-            self._older.add(self._values[at], times[at])
-            at += 1
-        self._older_until_s = middle_s
-        self._older.leave(times[self._first])
+        times, values, older, newer, middle = self._times, self._values, self._older, self._newer, self._middle
+        newer.add(value, now_s)
+        middle_s = now_s - self.window_s / 2.0
+        first, last_middle = self._first, middle
+        while times[middle] < middle_s or middle < first:
+            older.add(values[middle], times[middle])
+            middle += 1
+        self._middle = middle
+        # A half whose front is used up is flipped at once, since its reference has left.
+        moved = middle - last_middle
+        if moved:
+            if moved < newer.front:
+                newer.front -= moved
+            else:
+                newer.flip(times[middle:], values[middle:])
+        left = self._older_count + moved - (middle - first)
+        if left:
+            if left < older.front:
+                older.front -= left
+            else:
+                older.flip(times[first:middle], values[first:middle])
+        self._older_count = middle - first
 
     def statistic(self, name: str) -> Optional[float]:
         """Returns a statistic to judge, as `Window.statistic`; the forecast is the most cautious prediction."""
@@ -118,13 +134,41 @@ class ForecastWindow(Window):
 
         Each prediction is Prometheus's `predict_linear` (promql/functions.go).
         """
-        older, newer = self._older, self._newer
-        if len(older) < LEAST_SAMPLES or len(newer) < LEAST_SAMPLES:
+        times, older, newer = self._times, self._older, self._newer
+        n, m, middle = self._older_count, len(times) - self._middle, self._middle
+        if m < LEAST_SAMPLES or not n:
             return None
-        ahead_s, now_s = self.forecast_s, self._times[-1]
-        lines = self.line(ahead_s), older.line(ahead_s, now_s), newer.line(ahead_s)
-        # Where one overflows, or no time has passed, none is a prediction.
+        now_s = times[-1]
+        old, new = older.moments(n, now_s), newer.moments(m, now_s)
+        both = merged(old, n, new, m)
+        cut_s = now_s - self.window_s / 2.0
+        if times[middle] == cut_s:
+            count, cut_mean = self._samples_at(cut_s)
+            old = merged(old, n, (cut_s - now_s, cut_mean, 0.0, 0.0), count)
+            n += count
+        if n < LEAST_SAMPLES or old[2] <= 0.0 or new[2] <= 0.0:
+            return None
+        lines = self._line_of(both), self._line_of(old), self._line_of(new)
+        # Where one overflows, none is a prediction.
         return lines if math.isfinite(lines[0][0] + lines[1][0] + lines[2][0]) else None
+
+    def _line_of(self, moments: Moments) -> _Line:
+        mean_s, mean, squares, products = moments
+        slope = products / squares
+        return mean + slope * (self.forecast_s - mean_s), slope
+
+    def _samples_at(self, at_s: float) -> Tuple[int, float]:
+        """Returns how many samples of the newer half have the time of its oldest, and their mean."""
+        times, middle = self._times, self._middle
+        end = middle
+        while end < len(times) and times[end] == at_s:
+            end += 1
+        values = self._values[middle:end]
+        return len(values), sum(values) / len(values)
+
+    def _flip(self) -> None:
+        self._middle -= self._first
+        super()._flip()
 
 
 def window_for(config: SignalConfig) -> Window:

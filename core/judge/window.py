@@ -1,51 +1,82 @@
 """Statistics over a sliding window: amortised O(1) per sample, without drift, and read without side effects.
 
-Theory of operation. Subtracting a sample that leaves from a running sum adds rounding errors, and after a huge outlier
-the sum is lost. So nothing is ever subtracted. The window is a queue of two parts (Tangwongsan et al., "Low-latency
-sliding-window aggregation in worst-case constant time", 2017, describe it as two stacks):
+Theory of operation. Subtracting a sample that leaves from a running sum adds rounding errors, and after an infinity or
+a huge outlier the sum is lost. So nothing is ever subtracted. The window is a queue of two parts (Tangwongsan et al.,
+"Low-latency sliding-window aggregation in worst-case constant time", 2017, describe it as two stacks):
 
     oldest sample                                                     newest sample
     | front: one aggregate per sample, of it and all newer ones of the front | back: one running aggregate |
 
 A new sample updates the back's aggregate. A sample that leaves drops its aggregate from the front. When the front is
-empty, the whole back becomes the new front, in one pass. Each sample takes part in one such pass. The aggregates are
-those of moments.py.
+empty, the whole back becomes the new front, in one pass. Each sample takes part in one such pass. The statistics
+combine the front's current aggregate with the back's.
 
 Times and values are arrays: 16 bytes per sample, where a deque of floats takes 64. Samples that have left stay at their
 start until the front is empty.
 
 Aggregates are computed when a statistic is read, which most signals need once per second or never. The results do not
 depend on when that is: which samples are the front follows from the samples alone.
+
+An aggregate holds minimum, maximum, and the sums of the distances, and squared distances, to a reference: a sample
+that belongs to the aggregate, so that the sums lose few digits. Where squares would overflow, distances are scaled.
 """
 
 from __future__ import annotations
 
 import math
+import sys
 from array import array
 from bisect import bisect_right
+from dataclasses import dataclass
+from itertools import accumulate
+from operator import mul
 from typing import Callable, Dict, List, Mapping, Optional, Sequence, Tuple
 
-from .moments import Sums
+from .least_squares import LineSums
 
 Samples = Sequence[Tuple[float, float]]
 """(time in seconds, value), oldest first."""
 
+_LARGEST = sys.float_info.max
+_LARGEST_DISTANCE = 1e150
+"""A million squares of it are still a double."""
+_SCALE = 2.0**-600
+"""Makes the distance between any two doubles smaller than `_LARGEST_DISTANCE`."""
 _TIME_TOLERANCE_S = 1e-6
 LEAST_OF_LINE = 3
 """Samples that a rate needs."""
+
+
+@dataclass
+class _Front:
+    """Aggregates of the front: entry n is that of its newest n + 1 samples."""
+
+    reference: float
+    scaled: int
+    """Sums and squares are scaled from this entry on."""
+    sums: Sequence[float]
+    squares: Sequence[float]
+    smallest: Sequence[float]
+    largest: Sequence[float]
 
 
 class Window:
     """The samples of the last `window_s` seconds, at most `window_samples` of them, and their statistics.
 
     A statistic is None while it is undefined: all of them without samples, `frequency_hz` also with one sample and
-    `rate` with two, both when no time has passed, and each where it, or a sum that it needs, is no double. `statistic`,
-    for judging, also applies `window_min_s`.
+    `rate` with two, and both when no time has passed. `statistic`, for judging, also applies `window_min_s`.
     """
 
     __slots__ = (
-        "_began_s", "_first", "_front", "_sums", "_times", "_values", "window_min_s", "window_s", "window_samples",
+        "_back", "_back_max", "_back_min", "_back_reference", "_back_scale", "_back_squares", "_back_sum", "_began_s",
+        "_built", "_first", "_front", "_in_sums", "_sums", "_times", "_values", "window_min_s", "window_s",
+        "window_samples",
     )  # fmt: skip
+
+    _back_min: float
+    _back_max: float
+    _sums: Optional[LineSums]
+    """Those of `rate`; None until it is read."""
 
     def __init__(self, window_s: float, window_samples: int, window_min_s: float = 0.0) -> None:
         """Creates an empty window; samples must come for `window_min_s` before any statistic but `last` is defined."""
@@ -61,10 +92,10 @@ class Window:
         self._first = 0
         """Index of the oldest sample; those before it have left."""
         self._began_s: Optional[float] = None
-        self._front = 1
-        """How many samples of the front are left; without samples, the first one will be the front."""
-        self._sums: Optional[Sums] = None
-        """The aggregates of the front and of the back, as far as they were read; None until they are."""
+        self._front = 0
+        """How many samples of the front are left."""
+        self._built: Optional[_Front] = None
+        self._clear_back()
 
     def __len__(self) -> int:
         return len(self._values) - self._first
@@ -79,27 +110,12 @@ class Window:
         oldest_s = now_s - self.window_s
         first = self._first
         while times[first] < oldest_s or len(times) - first > self.window_samples:
+            if not self._front:
+                self._flip()
+                first = 0
             first += 1
             self._front -= 1
-            if not self._front:
-                first = self._flip(first)
         self._first = first
-
-    def leave(self, oldest_s: float) -> None:
-        """Drops the samples that are older."""
-        while len(self) and self._times[self._first] < oldest_s:
-            self._first += 1
-            self._front -= 1
-            if not self._front:
-                self._first = self._flip(self._first)
-
-    def _flip(self, first: int) -> int:
-        """Makes the back the front, which is used up; returns the index of the oldest sample."""
-        del self._times[:first], self._values[:first]
-        self._front, self._sums = len(self._times) or 1, None
-        if not self._times:
-            self._began_s = None
-        return 0
 
     def begin_anew(self) -> None:
         """Counts `window_min_s` from the next sample on: there was a gap. The samples stay."""
@@ -167,34 +183,50 @@ class Window:
 
     def min(self) -> Optional[float]:
         """The smallest value."""
-        return self._read().smallest(self._front) if self._values else None
+        return self._extremes()[0] if self._values else None
 
     def max(self) -> Optional[float]:
         """The largest value."""
-        return self._read().largest(self._front) if self._values else None
+        return self._extremes()[1] if self._values else None
 
     def mean(self) -> Optional[float]:
         """The arithmetic mean."""
         if not self._values:
             return None
-        sums, front = self._read(), self._front
-        mean = sums.mean(front)
-        # Rounding must not carry it beyond the samples.
-        return min(max(mean, sums.smallest(front)), sums.largest(front)) if math.isfinite(mean) else None
+        smallest, largest = self._extremes()
+        if smallest == largest:
+            return smallest
+        mean, _, scale = self._moments()
+        # Rounding must not carry it beyond the samples, nor beyond the doubles.
+        return min(max(mean / scale, smallest), largest)
 
     def stddev(self) -> Optional[float]:
         """The population standard deviation."""
         if not self._values:
             return None
-        variance = self._read().variance(self._front)
-        return math.sqrt(max(variance, 0.0)) if math.isfinite(variance) else None
+        smallest, largest = self._extremes()
+        if smallest == largest:
+            return 0.0
+        _, variance, scale = self._moments()
+        return min(math.sqrt(variance) / scale, _LARGEST)
 
     def rate(self) -> Optional[float]:
-        """Slope of the least-squares line per second, as Prometheus's `deriv`."""
-        if len(self) < LEAST_OF_LINE:
+        """Slope of the least-squares line per second, as Prometheus's `deriv`; None also where it is no double."""
+        times, values, sums = self._times, self._values, self._sums
+        count, back = len(self), self._first + self._front
+        if count < LEAST_OF_LINE:
             return None
-        _, slope = self.line(0.0)
-        return slope if math.isfinite(slope) else None
+        if sums is None or (sums.front and not self._front):  # its reference has left
+            sums, self._in_sums = LineSums(), 0
+            sums.flip(times[self._first : back], values[self._first : back])
+            self._sums = sums
+        sums.front = self._front
+        for at in range(back + self._in_sums, len(values)):
+            sums.add(values[at], times[at])
+        self._in_sums = len(values) - back
+        _, _, squares, products = sums.moments(count, times[-1])
+        rate = products / squares if squares > 0.0 else math.nan
+        return rate if math.isfinite(rate) else None
 
     def frequency_hz(self) -> Optional[float]:
         """Arrivals per second from the oldest to the newest sample."""
@@ -205,21 +237,122 @@ class Window:
         frequency = (len(self) - 1) / span_s
         return frequency if math.isfinite(frequency) else None
 
-    def line(self, ahead_s: float, now_s: Optional[float] = None) -> Tuple[float, float]:
-        """Returns the value of the least-squares line `ahead_s` after `now_s`, and its slope per s; NaN: undefined.
+    def _flip(self) -> None:
+        """Makes the back the front, which is empty."""
+        del self._times[: self._first]
+        del self._values[: self._first]
+        self._first = 0
+        self._front = len(self._times)
+        self._built = None
+        self._clear_back()
 
-        Without `now_s`, the time is that of the newest sample. Not without samples.
+    def _clear_back(self) -> None:
+        self._back = 0
+        self._back_reference = math.nan
+        self._back_scale = 1.0
+        self._back_sum = 0.0
+        self._back_squares = 0.0
+        self._back_min = math.inf
+        self._back_max = -math.inf
+        self._sums = None
+        self._in_sums = 0
+        """How many samples of the back they hold."""
+
+    def _extremes(self) -> Tuple[float, float]:
+        """Returns the smallest and the largest value, and brings the aggregates up to date. Not without samples."""
+        values, front = self._values, self._front
+        new = len(values) - self._first - front - self._back
+        if new == 1:
+            self._add_to_back(values[-1])
+        elif new:
+            for value in values[-new:]:
+                self._add_to_back(value)
+        smallest, largest = self._back_min, self._back_max
+        if front:
+            built = self._built or self._build_front()
+            front_min, front_max = built.smallest[front - 1], built.largest[front - 1]
+            smallest = front_min if front_min < smallest else smallest
+            largest = front_max if front_max > largest else largest
+        return smallest, largest
+
+    def _add_to_back(self, value: float) -> None:
+        self._back += 1
+        distance = value * self._back_scale - self._back_reference
+        if not -_LARGEST_DISTANCE < distance < _LARGEST_DISTANCE:  # NaN: the back is empty
+            distance = self._rescale_back(value)
+        self._back_sum += distance
+        self._back_squares += distance * distance
+        if value < self._back_min:
+            self._back_min = value
+        if value > self._back_max:
+            self._back_max = value
+
+    def _rescale_back(self, value: float) -> float:
+        """Makes the first sample the reference, and scales the aggregate before a distance too large to be squared.
+
+        Returns the distance of `value`, scaled.
         """
-        return self._read().line(self._front, self._times[-1] if now_s is None else now_s, ahead_s)
+        if math.isnan(self._back_reference):
+            self._back_reference = value
+            return 0.0
+        if self._back_scale == 1.0:
+            self._back_scale = _SCALE
+            self._back_reference *= _SCALE
+            self._back_sum *= _SCALE
+            self._back_squares = self._back_squares * _SCALE * _SCALE
+        return value * _SCALE - self._back_reference
 
-    def _read(self) -> Sums:
-        """Returns the aggregates, up to date."""
-        times, values, back, sums = self._times, self._values, self._first + self._front, self._sums
-        if sums is None:
-            sums = self._sums = Sums(times[self._first : back], values[self._first : back])
-        for at in range(back + sums.in_back, len(values)):
-            sums.add(times[at], values[at])
-        return sums
+    def _build_front(self) -> _Front:
+        """Computes the front's aggregates: of every sample and all newer ones of the front."""
+        newest_first = self._values[self._first : self._first + self._front]
+        newest_first.reverse()
+        reference = newest_first[0]
+        distances = [value - reference for value in newest_first]
+        sums = array("d", accumulate(distances))
+        squares = array("d", accumulate(map(mul, distances, distances)))
+        scaled = len(distances)
+        if not -_LARGEST_DISTANCE < min(distances) <= max(distances) < _LARGEST_DISTANCE:
+            scaled = next(at for at, each in enumerate(distances) if not -_LARGEST_DISTANCE < each < _LARGEST_DISTANCE)
+            small = [value * _SCALE - reference * _SCALE for value in newest_first]
+            sums[scaled:] = array("d", accumulate(small))[scaled:]
+            squares[scaled:] = array("d", accumulate(map(mul, small, small)))[scaled:]
+        smallest, largest = array("d", accumulate(newest_first, min)), array("d", accumulate(newest_first, max))
+        self._built = _Front(reference, scaled, sums, squares, smallest, largest)
+        return self._built
+
+    def _moments(self) -> Tuple[float, float, float]:
+        """Returns mean and variance of the values times a scale, and the scale; call `_extremes` before.
+
+        Source: Chan, Golub and LeVeque, "Updating formulae and a pairwise algorithm", 1979.
+        """
+        front, back, built = self._front, self._back, self._built
+        scale = back_scale = self._back_scale
+        front_mean = front_squares = back_mean = back_squares = apart = 0.0
+        if front and built:
+            front_scale = _SCALE if front > built.scaled else 1.0
+            scale = min(scale, front_scale)
+            factor = scale / front_scale
+            total = built.sums[front - 1] * factor
+            front_mean = total / front
+            front_squares = built.squares[front - 1] * factor * factor - total * front_mean
+            back_reference = front_reference = built.reference * scale
+            back_mean = front_mean
+        if back:
+            factor = scale / back_scale
+            total = self._back_sum * factor
+            back_mean = total / back
+            back_squares = self._back_squares * factor * factor - total * back_mean
+            back_reference = self._back_reference * factor
+        count = front + back
+        if front and back:
+            # The references first: their difference is exact where they are close; sums with the means are not.
+            apart = (front_reference - back_reference) + (front_mean - back_mean)
+        squares = apart * apart * front * back / count
+        if front_squares > 0.0:
+            squares += front_squares
+        if back_squares > 0.0:
+            squares += back_squares
+        return back_reference + back_mean + apart * front / count, squares / count, scale
 
 
 class GapWindow(Window):
@@ -259,7 +392,7 @@ class CountWindow(Window):
     It holds one sample more than `window_samples`: then there are at least that many.
     """
 
-    __slots__ = ("_from_s", "_latest", "_now_s")
+    __slots__ = ("_from_s", "_now_s")
 
     def __init__(self, window_s: float, window_samples: int) -> None:
         """Creates an empty window, whose count is 0."""
@@ -269,22 +402,20 @@ class CountWindow(Window):
         """Removes every sample."""
         super().clear()
         self._now_s = self._from_s = -math.inf
-        self._latest: Optional[float] = None
 
     def add(self, value: float, now_s: float) -> None:
         """Adds a sample, as `Window.add`."""
         super().add(value, now_s)
-        self._latest = value
         self.advance(now_s)
-
-    def last(self) -> Optional[float]:
-        """The newest value, also when it has left."""
-        return self._latest
 
     def advance(self, now_s: float) -> None:
         """Advances the time: what is `window_s` old leaves."""
         self._now_s = now_s
-        self.leave(now_s - self.window_s + _TIME_TOLERANCE_S)
+        while len(self) and now_s - self._times[self._first] >= self.window_s - _TIME_TOLERANCE_S:
+            if not self._front:
+                self._flip()
+            self._first += 1
+            self._front -= 1
 
     def count_from(self, now_s: float) -> None:
         """Leaves the count undefined until `window_s` after `now_s`: what came before is not known."""
@@ -292,7 +423,7 @@ class CountWindow(Window):
 
     def leave_out(self, duration_s: float) -> None:
         """Leaves a duration out of the age of the samples: the robot could not be reached."""
-        self._times, self._sums = array("d", [time_s + duration_s for time_s in self._times]), None
+        self._times = array("d", [time_s + duration_s for time_s in self._times])
         self._from_s += duration_s
 
     def take_over(self, other: Window) -> None:
@@ -305,6 +436,10 @@ class CountWindow(Window):
         """Returns the count, as `Window.statistic`."""
         is_known = self._now_s - self._from_s >= self.window_s - _TIME_TOLERANCE_S or self._from_s == -math.inf
         return float(len(self)) if is_known else None
+
+    def statistics(self) -> Dict[str, float]:
+        """Returns the statistics of the samples, none if there are none."""
+        return super().statistics() if len(self) else {}
 
 
 STATISTIC_OF_WINDOW: Mapping[str, Callable[[Window], Optional[float]]] = {

@@ -39,7 +39,7 @@ def outliers(chance: numpy.random.Generator) -> numpy.ndarray:
     values = 20.0 + chance.standard_normal(SAMPLES)
     values[10_000::100_000] = 1e300
     values[60_000::100_000] = -1e12
-    values[30_000::100_000] = 1e304
+    values[30_000::100_000] = 1.7e308
     return values
 
 
