@@ -273,7 +273,7 @@ def test_whatever_the_moment_of_a_kill_what_is_in_the_history_is_sent_in_order(
         received = [server.next().json]
         while line(received[-1]) != "last WARN":
             received.append(server.next().json)
-        wait_for(lambda: notifier.waiting == 0)
+        wait_for(lambda: notifier.waiting == 0, 300.0)  # up to 240 requests
     received += [request.json for request in server.all()]
     with closing(sqlite3.connect(file)) as connection:
         stored = connection.execute("SELECT signal, to_level, text FROM transitions ORDER BY id").fetchall()
