@@ -7,8 +7,7 @@ from typing import List
 from robot_health_monitor.core import Level, Monitor, Sample, load_config
 from robot_health_monitor.core.values.model import Transition
 
-ROBOTS = 5
-"""They are judged apart, by the same steps."""
+ROBOTS = 200
 SIGNALS = {
     "left": {"topic": "/joint_states"},
     "right": {"topic": "/joint_states"},
