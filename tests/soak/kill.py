@@ -77,7 +77,7 @@ def _monitor(folder: Path, start_s: float, chance: random.Random, steps: float) 
         bus.run_until(bus.now_s + 1.0)
         done += 1
     system.close()
-    history.close()
+    history.close(600.0)
 
 
 class Referee:

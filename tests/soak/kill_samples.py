@@ -48,7 +48,7 @@ def _monitor(folder: Path, start_s: float, chance: random.Random, steps: float) 
         now_s += 1.0
         done += 1
     continuity.record_samples(now_s)
-    history.close()
+    history.close(600.0)
     os.write(log, b"closed\n")
 
 

@@ -118,7 +118,7 @@ class _Run:
             history.run(keep_up, 600.0)
         continuity.save(self._now_s)
         continuity.record_samples(self._now_s)
-        history.close()
+        history.close(600.0)  # a busy machine: the next run must find the file free
 
     def _observe_hour(self, hour: int, monitor: Monitor, continuity: Continuity) -> Dict[str, List[float]]:
         chance, raw = self._chance, {name: [] for name in NAMES}  # type: Tuple[random.Random, Dict[str, List[float]]]

@@ -85,7 +85,7 @@ def run(seconds: float, keep_mb: float, seed: int) -> List[Figure]:
             time.sleep(max(0.0, begin_s + (number - QUIET) / RATE_HZ - time.monotonic()))
         took_s = time.monotonic() - begin_s
         page.end()
-        history.close()
+        history.close(600.0)
         with reading(file) as connection:
             kept = sum(1 for _ in queries.transitions(connection, robot="quiet"))
         written_kb, blocks_kb = (

@@ -26,6 +26,7 @@ from robot_health_monitor.core.values.faults import Faults
 from robot_health_monitor.ops.configuration import TARGET_TYPES, HistorySettings, TargetSettings
 from robot_health_monitor.ops.notify import Notifier
 from robot_health_monitor.ops.notify.notifier import make_sender
+from robot_health_monitor.ops.store import history as store_history
 from robot_health_monitor.ops.store.active_silences import Silences
 from robot_health_monitor.ops.store.history import History, RobotHistory
 from robot_health_monitor.ops.store.matchers import parse_matchers
@@ -47,6 +48,11 @@ def running(
     finally:
         notifier.close()
         history.close()
+
+
+def wait_for_every_commit() -> None:
+    """For a program that is killed after all is stored, however busy the machine is."""
+    store_history.COMMIT_TIMEOUT_S = 600.0
 
 
 def record(history: RobotHistory, level: str, signal: str = "battery", robot: str = "r3", text: str = "") -> None:
@@ -168,6 +174,7 @@ def test_nothing_is_lost_or_repeated_when_the_monitor_is_killed(server: HttpServ
     program = f"""
         import time
         from test_notifier import *
+        wait_for_every_commit()
         history = History(HistorySettings({file!r}))
         notifier = Notifier(history, [TargetSettings("chat", "webhook", url={server.url!r})], FixedSilences())
         for number in range(20):
@@ -204,6 +211,7 @@ def test_a_kill_within_both_waits_loses_repeats_and_prolongs_nothing(server: Htt
     program = f"""
         import time
         from test_notifier import *
+        wait_for_every_commit()
         history = History(HistorySettings({file!r}), lambda: 1000.0)
         targets = [TargetSettings(**each) for each in {settings!r}]
         notifier = Notifier(history, targets, FixedSilences())
@@ -244,6 +252,7 @@ def test_whatever_the_moment_of_a_kill_what_is_in_the_history_is_sent_in_order(
     program = f"""
         import itertools, time
         from test_notifier import *
+        wait_for_every_commit()
         history = History(HistorySettings({file!r}))
         notifier = Notifier(history, [TargetSettings("chat", "webhook", url={server.url!r})], FixedSilences())
         robot = history.of_robot("r3")
