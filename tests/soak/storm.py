@@ -73,6 +73,7 @@ def run(seconds: float, keep_mb: float, seed: int) -> List[Figure]:
         robots = {name: history.of_robot(name) for name in ("quiet", "noisy")}
         for number in range(QUIET):
             _record(robots, "quiet", number, "battery_level", time.time(), chance)
+        history.run(lambda connection: None, 600.0)  # the page finds a file
         page = _Page(file)
         page.start()
         written = _written_bytes()
