@@ -72,6 +72,9 @@ def run(arguments: argparse.Namespace, interrupts: Interrupts) -> None:
     if not proposed.signals:
         reasons = [f"{topic}: {reason}" for topic, reason in sorted(proposed.not_watched.items())]
         more = f" ({list_text(reasons, 5)})" if reasons else ""
+        longer_s = max(_USUAL_S, proposal.needed_s(("rate", "number", "elements")))
+        if proposal.samples and longer_s > listened_s:
+            more += f"; --seconds {longer_s:.0f} listens longer"
         raise ServiceError(f"nothing to watch on {robot}: {heard} in {duration_text(listened_s)}{more}")
     nodes.add_to(proposed, proposal)
     if watched is not None:
@@ -79,11 +82,13 @@ def run(arguments: argparse.Namespace, interrupts: Interrupts) -> None:
         if not proposed.signals:
             sys.stderr.write(f"{printable(f'{arguments.against} watches everything on {robot} that can be watched')}\n")
             return
+    needed_s = proposal.needed_s()
     lasted = f"{duration_text(listened_s)}{'' if is_complete else ', interrupted'}"
     heading = [
         f"Written by `robot-health init` after listening to {robot} for {lasted}: {heard}.",
         *([f"Only what {arguments.against} does not watch."] * bool(watched)),
         *([_COMMENTED] * (listened_s < LEAST_RANGE_S)),
+        *([f"Some came too rarely to show their range: `--seconds {needed_s:.0f}` is long enough."] * bool(needed_s)),
         "docs/statistics.md explains how each value is computed. Review before use.",
     ]
     sys.stdout.write(thresholds_text(heading, {}, proposed))

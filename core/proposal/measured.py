@@ -158,14 +158,25 @@ class Measured:
         """Messages per second from the first to the last; NaN if no time has passed."""
         return self.gaps.count / self.duration_s if self.duration_s > 0.0 else math.nan
 
+    @property
+    def needed_s(self) -> float:
+        """Time in which enough samples come for a bound, in whole minutes, as s; 0 if enough came, or none."""
+        is_rate = self.config.statistic == "frequency_hz"
+        count, least = (self.samples, LEAST_MESSAGES) if is_rate else (self.values.count, _LEAST_SAMPLES)
+        if not count or not self.duration_s or count >= least:
+            return 0.0
+        needed_s = max(_LEAST_DURATION_S, self.duration_s * least / count)
+        return 60.0 * math.ceil(1.05 * needed_s / 60.0)
+
     def unsuitable(self) -> str:
         """Returns why no bound can be derived from the values; empty if one can."""
         values = self.values
         if not values.count:
             return "no valid value"
         if values.count < _LEAST_SAMPLES:
+            takes = f", which takes about {duration_text(self.needed_s)}" if self.needed_s else ""
             seen = f"only {count_text(values.count, 'valid sample')} in {duration_text(self.duration_s)}"
-            return f"{seen}; a range needs {_LEAST_SAMPLES}"
+            return f"{seen}; a range needs {_LEAST_SAMPLES}{takes}"
         if self.duration_s < _LEAST_DURATION_S * 0.999:
             return f"seen for {duration_text(self.duration_s)} only; a range needs {duration_text(_LEAST_DURATION_S)}"
         if values.min == values.max:

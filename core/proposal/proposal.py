@@ -91,6 +91,12 @@ class Proposal:
         signals = self.candidates.signals.values()
         return sum(each.measured.samples for each in signals if each.kind in ("rate", "statuses"))
 
+    def needed_s(self, kinds: Container[str] = ("number", "elements")) -> float:
+        """Returns how long to listen, in s, so that everything that came has enough samples for bounds; 0 if it has."""
+        measured = [each.measured for each in self.candidates.signals.values() if each.kind in kinds]
+        parts = [part for each in measured for part in (each, *each.elements.values())]
+        return max((each.needed_s for each in parts), default=0.0)
+
     def result(self, longest_s: Mapping[str, float] = {}, alerting: Optional[Container[str]] = None) -> Proposed:
         """Returns what is proposed.
 

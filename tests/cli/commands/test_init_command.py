@@ -88,11 +88,14 @@ def test_a_robot_behind_rosbridge_gets_a_file_that_check_accepts(
 
 
 @pytest.mark.newest_python
-def test_what_was_heard_for_too_short_a_time_is_said(robot_health: Start, start_robot: Callable[[float], str]) -> None:
+def test_what_was_heard_for_too_short_a_time_is_said_with_what_to_do(
+    robot_health: Start, start_robot: Callable[[float], str]
+) -> None:
     process = robot_health("init", start_robot(2.0), "--seconds", "3")
     assert process.wait() == 3, process.text
     (line,) = err(process)
-    assert re.search(r"/charge: only \d messages in [\d.]+ s: a rate needs 20", line)
+    reason = r"/charge: only \d messages in [\d.]+ s: a rate needs 20"
+    assert re.search(rf"{reason}.*; --seconds (60|120) listens longer$", line)
 
 
 @pytest.mark.newest_python

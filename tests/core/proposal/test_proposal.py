@@ -138,12 +138,16 @@ def test_a_forecast_of_charge_is_shown_and_watched_where_it_was_replayed() -> No
     assert by_name(proposal.result(alerting=["b_percentage_soon"]))["b_percentage_soon"].is_shown_only
 
 
-def test_what_came_too_rarely_is_listed() -> None:
-    """60 samples of 1 Hz."""
-    proposed = propose([("/a", "std_msgs/Float32", 1.0, lambda now_s: {"data": now_s})])
-    ((reason, fields),) = proposed.fields["/a"].items()
+def test_how_long_to_listen_is_known_of_what_came_too_rarely() -> None:
+    """60 samples of 1 Hz in 59 s: 100 take 100 s, and two minutes are enough."""
+    rare: Publisher = ("/a", "std_msgs/Float32", 1.0, lambda now_s: {"data": now_s})
+    often: Publisher = ("/b", "std_msgs/Float32", 5.0, lambda now_s: {"data": now_s})
+    proposal = proposal_of([rare, often], 60.0)
+    assert proposal.needed_s() == 120.0
+    ((reason, fields),) = proposal.result().fields["/a"].items()
     assert fields == ["data"]
-    assert reason == "no bounds: only 60 valid samples in 59 s; a range needs 100"
+    assert reason == "no bounds: only 60 valid samples in 59 s; a range needs 100, which takes about 120 s"
+    assert proposal_of([often], 60.0).needed_s() == proposal_of([rare], 120.0).needed_s() == 0.0
 
 
 def test_an_array_of_numbers_gets_lines_like_a_number() -> None:
