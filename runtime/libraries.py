@@ -60,7 +60,7 @@ def install_command(packages: List[str]) -> str:
         return f"pip install {' '.join(packages)}"
     if not _NOT_IN_DEBIAN.intersection(packages):
         return f"apt install {' '.join(map(debian_package, packages))}"
-    return "install robot-health with pipx, which has all of them (docs/install.md): apt does not"
+    return "apt does not have them all; install robot-health with pipx (docs/install.md)"
 
 
 def debian_package(package: str) -> str:

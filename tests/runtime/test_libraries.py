@@ -66,7 +66,7 @@ def test_in_the_system_s_python_the_line_has_the_packages_of_apt(monkeypatch: py
 
 def test_what_apt_does_not_have_comes_with_pipx(monkeypatch: pytest.MonkeyPatch) -> None:
     in_system_python(monkeypatch)
-    hint = "install robot-health with pipx, which has all of them (docs/install.md): apt does not"
+    hint = "apt does not have them all; install robot-health with pipx (docs/install.md)"
     assert missing_text(["lz4", "mcap", "rosbags"]) == f"lz4, mcap, rosbags are not installed: {hint}"
 
 
