@@ -325,7 +325,7 @@ class SignalRules:
     def level(self, *, stale: bool) -> Level:
         """Returns the true level, and latches it; `stale`: the signal was silent for too long."""
         level = self._fired()
-        if self._config.latch:
+        if self._config.latch and level is not self._latched:
             level = self._latched = Level.worst((level, self._latched))
         if level is not _ERROR:
             if self.invalid.fires:

@@ -262,12 +262,13 @@ class SignalMonitor(Alert):
 
     def _judge(self, value: object, now_s: float) -> Optional[Transition]:
         self._calm_max = -math.inf
-        if self.config.graph is None:
-            return self._judge_datum(value, now_s)
         # What is not there at the start may not have been discovered yet.
         is_zero = isinstance(value, (int, float)) and value == 0
-        self._zero_s = now_s if is_zero and self.staleness.is_in_grace(now_s) else None
-        return None if self._zero_s is not None else self._judge_datum(value, now_s)
+        if is_zero and self.config.graph is not None and self.staleness.is_in_grace(now_s):
+            self._zero_s = now_s
+            return None
+        self._zero_s = None
+        return self._judge_datum(value, now_s)
 
     def _judge_datum(self, value: object, now_s: float) -> Optional[Transition]:
         staleness, window, config, rules = self.staleness, self.window, self.config, self._rules
