@@ -19,7 +19,7 @@ PYTHON ?= python3
 JOBS ?= 8
 NOX = .venv/nox/bin/nox
 # virtualenv 20 is the last version that makes environments of Python 3.8.
-NOX_REQUIREMENTS = nox 'virtualenv<21'
+NOX_REQUIREMENTS = nox 'virtualenv<21' uv
 PIP_INSTALL = bin/python -m pip install --quiet --disable-pip-version-check
 
 .PHONY: run test lint docs bench soak fuzz dist deb release check-release

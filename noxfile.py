@@ -6,6 +6,7 @@ tests/report.py prints the table at the end of `make test`. Arguments after `--`
 
 from __future__ import annotations
 
+import functools
 import glob
 import json
 import os
@@ -29,6 +30,7 @@ from harness.requirements import (  # noqa: E402
 )
 
 RESULTS = ROOT / ".venv" / "results"
+UV = Path(sys.executable).parent / "uv"
 SESSION_TIMEOUT = "40m"
 
 ROS1_PACKAGES = [
@@ -470,8 +472,34 @@ def set_up(session: nox.Session, ros: Optional[Mapping[str, str]], *requirements
 
 
 def install(session: nox.Session, *arguments: str, **options: Any) -> None:
-    """Installs with pip. Modules are compiled when they are imported: most never are."""
-    session.install("--no-compile", *arguments, **options)
+    """Installs with uv, which takes a tenth of pip's time; else with pip, also beside packages of the system.
+
+    Modules are compiled when they are imported: most never are.
+    """
+    environment = Path(session.virtualenv.location)
+    shares_packages = "include-system-site-packages = true" in (environment / "pyvenv.cfg").read_text().lower()
+    if shares_packages or not uv_reaches_the_index():
+        session.install("--no-compile", *arguments, **options)
+    else:
+        python = str(environment / "bin" / "python")
+        session.run_install(
+            str(UV), "pip", "install", "--quiet", "--python", python, *arguments, external=True, **options
+        )
+
+
+@functools.lru_cache(maxsize=None)
+def uv_reaches_the_index() -> bool:
+    """Returns whether uv is here and can reach the index of packages that pip is configured for."""
+    if not UV.exists():
+        return False
+    pip = [sys.executable, "-m", "pip", "config", "get", "global.index-url"]
+    configured = subprocess.run(pip, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True).stdout.strip()
+    index = os.environ.get("PIP_INDEX_URL", configured)
+    if index:
+        os.environ.setdefault("UV_DEFAULT_INDEX", index)
+    command = [str(UV), "pip", "compile", "--quiet", "--no-header", "-"]
+    probe = subprocess.run(command, input="wheel", stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, text=True)
+    return probe.returncode == 0
 
 
 def renew(session: nox.Session, distro: str) -> None:
