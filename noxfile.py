@@ -106,7 +106,6 @@ DIST_TOOLS = [
     "wheel==0.46.1",
     "twine>=6.2",
     "check-wheel-contents",
-    "cyclonedx-python-lib[json-validation]>=11",
 ]
 """What decides about bytes has a version."""
 

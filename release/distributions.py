@@ -3,7 +3,7 @@
     python3 release/distributions.py FOLDER      builds both into FOLDER, and checks them
 
 The same commit gives the same bytes: times are those of the commit, and archives have sorted members without owners.
-The source distribution holds all files of the commit. The wheel has a CycloneDX SBOM (PEP 770).
+The source distribution holds all files of the commit.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import zipfile
 from pathlib import Path
 from typing import Any, List
 
@@ -21,7 +22,6 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT)]
 
 from release import manifest  # noqa: E402  # found through the line above
-from release.sbom import sbom_json  # noqa: E402
 
 NAME = "robot_health_monitor"
 _ARCHIVE = ("-c", "tar.umask=0022", "archive")
@@ -42,16 +42,13 @@ def build(folder: Path) -> List[Path]:
         shutil.unpack_archive(f"{source}.tar", place)
         _run("pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation", "--wheel-dir", built, source)
         (wheel,) = built.iterdir()
-        _run("wheel", "unpack", "--dest", place, wheel, stdout=subprocess.DEVNULL)
-        information = next(Path(place, base).glob("*.dist-info"))
-        sbom = sbom_json((information / "METADATA").read_text("utf-8"), manifest.urls(), int(time_s))
-        (information / "sboms").mkdir()
-        (information / "sboms" / f"{NAME}.cdx.json").write_text(sbom, "utf-8")
-        _run("wheel", "pack", "--dest-dir", folder, Path(place, base), stdout=subprocess.DEVNULL)
-        metadata = (information / "METADATA").rename(Path(place, "PKG-INFO"))
+        metadata = Path(place, "PKG-INFO")
+        with zipfile.ZipFile(wheel) as archive:
+            metadata.write_bytes(archive.read(f"{base}.dist-info/METADATA"))
         sdist = folder / f"{base}.tar.gz"
         options = [f"--prefix={base}/", f"--add-file={metadata}", f"--output={sdist}"]
         manifest.git(ROOT, *_ARCHIVE, *options, "HEAD")
+        shutil.copy(wheel, folder)
     return [sdist, folder / wheel.name]
 
 

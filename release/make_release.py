@@ -20,7 +20,7 @@ import sys
 import tempfile
 from datetime import datetime, timezone
 from pathlib import Path
-from typing import Dict, List, Sequence, Tuple
+from typing import List, Sequence, Tuple
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT)]
@@ -29,7 +29,7 @@ from release import manifest  # noqa: E402  # found through the line above
 from release.manifest import Refused, git  # noqa: E402
 
 _VERSION = re.compile(r"(0|[1-9]\d*)\.(0|[1-9]\d*)\.(0|[1-9]\d*)\Z")
-_SECTION = re.compile(r"^(Forthcoming|\d+\.\d+\.\d+)(?: \(\d{4}-\d\d-\d\d\))?\n-+\n", re.MULTILINE)
+_NEWS = re.compile(r"^Forthcoming\n-+\n+\* ", re.MULTILINE)
 _ADDRESS = "<URL of this repository>"
 """Stands in the documents for the address in package.xml."""
 GENERATORS = ("docs/generate.py", "docs/draw_structure.py", "docs/list_names.py")
@@ -45,17 +45,15 @@ def release(repository: Path, version: str, commands: Sequence[Sequence[str]] = 
         tree = Path(place, "tree")
         git(repository, "worktree", "add", "--quiet", "--detach", tree)
         try:
-            _check_documents(tree)
             _prepare(tree, version)
             for command in commands:
                 _run(tree, command)
-            target = repository / "dist"
             _require(
                 git(repository, "rev-parse", "HEAD") == begun and not git(repository, "status", "--porcelain"),
                 "this repository was changed meanwhile; run make release again",
             )
             git(repository, "merge", "--quiet", "--ff-only", git(tree, "rev-parse", "HEAD"))
-            built = tree / "dist"
+            built, target = tree / "dist", repository / "dist"
             names = sorted(file.relative_to(built) for file in built.rglob("*") if file.is_file())
             shutil.copytree(built, target, dirs_exist_ok=True)
         finally:
@@ -67,31 +65,27 @@ def release(repository: Path, version: str, commands: Sequence[Sequence[str]] = 
 
 
 def check_tagged(repository: Path, version: str) -> None:
-    """Checks that what is checked out is what `release` made for a version. Raises Refused."""
-    present, sections = _check_committed(repository, version)
-    _require(present == version, f"package.xml: expected version {version}, as the tag, got {present}")
-    tagged = git(repository, "rev-parse", "--verify", f"refs/tags/{version}^{{commit}}")
+    """Checks that what is checked out is the commit that `release` made for a version and tagged. Raises Refused."""
+    _check_committed(repository)
+    tagged = git(repository, "log", "-1", "--format=%H %s", f"refs/tags/{version}", "--")
+    head = git(repository, "rev-parse", "HEAD")
+    _require(tagged.startswith(head), f"the tag {version} is another commit than the one that is checked out")
     _require(
-        tagged == git(repository, "rev-parse", "HEAD"),
-        f"the tag {version} is another commit than the one that is checked out",
+        tagged == f"{head} {version}" and manifest.text("version", repository / "package.xml") == version,
+        f"the tag {version} is none of make release, whose commit has its name and sets the version",
     )
-    _check_placeholders(repository)
-    _require(
-        "Forthcoming" not in sections,
-        f"CHANGELOG.rst: expected the section Forthcoming to be {version}; use make release",
-    )
-    _require_news(sections.get(version, ""), f"a section {version} (date)")
-    _check_documents(repository)
 
 
 def _check_ready(repository: Path, version: str) -> None:
     """Checks what `release` changes."""
-    present, sections = _check_committed(repository, version)
+    _check_committed(repository)
+    present = manifest.text("version", repository / "package.xml")
     _require(_number(version) > _number(present), f"expected a version above {present}, got {version}")
     _require(not git(repository, "tag", "--list", version), f"the tag {version} exists already")
-    _check_placeholders(repository)
-    _require("Forthcoming" in sections, "CHANGELOG.rst: expected a section Forthcoming with what is new")
-    _require_news(sections["Forthcoming"], "the section Forthcoming")
+    placeholder = manifest.placeholder(repository / "package.xml")
+    _require(not placeholder, f"package.xml: {placeholder} is a placeholder; expected a real address")
+    news = _NEWS.search((repository / "CHANGELOG.rst").read_text("utf-8"))
+    _require(news, "CHANGELOG.rst: expected a section Forthcoming with what is new, each line behind *")
 
 
 def _require(condition: object, problem: str) -> None:
@@ -99,23 +93,9 @@ def _require(condition: object, problem: str) -> None:
         raise Refused(problem)
 
 
-def _check_committed(repository: Path, version: str) -> Tuple[str, Dict[str, str]]:
-    """Returns the version in package.xml, and the sections of the changelog by version."""
-    _number(version)
+def _check_committed(repository: Path) -> None:
     changed = git(repository, "status", "--porcelain")
     _require(not changed, f"uncommitted changes, such as {changed.partition(chr(10))[0][3:]}; commit or remove them")
-    _, *parts = _SECTION.split((repository / "CHANGELOG.rst").read_text("utf-8"))
-    return manifest.text("version", repository / "package.xml"), dict(zip(parts[::2], parts[1::2]))
-
-
-def _check_placeholders(repository: Path) -> None:
-    placeholders = manifest.placeholders(repository / "package.xml")
-    _require(not placeholders, "".join(placeholders[:1]))
-
-
-def _require_news(section: str, name: str) -> None:
-    news = section.startswith("* ") or "\n* " in section
-    _require(news, f"CHANGELOG.rst: expected lines that begin with * in {name}, got none")
 
 
 def _number(version: str) -> Tuple[int, ...]:
@@ -123,13 +103,6 @@ def _number(version: str) -> Tuple[int, ...]:
     if match is None:
         raise Refused(f"expected a version such as 1.0.0, got {version!r}")
     return tuple(map(int, match.groups()))
-
-
-def _check_documents(tree: Path) -> None:
-    for script in GENERATORS:
-        _run(tree, [sys.executable, script])
-        changed = git(tree, "status", "--porcelain").partition("\n")[0]
-        _require(not changed, f"{changed[3:]} is out of date; run python {script} and commit")
 
 
 def _prepare(tree: Path, version: str) -> None:

@@ -113,20 +113,9 @@ def test_the_wheel_holds_the_package_only(wheel: Path) -> None:
     assert {name for name in names if name.startswith(f"{NAME}/")} >= {f"{NAME}/{file}" for file in source_modules()}
 
 
-def test_the_sbom_lists_what_the_package_needs(wheel: Path) -> None:
-    from cyclonedx.schema import SchemaVersion
-    from cyclonedx.validation.json import JsonStrictValidator
-
+def test_the_readme_in_the_metadata_has_no_links_into_the_repository(wheel: Path) -> None:
     with zipfile.ZipFile(wheel) as archive:
-        (name,) = [name for name in archive.namelist() if ".dist-info/sboms/" in name]
-        text = archive.read(name).decode()
         metadata = message_from_bytes(archive.read(f"{NAME}-{version()}.dist-info/METADATA"))
-    assert JsonStrictValidator(SchemaVersion.V1_6).validate_str(text) is None
-    sbom = json.loads(text)
-    assert (sbom["metadata"]["component"]["name"], sbom["metadata"]["component"]["version"]) == (NAME, version())
-    required = {each["name"] for each in sbom["components"] if each["scope"] == "required"}
-    assert required == {requirement.partition(">")[0] for requirement in runtime_requirements()}
-    assert len(sbom["components"]) > len(required)
     assert "](docs/" not in metadata.get_payload()
 
 
