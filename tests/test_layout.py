@@ -25,7 +25,6 @@ TESTED_ELSEWHERE = {
     "runtime/native_node.py": "the base of the adapters over ROS: tests/ros1 and tests/ros2 test each of them",
     "cli/ros1_executables.py": "needs ROS 1: tests/ros1/test_executables.py",
     "cli/ros2_executables.py": "needs ROS 2: tests/ros2/test_executables.py",
-    "cli/threshold_study.py": "tests/cli/commands/test_suggest_command.py",
 }
 """Modules without a test file, with the reason."""
 

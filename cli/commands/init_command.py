@@ -1,23 +1,49 @@
-"""`robot-health init`: a first thresholds.yaml from a live robot."""
+"""`robot-health init`: a first thresholds.yaml from a live robot, over ROS 1, ROS 2 or a bridge."""
 
 from __future__ import annotations
 
 import argparse
+import asyncio
+import importlib.util
+import os
 import sys
+import time
+from contextlib import closing, contextmanager, suppress
 from functools import partial
-from typing import Any, List, Tuple
+from typing import Any, Callable, Container, ContextManager, Iterator, List, Mapping, NamedTuple, Optional, Tuple
 
-from ...core.values.errors import ServiceError
+from ...core.config.monitor_config import load_config
+from ...core.messages.definitions import Definitions, parse_definition
+from ...core.messages.standard_messages import definition
+from ...core.port.middleware import NodeInfo, ServedMiddleware
+from ...core.proposal.candidates import Candidates, Topic
+from ...core.proposal.nodes import Nodes
+from ...core.proposal.proposal import Proposal, Proposed
+from ...core.proposal.suggestion import LEAST_RANGE_S, Signal
+from ...core.proposal.thresholds_file import thresholds_text
+from ...core.values.errors import ConfigError, LinkError, ServiceError
 from ...core.values.formatting import count_text, duration_text, list_text, printable
+from ...core.values.names import canonical_type, resolve_name
+from ...core.values.patterns import matches_pattern
 from ...runtime.interrupts import Interrupts
 from ...runtime.libraries import ROSBRIDGE, libraries
 from ..arguments import Parser, add, add_robot_server, seconds
+from ..output.lines import ProgressLine
 
 _SHORTEST_S = 1.0
 _USUAL_S = 60.0
+_LIST_PERIOD_S = 2.0
+"""Topics are listed again: discovery takes its time, and nodes may start late."""
+_CONNECT_S = 10.0
+_NAME = "robot_health_init"
+_BY_URL = (
+    "without ROS, give the URL of the robot's bridge: robot-health init ws://robot:9090 (or foxglove://robot:8765)"
+)
 _COMMENTED = (
     "Numbers without a rule get bounds after 10 minutes (`--seconds 660`): until then, what was seen is a comment."
 )
+Graph = Mapping[str, NodeInfo]
+"""Nodes by their names."""
 
 
 def add_arguments(parser: Parser) -> None:
@@ -53,91 +79,239 @@ def _check(arguments: argparse.Namespace) -> str:
 
 def run(arguments: argparse.Namespace, interrupts: Interrupts) -> None:
     """Writes the thresholds. Raises ServiceError if there is nothing to watch."""
-    from ...core.proposal.candidates import Candidates
-    from ...core.proposal.nodes import Nodes
-    from ...core.proposal.proposal import Proposal
-    from ...core.proposal.suggestion import LEAST_RANGE_S
-    from ...core.proposal.thresholds_file import thresholds_text
-
     namespace = arguments.namespace.strip("/")
     watched = _Watched(arguments.against, namespace) if arguments.against else None
     candidates = Candidates(namespace, watched.names if watched else (), ages_of_bulk=not arguments.url)
-    proposal = Proposal(candidates)
-    nodes = Nodes()
-    robot, listened_s, is_complete = _listen(arguments, proposal, nodes, interrupts)
-    for problem in candidates.problems:
-        sys.stderr.write(f"{printable(f'WARN: {problem}')}\n")
-    proposed = proposal.result()
-    heard = _heard(proposal)
+    proposal, nodes, progress = Proposal(candidates), Nodes(), ProgressLine()
+
+    def heard() -> str:
+        return f"{count_text(len(candidates.topics), 'topic')}, {count_text(proposal.samples, 'message')}"
+
+    def show(listened_s: float) -> None:
+        progress.show(f"listening: {listened_s:.0f} of {arguments.seconds:g} s, {heard()}; Ctrl-C to end")
+
+    name, opened = _choose_robot(arguments, interrupts)
+    try:
+        with opened as robot:
+            listened_s = _listen(robot, proposal, nodes, arguments.seconds, interrupts, show)
+    finally:
+        progress.clear()
+    proposed, needed_s = proposal.result(), proposal.needed_s()
+    lasted = duration_text(listened_s)
     if not proposed.signals:
         reasons = [f"{topic}: {reason}" for topic, reason in sorted(proposed.not_watched.items())]
         more = f" ({list_text(reasons, 5)})" if reasons else ""
-        longer_s = max(_USUAL_S, proposal.needed_s(("rate", "number", "elements")))
+        longer_s = max(_USUAL_S, needed_s)
         if proposal.samples and longer_s > listened_s:
             more += f"; --seconds {longer_s:.0f} listens longer"
-        raise ServiceError(f"nothing to watch on {robot}: {heard} in {duration_text(listened_s)}{more}")
+        raise ServiceError(f"nothing to watch on {name}: {heard()} in {lasted}{more}")
     nodes.add_to(proposed, proposal)
     if watched is not None:
         watched.remove_from(proposed)
         if not proposed.signals:
-            sys.stderr.write(f"{printable(f'{arguments.against} watches everything on {robot} that can be watched')}\n")
+            sys.stderr.write(f"{printable(f'{arguments.against} watches everything on {name} that can be watched')}\n")
             return
-    needed_s = proposal.needed_s()
-    lasted = f"{duration_text(listened_s)}{'' if is_complete else ', interrupted'}"
-    heading = [
-        f"Written by `robot-health init` after listening to {robot} for {lasted}: {heard}.",
-        *([f"Only what {arguments.against} does not watch."] * bool(watched)),
-        *([_COMMENTED] * (listened_s < LEAST_RANGE_S)),
-        *([f"Some came too rarely to show their range: `--seconds {needed_s:.0f}` is long enough."] * bool(needed_s)),
-        "docs/statistics.md explains how each value is computed. Review before use.",
-    ]
+    interrupted = ", interrupted" if listened_s < arguments.seconds else ""
+    heading = [f"Written by `robot-health init` after listening to {name} for {lasted}{interrupted}: {heard()}."]
+    if watched is not None:
+        heading.append(f"Only what {arguments.against} does not watch.")
+    if listened_s < LEAST_RANGE_S:
+        heading.append(_COMMENTED)
+    if needed_s:
+        heading.append(f"Some came too rarely to show their range: `--seconds {needed_s:.0f}` is long enough.")
+    heading.append("docs/statistics.md explains how each value is computed. Review before use.")
     sys.stdout.write(thresholds_text(heading, {}, proposed))
 
 
-def _listen(
-    arguments: argparse.Namespace, proposal: Any, nodes: Any, interrupts: Interrupts
-) -> Tuple[str, float, bool]:
-    """Returns the robot's name, for how long it was listened to, in s, and whether that was not interrupted."""
-    from ..live_robot import bridged_robot, choose_ros, listen, ros_robot
-    from ..output.lines import ProgressLine
+class _Robot(NamedTuple):
+    """A live robot, on whichever middleware."""
 
-    progress = ProgressLine()
+    node: Any
+    """The node that listens."""
+    look: Callable[[Container[str]], Tuple[List[Topic], Graph]]
+    """Returns the topics that are not known yet, and the nodes. Raises LinkError or ServiceError if the robot does not
+    answer."""
+    run: Callable[[Callable[[], object]], object]
+    """Calls a function while no callback of the node runs."""
 
-    def show(listened_s: float) -> None:
-        progress.show(f"listening: {listened_s:.0f} of {arguments.seconds:g} s, {_heard(proposal)}; Ctrl-C to end")
 
-    if arguments.url:
-        with libraries(*ROSBRIDGE):
-            from .. import fleet  # noqa: F401 - names what is missing
-
-        from ..fleet_configuration import FleetReader, Options, read_addresses
-
-        options = Options(token_file=arguments.robot_token_file, ca=arguments.ca)
-        warn = partial(print, file=sys.stderr)
-        (robot,) = FleetReader(read_addresses([arguments.url]), "", options, warn).read()
-        name = robot.name
-        opened = bridged_robot(robot.url, interrupts, token=robot.token, ssl_context=robot.ssl_context)
-    else:
+def _choose_robot(arguments: argparse.Namespace, interrupts: Interrupts) -> Tuple[str, ContextManager[_Robot]]:
+    """Returns the name of the robot, and what opens it."""
+    if not arguments.url:
         ros = choose_ros("ros1" if arguments.ros1 else "ros2" if arguments.ros2 else "")
-        name, opened = f"ROS {ros[-1]}", ros_robot(ros, interrupts)
+        return f"ROS {ros[-1]}", _ros_robot(ros, interrupts)
+    with libraries(*ROSBRIDGE):
+        from .. import fleet  # noqa: F401 - names what is missing
+
+    from ..fleet_configuration import FleetReader, Options, read_addresses
+
+    options = Options(token_file=arguments.robot_token_file, ca=arguments.ca)
+    (robot,) = FleetReader(read_addresses([arguments.url]), "", options, partial(print, file=sys.stderr)).read()
+    return robot.name, _bridged_robot(robot.url, interrupts, token=robot.token, ssl_context=robot.ssl_context)
+
+
+def choose_ros(wanted: str) -> str:
+    """Returns `ros1` or `ros2`: `wanted` if it is not empty, else the one that is sourced here.
+
+    Raises ConfigError if it is not there, or if both are and none is wanted.
+    """
+    modules = {"ros1": "rospy", "ros2": "rclpy"}
+    here = [ros for ros in modules if wanted in ("", ros) and importlib.util.find_spec(modules[ros])]
+    if not here:
+        missing = f"--{wanted}: ROS {wanted[-1]} is not" if wanted else "neither ROS 1 nor ROS 2 is"
+        raise ConfigError(f"{missing} sourced here; {_BY_URL}")
+    sourced = f"ros{os.environ.get('ROS_VERSION', '')}"
+    if len(here) > 1 and sourced not in here:
+        raise ConfigError("both ROS 1 and ROS 2 are here: choose one with --ros1 or --ros2")
+    return sourced if sourced in here else here[0]
+
+
+def _listen(
+    robot: _Robot,
+    proposal: Proposal,
+    nodes: Nodes,
+    wanted_s: float,
+    interrupts: Interrupts,
+    show: Callable[[float], None],
+) -> float:
+    """Listens to a robot; returns for how long, in s: less than `wanted_s` if it was interrupted.
+
+    Raises LinkError if there is no connection, ServiceError if topics are not listed or there is no ROS time.
+    """
+    start_s: Optional[float] = None
+
+    def take(topics: List[Topic], graph: Graph) -> None:
+        proposal.candidates.add(topics)
+        proposal.listen(robot.node, {each.topic for each in topics})
+        nodes.take(graph)
+
     try:
-        with opened as found:
-            return (name, *listen(found, proposal, nodes, arguments.seconds, interrupts, show))
+        while True:
+            looked = robot.look(proposal.candidates.topics)
+            if start_s is None:
+                start_s = time.monotonic()
+                robot.run(partial(nodes.begin, robot.node))
+            robot.run(partial(take, *looked))
+            listened_s = time.monotonic() - start_s
+            if listened_s >= wanted_s:
+                if robot.node.now_s() == 0.0:
+                    raise ServiceError("use_sim_time is set, and there is no message on /clock: no ROS time")
+                return wanted_s
+            show(listened_s)
+            interrupts.wait_until(partial(_is_past, start_s + min(wanted_s, listened_s + _LIST_PERIOD_S)))
+    except KeyboardInterrupt:
+        return time.monotonic() - (start_s or time.monotonic())
+
+
+@contextmanager
+def _ros_robot(ros: str, interrupts: Interrupts) -> Iterator[_Robot]:
+    """Yields the robot whose ROS is sourced here (`ros1`, `ros2`); raises LinkError if no ROS master answers."""
+    process: Any
+    name = f"{_NAME}_{os.getpid()}"
+    if ros == "ros1":
+        from ...ros1.master import Master
+        from ...ros1.process import Ros1Process
+
+        master = Master(f"/{_NAME}")
+        if not master.is_online():  # a node would wait for it
+            raise LinkError(f"no ROS master at {master.uri} (ROS_MASTER_URI)")
+        process = Ros1Process(name, interrupts)
+    else:
+        from ...ros2.process import Ros2Process
+
+        process = Ros2Process(interrupts)
+    byte = "int8" if ros == "ros1" else "uint8"
+    with closing(process):
+        process.start()
+        node = process.create_listener(name)
+
+        def look(known: Container[str]) -> Tuple[List[Topic], Graph]:
+            graph = node.graph()
+            new = {
+                topic: canonical_type(found)
+                for topic, found in graph.topics.items()
+                if topic not in known and not topic.startswith(f"/{name}/")  # its own
+            }
+            topics = [Topic(topic, kind, _parsed(kind, _definition(node, kind), byte)) for topic, kind in new.items()]
+            return topics, {each: info for each, info in graph.nodes.items() if each != node.name}
+
+        yield _Robot(node, look, node.exclusively)
+
+
+@contextmanager
+def _bridged_robot(url: str, interrupts: Interrupts, **options: Any) -> Iterator[_Robot]:
+    """Yields the robot behind a bridge; `options` are further ones of `bridge_client`, which runs in a thread."""
+    from ...runtime.event_loops import LoopThread
+    from ..fleet import bridge_client
+
+    interrupts.defer()
+    links: List[Any] = []
+    """Whether the connection is up, and the cause if it is not, after each change."""
+    loop = LoopThread(_NAME)
+
+    async def connect() -> Tuple[Any, Any, Any]:
+        def note_link(*link: Any) -> None:
+            links.append(link)
+
+        client = bridge_client(url, on_link=note_link, on_log=lambda line: None, **options)
+        return client, client.node(_NAME), asyncio.ensure_future(client.run())
+
+    async def call(function: Callable[[], object]) -> object:
+        return function()
+
+    client, node, running = loop.call(connect())
+
+    def look(known: Container[str]) -> Tuple[List[Topic], Graph]:
+        if not links:
+            late_s = time.monotonic() + _CONNECT_S
+            interrupts.wait_until(lambda: bool(links) or _is_past(late_s))
+        if not links or not links[-1][0]:
+            cause = links[-1][1].text if links else f"no answer within {_CONNECT_S:g} s"
+            raise LinkError(f"no connection to {client.connection.address}: {cause}")
+        listed = loop.call(client.known_topics())
+        topics = [
+            Topic(each.topic, each.type_name, _parsed(each.type_name, each.definition, "uint8", each.form))
+            for each in listed
+            if each.topic not in known
+        ]
+        nodes: Graph = {}
+        if topics:  # it is a call for each topic
+            with suppress(ServiceError):  # an old rosapi
+                nodes = loop.call(client.known_nodes([each.topic for each in listed]))
+        return topics, nodes
+
+    try:
+        yield _Robot(node, look, lambda function: loop.call(call(function)))
     finally:
-        progress.clear()
+        loop.call(call(client.close))
+        running.cancel()
+        loop.close()
 
 
-def _heard(proposal: Any) -> str:
-    return f"{count_text(len(proposal.candidates.topics), 'topic')}, {count_text(proposal.samples, 'message')}"
+def _is_past(time_s: float) -> bool:
+    return time.monotonic() >= time_s
+
+
+def _definition(node: ServedMiddleware, type_name: str) -> str:
+    """Returns the definition of an installed type, empty for others."""
+    try:
+        return node.raw_format(type_name).schema
+    except ConfigError:
+        return ""
+
+
+def _parsed(type_name: str, text: str, byte: str, form: str = "msg") -> Optional[Definitions]:
+    """Returns the types in a definition, None if it is not known or cannot be used."""
+    try:
+        return parse_definition(type_name, text or definition(type_name), form, byte)
+    except (ConfigError, ValueError):
+        return None
 
 
 class _Watched:
     """What a thresholds.yaml watches."""
 
     def __init__(self, file: str, namespace: str) -> None:
-        from ...core.config.monitor_config import load_config
-        from ...core.values.names import resolve_name
-
         node = f"/{namespace}/alert_system" if namespace else "/alert_system"
         config = load_config(file)
         self.names = tuple(config.signals)
@@ -149,11 +323,10 @@ class _Watched:
                 key, name = signal.graph
                 self._fields.append((f"{key} {resolve_name(name, node)}", signal.field))
 
-    def remove_from(self, proposed: Any) -> None:
+    def remove_from(self, proposed: Proposed) -> None:
         """Removes the signals whose topic and field are watched, and the remarks about topics that are."""
-        from ...core.values.patterns import matches_pattern
 
-        def is_watched(signal: Any) -> bool:
+        def is_watched(signal: Signal) -> bool:
             field = signal.given.get("field", "data")
             return any(topic == signal.topic and matches_pattern(field, each) for topic, each in self._fields)
 

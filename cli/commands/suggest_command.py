@@ -1,12 +1,40 @@
-"""`robot-health suggest`: thresholds from recordings of healthy robots."""
+"""`robot-health suggest`: thresholds from recordings of healthy robots.
+
+The recordings are read to measure, and replayed with what follows from that: the replay shows how long healthy values
+are beyond a bound (`for_s`), and how often the rest alerts. If that changes what is
+proposed, they are replayed once more, to count the alerts.
+"""
 
 from __future__ import annotations
 
 import argparse
+import contextlib
+import os
+import sys
+from collections import Counter
+from typing import Any, Dict, Iterator, List, Mapping, Sequence, Tuple
 
-from ...core.values.errors import ServiceError
+from ...core.config.monitor_config import Section, read_monitor
+from ...core.config.signal_config import BOUNDS, template_name
+from ...core.config.yaml_file import read_yaml
+from ...core.proposal.candidates import Candidates, Topic
+from ...core.proposal.proposal import Proposal, Proposed
+from ...core.proposal.suggestion import Signal
+from ...core.proposal.thresholds_file import thresholds_text
+from ...core.values.errors import ConfigError, ServiceError
+from ...core.values.formatting import count_text, duration_text, list_text, printable
+from ...core.values.model import Level, Transition
+from ...core.values.names import resolve_name
+from ...recordings.decoding import type_of
+from ...recordings.judging import Judge, JudgedEvent
+from ...recordings.middleware import Player
+from ...recordings.reading import Recordings
 from ...runtime.interrupts import Interrupts
 from ..arguments import INTERRUPTED, Parser, add, add_recordings
+from ..embedded import sections_of_nodes
+
+Signals = Dict[str, Dict[str, Any]]
+"""Settings of signals by their names."""
 
 
 def add_arguments(parser: Parser) -> None:
@@ -21,10 +49,157 @@ def add_arguments(parser: Parser) -> None:
 
 
 def run(arguments: argparse.Namespace, interrupts: Interrupts) -> None:
-    """Writes the thresholds."""
+    """Writes a thresholds.yaml on stdout, and problems of the recordings on stderr."""
+    problems: List[str] = []
     try:
-        from ..threshold_study import suggest_thresholds
-
-        suggest_thresholds(arguments)
+        study = _Study(arguments.recordings, arguments.namespace.strip("/"), problems)
+        text = study.of_file(arguments.thresholds) if arguments.thresholds else study.of_recorded_topics()
     except KeyboardInterrupt:  # half a result must not look like success
         raise ServiceError(INTERRUPTED) from None
+    finally:
+        for problem in problems:
+            sys.stderr.write(f"{printable(f'WARN: {problem}')}\n")
+    sys.stdout.write(text)
+
+
+class _Alerts:
+    """The alerts of a replay, and how long each signal was beyond its bounds. Elements count for their template."""
+
+    def __init__(self) -> None:
+        self.total = 0
+        """One that changes its level counts once."""
+        self.numbers: Counter[Tuple[str, Any]] = Counter()  # by signal and bound, or "STALE"
+        self.longest_s: Dict[str, float] = {}  # longest alert by signal
+        self._since_s: Dict[str, float] = {}
+
+    def note(self, judged: JudgedEvent) -> None:
+        event = judged.event
+        if not isinstance(event, Transition) or event.repeat:
+            return
+        self._end(event.signal, judged.wall_s)
+        configured = template_name(event.signal)
+        self.total += event.from_level is Level.OK
+        if event.to_level is Level.STALE:
+            self.numbers[configured, "STALE"] += 1
+        elif event.to_level is not Level.OK and event.bound is not None:
+            self.numbers[configured, event.bound] += 1
+            self._since_s[event.signal] = judged.wall_s
+
+    def end_recording(self, wall_s: float) -> None:
+        for signal in list(self._since_s):
+            self._end(signal, wall_s)
+
+    def of(self, signal: Signal, key: str, value: Any) -> str:
+        """Returns how often a key of a signal alerts; empty if it is no key that does."""
+        if key in BOUNDS:
+            return count_text(self.numbers[signal.name, value], "alert")
+        # A topic of several signals that falls silent is one alert, with the name of the topic.
+        silent = sum(self.numbers[name, "STALE"] for name in (signal.name, signal.topic))
+        return count_text(silent, "alert") if key == "stale_after_s" and value else ""
+
+    def _end(self, signal: str, wall_s: float) -> None:
+        lasted_s = wall_s - self._since_s.pop(signal, wall_s)
+        configured = template_name(signal)
+        self.longest_s[configured] = max(lasted_s, self.longest_s.get(configured, 0.0))
+
+
+class _Study:
+    """One run of the command."""
+
+    def __init__(self, paths: Sequence[str], namespace: str, problems: List[str]) -> None:
+        self._problems = problems
+        self._paths = paths
+        self._candidates = Candidates(namespace)
+        with Recordings(paths) as recordings:
+            self._channels = recordings.channels
+            first, last = recordings.span_ns or (0, 0)
+            self._duration_s = (last - first - sum(end - begin for begin, end in recordings.gaps_ns)) / 1e9
+
+    def of_file(self, name: str) -> str:
+        """Returns the text of a file with the settings of another one, and suggestions for them."""
+        file = read_yaml(name)
+        section = sections_of_nodes(file)["alert_system"]
+        with file.located(section.path):
+            config = read_monitor(Section((), section.tree))
+        namespace = self._candidates.namespace
+        node = f"/{namespace}/alert_system" if namespace else "/alert_system"
+        topics = {signal: resolve_name(each.topic, node) for signal, each in config.signals.items()}
+        recorded = {channel.topic for channel in self._channels}
+        if not recorded & {*topics.values()}:
+            got = list_text(sorted(recorded)) or "no topic"
+            raise ConfigError(f"no signal is recorded: expected one of {list_text([*topics.values()])}, got {got}")
+        for signal, given in section.tree["signals"].items():
+            self._candidates.signals[signal] = Signal(signal, topics[signal], "given", dict(given))
+        with file.located(section.path):
+            return self._text({key: value for key, value in section.tree.items() if key != "signals"})
+
+    def of_recorded_topics(self) -> str:
+        """Returns the text of a file for everything that is recorded."""
+        self._candidates.add(_topic(channel) for channel in self._channels)
+        if not self._candidates.topics:
+            raise ConfigError("no topic is recorded")
+        return self._text({})
+
+    def _text(self, others: Mapping[str, Any]) -> str:
+        proposal = Proposal(self._candidates)
+        with self._played() as player:
+            player.on_gap.append(lambda begin_s, end_s: proposal.begin_recording())
+            proposal.listen(player.node("survey", {}), {channel.topic for channel in self._channels})
+        proposed, alerts = self._replayed(proposal)
+        hours = duration_text(self._duration_s)
+        if self._duration_s >= 3600.0:
+            hours = f"{self._duration_s / 3600.0:.1f} h"
+        names = [os.path.basename(os.path.abspath(path)) for path in self._paths]
+        heading = [
+            f"Suggested by `robot-health suggest` from {hours} of recordings: {list_text(names, 5)}",
+            f"Replayed with these thresholds, the recordings raise {count_text(alerts.total, 'alert')}.",
+            "The bounds are those of WARN: recordings of healthy robots do not show where errors begin.",
+            "docs/statistics.md explains how each value is computed. Review before use.",
+        ]
+        for signal in proposed.signals:
+            numbers = {key: alerts.of(signal, key, value) for key, value in signal.settings.items()}
+            signal.alerts = {key: f"{number} in {hours}" for key, number in numbers.items() if number}
+        return thresholds_text(heading, others, proposed)
+
+    def _replayed(self, proposal: Proposal) -> Tuple[Proposed, _Alerts]:
+        """Returns what is proposed after a replay of the first proposal, and its alerts."""
+        trial = proposal.result()
+        if not trial.signals:
+            reasons = [f"{topic}: {reason}" for topic, reason in sorted(trial.not_watched.items())]
+            raise ConfigError(f"nothing to watch: {list_text(reasons, 5)}")
+        alerts = self._replay(_watched(trial))
+        proposed = proposal.result(alerts.longest_s)
+        if _watched(proposed) != _watched(trial):
+            alerts = self._replay(_watched(proposed))
+        return proposed, alerts
+
+    def _replay(self, signals: Signals) -> _Alerts:
+        alerts = _Alerts()
+        with self._played() as player:
+            if signals:
+                judge = Judge(player, alerts.note)
+                judge.add("suggested", {"robot_name": "recorded", "signals": signals})
+            player.on_gap.append(lambda begin_s, end_s: alerts.end_recording(player.wall_s))
+        alerts.end_recording(player.wall_s)
+        return alerts
+
+    @contextlib.contextmanager
+    def _played(self) -> Iterator[Player]:
+        """Plays the recordings to what the block adds to the player."""
+        with Recordings(self._paths) as recordings:
+            player = Player(recordings, namespace=self._candidates.namespace)
+            yield player
+            player.play()
+            self._problems += (problem for problem in player.problems if problem not in self._problems)
+
+
+def _watched(proposed: Proposed) -> Signals:
+    return {each.name: each.settings for each in proposed.signals if not each.is_shown_only}
+
+
+def _topic(channel: Any) -> Topic:
+    """Returns a topic as recorded; without a usable definition, its arrivals can be watched."""
+    try:
+        return Topic(channel.topic, channel.type_name, type_of(channel).definitions)
+    except ConfigError:
+        return Topic(channel.topic, channel.type_name, None)

@@ -5,25 +5,26 @@ from __future__ import annotations
 import re
 from functools import lru_cache
 from itertools import islice
-from typing import Any, Dict, Iterable, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple
+from typing import Any, Counter, Dict, Iterable, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple
 
 from ..config.signal_config import LINK
 from ..messages.definitions import NUMBERS, SEQUENCE, TEXTS, Definitions, Field
 from ..values.elements import NAME_ARRAYS, TIME_TYPES
-from ..values.formatting import list_text
 from ..values.goals import STATUS_TOPICS, STATUS_TYPES
 from .suggestion import NO_RULES, Rules, Signal
 
 OF_MIDDLEWARE = "a topic of the middleware"
 """Why topics that every robot has are not watched."""
 MOST_SIGNALS = 300
-"""Signals that are looked at: arrivals of all topics first, then batteries, temperatures and ages, then numbers."""
+"""Signals that are looked at: of arrivals first, then of batteries, temperatures and ages; and as many of numbers."""
 MOST_FIELDS = 100
 """Numbers of one topic that are looked at; the standard messages have at most 20."""
+_TOO_MANY = f"more than {MOST_SIGNALS} signals"
 
 _LONGEST_NAME = 200
 """Letters of a signal's name; YAML allows 1,024 in a key."""
 _MOST_WALKED = 2_000
+_ARRIVALS = ("rate", "statuses", "action", "log")
 _NUMBER = 2
 """Lowest priority of signals."""
 _DEEPEST = 16
@@ -43,7 +44,8 @@ _LOGS = ("rosgraph_msgs/Log", "rcl_interfaces/Log")
 _TIMES = (*TIME_TYPES, "builtin_interfaces/Duration")
 
 _EIGHT_BITS = ("uint8", "int8", "byte", "char")
-_OF_ITS_FIELDS = "a message, whose fields are looked at"
+Fields = Dict[Tuple[str, str], str]
+"""Why fields are not watched, by their topics and paths."""
 
 _UNITS = """
 sensor_msgs/BatteryState voltage=V temperature=degC current=A charge=Ah capacity=Ah design_capacity=Ah
@@ -130,7 +132,7 @@ class Names:
 
 
 class Candidates:
-    """The signals that topics can have, at most `MOST_SIGNALS`."""
+    """The signals that topics can have: at most `MOST_SIGNALS` of arrivals and rules, and as many numbers."""
 
     def __init__(self, namespace: str = "", taken: Iterable[str] = (), *, ages_of_bulk: bool = True) -> None:
         """Starts without topics.
@@ -144,52 +146,42 @@ class Candidates:
         """Types of the topics, by their absolute names."""
         self.signals: Dict[str, Signal] = {}
         """By their names; the arrivals of a topic come first."""
-        self.left_out: Dict[str, str] = {}
+        self.not_watched: Dict[str, str] = {}
         """Why topics are not looked at, by their names."""
-        self.fields: Dict[str, Dict[str, List[str]]] = {}
-        """Fields that are not looked at, by the names of topics and the reasons."""
-        self.problems: List[str] = []
-        """One line for each topic of which something is left out."""
+        self.fields: Fields = {}
+        self._counts: Counter[object] = Counter()
+        """Numbers by their topics, all numbers (True), and all other signals (False)."""
         self._ages_of_bulk = ages_of_bulk
 
     def add(self, topics: Iterable[Topic]) -> None:
         """Adds the signals of topics; topics that were added before are ignored."""
-        found: List[Signal] = []
+        new: List[Signal] = []
         for each in sorted(topics, key=lambda each: each.topic):
-            if each.topic in self.topics:
-                if self.topics[each.topic] != each.type_name:
-                    first = self.topics[each.topic]
-                    self.problems.append(f"{each.topic}: {each.type_name} left out, it also has {first}")
+            first = self.topics.get(each.topic, "")
+            if first not in ("", each.type_name):
+                self.fields[each.topic, f"as {each.type_name}"] = f"it also has {first}"
+            if first:
                 continue
             self.topics[each.topic] = each.type_name
             if each.topic in _OF_MIDDLEWARE or each.topic.endswith(_ENDINGS_OF_MIDDLEWARE):
-                self.left_out[each.topic] = OF_MIDDLEWARE
+                self.not_watched[each.topic] = OF_MIDDLEWARE
             elif not _NAME.match(each.topic):
-                self.left_out[each.topic] = "its name is not valid in ROS"
+                self.not_watched[each.topic] = "its name is not valid in ROS"
             else:
-                signals = list(self._of_topic(each))
-                rest = [signal.name for signal in signals if signal.kind == "number"][MOST_FIELDS:]
-                found += [signal for signal in signals if signal.name not in rest]
-                if rest:
-                    what = f"expected at most {MOST_FIELDS} numbers, got more: the rest is left out"
-                    self.problems.append(f"{each.topic}: {what}")
-        self._keep(sorted(found, key=_priority))
-
-    def _keep(self, found: Iterable[Signal]) -> None:
-        """Keeps signals; numbers of topics that were added before take no place from arrivals."""
-        important = sum(_priority(each) < _NUMBER for each in self.signals.values())
-        rest: Set[str] = set()
-        for each in found:
-            is_important = _priority(each) < _NUMBER
-            if len(self.signals) < MOST_SIGNALS or (is_important and important < MOST_SIGNALS):
-                self.signals[each.name] = each
-                important += is_important
+                new += self._of_topic(each)
+        for signal in sorted(new, key=_priority):
+            is_number = _priority(signal) == _NUMBER
+            if signal.topic in self.not_watched:
+                continue
+            if is_number and self._counts[signal.topic] >= MOST_FIELDS:
+                self.fields[signal.topic, signal.given["field"]] = f"more than {MOST_FIELDS} numbers"
+            elif self._counts[is_number] < MOST_SIGNALS:
+                self._counts.update([is_number, signal.topic] if is_number else [is_number])
+                self.signals[signal.name] = signal
+            elif signal.kind in _ARRIVALS:
+                self.not_watched[signal.topic] = _TOO_MANY
             else:
-                rest.add(each.topic)
-        cut = rest & {each.topic for each in self.signals.values()}
-        self.left_out.update((topic, f"more than {MOST_SIGNALS} signals") for topic in rest - cut)
-        if cut:
-            self.problems.append(f"more than {MOST_SIGNALS} signals: numbers are left out of {list_text(sorted(cut))}")
+                self.fields[signal.topic, signal.given["field"]] = _TOO_MANY
 
     def _of_topic(self, topic: Topic) -> Iterator[Signal]:
         """Yields the signals of one topic, and notes its other fields."""
@@ -200,7 +192,7 @@ class Candidates:
         yield self._signal(topic, "rate", "", "rate", statistic="frequency_hz")
         fields = list(islice(_walk(topic.definitions or {}, topic.type_name), _MOST_WALKED))
         if topic.definitions is None:
-            self.fields[topic.topic] = {"the definition of its type is not known": ["its fields"]}
+            self.fields[topic.topic, "its fields"] = "the definition of its type is not known"
         is_bulk = _is_bulk(topic.type_name, fields)
         named = _named_arrays(topic, fields)
         for path, kind in named.items():
@@ -210,13 +202,13 @@ class Candidates:
                 yield self._signal(topic, kind, f'{path}["*"]', path)
         for path, field, unit in fields:
             reason = _why_no_number(topic.type_name, field, is_bulk=is_bulk)
-            if path.split(".")[0] == "header":
-                if path == "header" and field.kind == _HEADER and (self._ages_of_bulk or not is_bulk):
+            if path == "header" and field.kind == _HEADER:
+                if self._ages_of_bulk or not is_bulk:
                     yield self._signal(topic, "age", "header.stamp", "age", rules=AGE_RULES, unit="s")
-            elif path not in named and not reason:
+            elif path not in named and reason:
+                self.fields[topic.topic, path] = reason
+            elif path not in named:
                 yield from self._numbers(topic, path, field, unit)
-            elif path not in named and reason != _OF_ITS_FIELDS:
-                self.fields.setdefault(topic.topic, {}).setdefault(reason, []).append(path)
 
     def _numbers(self, topic: Topic, path: str, field: Field, unit: str) -> Iterator[Signal]:
         """Yields the signals of a number or of an array of numbers."""
@@ -262,21 +254,21 @@ def relative(name: str, namespace: str) -> str:
 
 
 def _priority(signal: Signal) -> int:
-    return 0 if signal.kind in ("rate", "statuses", "action", "log") else 1 if signal.rules else _NUMBER
+    return 0 if signal.kind in _ARRIVALS else 1 if signal.rules else _NUMBER
 
 
 def _walk(
     definitions: Definitions, type_name: str, prefix: str = "", above: Tuple[Tuple[str, int], ...] = ()
 ) -> Iterator[Tuple[str, Field, str]]:
-    """Yields path, field and unit of the fields of a type and of the messages in it."""
+    """Yields path, field and unit of the fields of a type and of the messages in it, in place of these."""
     above = (*above, (type_name, len(prefix)))
     definition = definitions.get(type_name)
     for field in definition.fields if definition else ():
         path = f"{prefix}{field.name}"
         unit = next(filter(None, (_units().get((each, path[at:]), "") for each, at in above)), "")
-        yield path, field, unit
-        is_message = "/" in field.kind and field.size is None
-        if is_message and field.kind != _HEADER and field.kind not in _TIMES and len(above) < _DEEPEST:
+        if "/" not in field.kind or field.size is not None or field.kind in (_HEADER, *_TIMES):
+            yield path, field, unit
+        elif len(above) < _DEEPEST:
             yield from _walk(definitions, field.kind, f"{path}.", above)
 
 
@@ -296,7 +288,7 @@ def _why_no_number(type_name: str, field: Field, *, is_bulk: bool) -> str:
     if field.kind in TEXTS:
         return "text"
     if field.kind not in NUMBERS and field.kind not in _EIGHT_BITS:
-        return _OF_ITS_FIELDS if field.size is None and field.kind not in _TIMES else "times and arrays of messages"
+        return "times and arrays of messages"
     if is_bulk:
         return "a block of bytes, or beside one: not read"
     if field.kind == "bool":

@@ -6,9 +6,9 @@ It is measured on any middleware, live or recorded. Values are those that the mo
 from __future__ import annotations
 
 import math
-from array import array
 from dataclasses import replace
-from typing import Dict, Optional, Set
+from statistics import fmean, pvariance
+from typing import Dict, Optional
 
 from ..config.signal_config import BOUNDS, SignalConfig, read_signal
 from ..judge.signal_monitor import SignalMonitor
@@ -22,16 +22,14 @@ MOST_ELEMENTS = 64
 """Elements of one field that are measured."""
 MOST_CODES = 10
 """A signal with at most this many different values, all whole numbers, is taken for a code."""
-LEAST_MESSAGES = 20
-"""Messages below which no rate is suggested."""
 _LEAST_SAMPLES = 100
 """Valid samples below which no bound is suggested."""
 _LEAST_DURATION_S = 30.0
 """Time of samples, in s, below which no bound is suggested."""
 _UNKNOWN = read_signal("unknown", {})
-_BINS = 128
+_BINS = 16
+"""Equal times in which messages are counted; once they are full, each is twice as long, so that at least half are."""
 _FIRST_BIN_S = 0.001
-_LEAST_BINS = 8
 _ROUNDING = 0.35
 """Variance of a number of messages of a regular topic with some jitter: it is one more or one less."""
 _RATE_S = 30.0
@@ -53,12 +51,8 @@ class Measured:
         """From the first to the last sample, summed over the recordings."""
         self.samples = 0
         self.bad_samples = 0
-        self.only_rises = True
-        """Whether no value is smaller than the one before."""
-        self.rises = 0
-        """Values that are larger than the one before."""
-        self.codes: Optional[Set[float]] = set()
-        """The different values; None if there are more than `MOST_CODES` or one is not a whole number."""
+        self.rises = self.falls = 0
+        """Values that are larger, and smaller, than the one before."""
         self.elements: Dict[str, Measured] = {}
         """Each element, by its name, of a signal that selects several."""
         self.is_cut = False
@@ -66,7 +60,7 @@ class Measured:
         self._monitor: Optional[SignalMonitor] = None
         self._last_s = math.nan
         self._last = math.nan
-        self._bins = array("q", bytes(8 * _BINS))
+        self._bins = [0] * _BINS
         self._bin_s = _FIRST_BIN_S
 
     def begin_recording(self) -> None:
@@ -123,11 +117,7 @@ class Measured:
         if math.isfinite(step):
             self.steps.add(abs(step))
             self.rises += step > 0.0
-            self.only_rises = self.only_rises and step >= 0.0
-        if self.codes is not None:
-            self.codes.add(value)
-            if len(self.codes) > MOST_CODES or not value.is_integer():
-                self.codes = None
+            self.falls += step < 0.0
 
     def scale(self, factor: float, config: SignalConfig) -> None:
         """Converts everything to another unit, for which `config` is the configuration."""
@@ -142,16 +132,11 @@ class Measured:
         Estimated from the numbers of messages in at least 8 equal times, less the variance of a number that is rounded;
         messages that come in bunches are regular if the bunches are. Infinite without a message for that.
         """
-        last = min(_BINS - 1, int(self.duration_s / self._bin_s))
-        counts, bin_s = list(self._bins[:last]), self._bin_s  # the last one is not complete
-        while len(counts) >= 2 * _LEAST_BINS:
-            counts = [counts[at] + counts[at + 1] for at in range(0, len(counts) - 1, 2)]
-            bin_s *= 2.0
-        mean = sum(counts) / max(1, len(counts))
-        if len(counts) < _LEAST_BINS or mean < 1.0:
+        counts = self._bins[: int(self.duration_s / self._bin_s)]  # without the last one, which is not complete
+        if len(counts) < _BINS // 2 or sum(counts) < len(counts):
             return math.inf
-        variance = sum((each - mean) ** 2 for each in counts) / len(counts) - _ROUNDING
-        return math.sqrt(max(0.0, variance)) / mean * math.sqrt(min(1.0, bin_s / _RATE_S))
+        variance = pvariance(counts) - _ROUNDING
+        return math.sqrt(max(0.0, variance)) / fmean(counts) * math.sqrt(min(1.0, self._bin_s / _RATE_S))
 
     @property
     def mean_rate_hz(self) -> float:
@@ -161,11 +146,10 @@ class Measured:
     @property
     def needed_s(self) -> float:
         """Time in which enough samples come for a bound, in whole minutes, as s; 0 if enough came, or none."""
-        is_rate = self.config.statistic == "frequency_hz"
-        count, least = (self.samples, LEAST_MESSAGES) if is_rate else (self.values.count, _LEAST_SAMPLES)
-        if not count or not self.duration_s or count >= least:
+        count = self.values.count
+        if not count or not self.duration_s or count >= _LEAST_SAMPLES:
             return 0.0
-        needed_s = max(_LEAST_DURATION_S, self.duration_s * least / count)
+        needed_s = max(_LEAST_DURATION_S, self.duration_s * _LEAST_SAMPLES / count)
         return 60.0 * math.ceil(1.05 * needed_s / 60.0)
 
     def unsuitable(self) -> str:
@@ -181,9 +165,10 @@ class Measured:
             return f"seen for {duration_text(self.duration_s)} only; a range needs {duration_text(_LEAST_DURATION_S)}"
         if values.min == values.max:
             return f"the value is always {self.text(values.min)}"
-        if self.codes is not None:
-            return f"only the values {', '.join(f'{code:.0f}' for code in sorted(self.codes))}: looks like a code"
-        if self.only_rises and self.rises >= _LEAST_SAMPLES // 2:
+        different = values.different()
+        if len(different) <= MOST_CODES and all(each.is_integer() for each in different):
+            return f"only the values {', '.join(f'{code:.0f}' for code in sorted(different))}: looks like a code"
+        if not self.falls and self.rises >= _LEAST_SAMPLES // 2:
             return "the value only rises: looks like a counter"
         return ""
 
@@ -193,10 +178,8 @@ class Measured:
         return with_unit(number_text(value), unit)
 
     def _count_arrival(self) -> None:
-        at = int(self.duration_s / self._bin_s)
-        while at >= _BINS:
+        while self.duration_s >= _BINS * self._bin_s:
             half = [self._bins[each] + self._bins[each + 1] for each in range(0, _BINS, 2)]
-            self._bins = array("q", half + [0] * (_BINS // 2))
+            self._bins = half + [0] * (_BINS // 2)
             self._bin_s *= 2.0
-            at = int(self.duration_s / self._bin_s)
-        self._bins[at] += 1
+        self._bins[int(self.duration_s / self._bin_s)] += 1

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import copy
 import math
 from dataclasses import dataclass, field
 from itertools import groupby
-from typing import Any, Container, Dict, Iterable, Iterator, List, Mapping, Optional, Set, Tuple
+from typing import Any, Container, Dict, Iterable, Iterator, List, Mapping, Set, Tuple
 
 from ..config.signal_config import BOUNDS, read_signal
 from ..judge.attachments import TICKS
@@ -16,7 +15,7 @@ from ..values.errors import ConfigError
 from ..values.field_path import element_path
 from ..values.formatting import duration_text, list_text
 from ..values.model import Level
-from .candidates import AGE_RULES, FRACTIONS, OF_MIDDLEWARE, Candidates
+from .candidates import AGE_RULES, FRACTIONS, OF_MIDDLEWARE, Candidates, Fields
 from .measured import MOST_ELEMENTS, Measured
 from .suggestion import LEAST_RANGE_S, MOST_IRREGULAR, Setting, Signal, rounded, suggest
 
@@ -24,9 +23,6 @@ ORDER = (*BOUNDS, "hysteresis", "for_s", "stale_after_s", "depends_on")
 """Keys that are proposed, in the order in which they are written."""
 OLDEST_S = 1.0
 """Largest age of stamps, in s, that is taken for a delay: older ones are of another clock, or of other times."""
-
-FORECAST_WINDOW_S, FORECAST_S = 600.0, 1800.0
-"""Window of a forecast, of which alerts must last half, and how far ahead it looks."""
 
 EARLIEST_S = 0.001
 """Times are rounded: a stamp may be this much younger than its arrival, in s."""
@@ -49,8 +45,7 @@ class Proposed:
     """Sorted by topic; signals that were given are in their order."""
     not_watched: Dict[str, str] = field(default_factory=dict)
     """Why topics and nodes are not watched, by their absolute names."""
-    fields: Dict[str, Dict[str, List[str]]] = field(default_factory=dict)
-    """Numbers that are not watched, by the topics and the reasons."""
+    fields: Fields = field(default_factory=dict)
 
 
 class Proposal:
@@ -82,8 +77,7 @@ class Proposal:
                     if signal.kind == "given":
                         raise
                     del self.candidates.signals[name]
-                    reasons = self.candidates.fields.setdefault(signal.topic, {})
-                    reasons.setdefault(error.problem, []).append(signal.given["field"])
+                    self.candidates.fields[signal.topic, signal.given["field"]] = error.problem
 
     @property
     def samples(self) -> int:
@@ -91,36 +85,31 @@ class Proposal:
         signals = self.candidates.signals.values()
         return sum(each.measured.samples for each in signals if each.kind in ("rate", "statuses"))
 
-    def needed_s(self, kinds: Container[str] = ("number", "elements")) -> float:
-        """Returns how long to listen, in s, so that everything that came has enough samples for bounds; 0 if it has."""
-        measured = [each.measured for each in self.candidates.signals.values() if each.kind in kinds]
+    def needed_s(self) -> float:
+        """Returns how long to listen, in s, so that all numbers that came have enough samples for bounds; 0 if so."""
+        signals = self.candidates.signals.values()
+        measured = [each.measured for each in signals if each.kind in ("number", "elements")]
         parts = [part for each in measured for part in (each, *each.elements.values())]
         return max((each.needed_s for each in parts), default=0.0)
 
-    def result(self, longest_s: Mapping[str, float] = {}, alerting: Optional[Container[str]] = None) -> Proposed:
-        """Returns what is proposed.
-
-        `longest_s` has the longest healthy excursion of signals, as `suggest` takes it. `alerting` are forecasts that
-        raised alerts in a replay; None: forecasts are only shown, since nothing is replayed.
-        """
+    def result(self, longest_s: Mapping[str, float] = {}) -> Proposed:
+        """Returns what is proposed; `longest_s` has the longest healthy excursion of signals, as `suggest` takes it."""
         candidates = self.candidates
-        proposed = Proposed([], dict(candidates.left_out), copy.deepcopy(candidates.fields))
+        proposed = Proposed([], dict(candidates.not_watched), dict(candidates.fields))
         every = sorted(candidates.signals.values(), key=lambda each: "" if each.kind == "given" else each.topic)
         for topic, group in groupby(every, key=lambda each: each.topic):
             of_topic = list(group)
             first = of_topic[0]
-            reason = PUBLISHED_HERE if topic in self.own_topics else ""
+            reason = PUBLISHED_HERE if topic in self.own_topics and first.kind != "given" else ""
             if first.kind in ("rate", "statuses") and not first.measured.samples:
                 reason = reason or ("no message" if first.kind == "rate" else "no status")
             if reason:
                 proposed.not_watched[topic] = reason
-                proposed.fields.pop(topic, None)
                 continue
             for signal in of_topic:
                 for each in self._signals(signal, longest_s):
                     _sort_in(each, proposed)
-                    if each.kind == "number" and each.rules and not each.given.get("reduce"):
-                        proposed.signals += _forecast(each, alerting)
+        proposed.fields = {key: why for key, why in proposed.fields.items() if key[0] not in proposed.not_watched}
         if all(signal.kind == "log" for signal in proposed.signals):
             proposed.not_watched.update((signal.topic, OF_MIDDLEWARE) for signal in proposed.signals)
             proposed.signals = []  # a log alone is no robot
@@ -161,8 +150,10 @@ class Proposal:
                 given = {**signal.given, "field": element_path(signal.given["field"], element)}
                 name = self.candidates.names.of(signal.name, element)
                 yield _suggested(candidate.copy(name=name, given=given, measured=found), longest_s)
-        elif measured.samples or signal.kind == "given":
+        elif measured.samples:
             yield _suggested(signal, longest_s)
+        elif signal.kind == "given":
+            yield candidate.copy(note="no message: unchanged")
 
 
 def _sort_in(signal: Signal, proposed: Proposed) -> None:
@@ -176,10 +167,7 @@ def _sort_in(signal: Signal, proposed: Proposed) -> None:
     elif signal.kind == "rate":
         proposed.not_watched[signal.topic] = signal.left_out[0].replace("no bounds: ", "")
     else:
-        reason = (signal.left_out or ["no bounds"])[0]
-        fields = proposed.fields.setdefault(signal.topic, {}).setdefault(reason, [])
-        if signal.given["field"] not in fields:  # minimum and maximum of an array
-            fields.append(signal.given["field"])
+        proposed.fields[signal.topic, signal.given["field"]] = (signal.left_out or ["no bounds"])[0]
 
 
 def _suggested(signal: Signal, longest_s: Mapping[str, float]) -> Signal:
@@ -264,26 +252,6 @@ def _not_a_delay(measured: Measured) -> str:
         ages = f"{duration_text(values.min)} to {duration_text(values.max)}"
         return f"stamps are {ages} old, expected 0 to {duration_text(OLDEST_S)}"
     return ""
-
-
-def _forecast(signal: Signal, alerting: Optional[Container[str]]) -> Iterable[Signal]:
-    """Returns the forecast of a charge or a temperature, towards the bound of its WARN; none if there is no such."""
-    key = next((key for key in ("warn_below", "warn_above") if key in signal.proposed), None)
-    if key is None:
-        return []
-    given = {**signal.given, "statistic": "forecast", "window_s": FORECAST_WINDOW_S, "forecast_s": FORECAST_S}
-    forecast = signal.copy(name=f"{signal.name}_soon", kind="forecast", given=given, note="")
-    settings = {
-        key: signal.proposed[key]._replace(evidence=f"the value in {duration_text(FORECAST_S)}"),
-        "for_s": Setting(FORECAST_WINDOW_S / 2.0, "half of the window: noise that looks like a trend is no alert"),
-        "stale_after_s": signal.proposed["stale_after_s"],
-    }
-    is_long = signal.measured.duration_s > 2.0 * FORECAST_WINDOW_S
-    if alerting is not None and forecast.name not in alerting and is_long:
-        forecast.proposed = settings
-    else:
-        forecast.seen = settings
-    return [forecast]
 
 
 def _gap(rate: Signal) -> Iterable[Signal]:

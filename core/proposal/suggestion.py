@@ -11,8 +11,8 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Tuple
 
 from ..config.signal_config import BOUNDS, SignalConfig
-from ..values.formatting import bound_text, count_text, duration_text, with_unit
-from .measured import LEAST_MESSAGES, Measured
+from ..values.formatting import bound_text, count_text, duration_text
+from .measured import Measured
 from .quantiles import Quantiles
 
 LEAST_RANGE_S = 600.0  # time of samples, in s, below which a range is no bound: it is shown as a comment
@@ -20,6 +20,7 @@ RATE_MARGIN, SHORT_RATE_MARGIN = 0.2, 0.3
 """Margin of a rate, as a fraction; the second one if it was seen for less than `SHORT_S`."""
 SHORT_S = 300.0
 MOST_IRREGULAR = 0.07  # largest `Measured.irregularity` of a topic that is periodic
+LEAST_MESSAGES = 20  # messages below which no rate is suggested
 LEAST_GAPS = 10  # gaps between samples below which no `stale_after_s` is suggested
 TAIL = 0.001  # fraction of the samples beyond the quantile from which a bound is derived
 MARGIN = 0.1  # distance of a bound from its quantile, as a fraction of the spread between both quantiles
@@ -61,7 +62,7 @@ class Signal:
     """The absolute name of its topic; of the graph such as `node /lidar`."""
     kind: str
     """What it is measured by: `rate`, `gap`, `age`, `statuses`, `action`, `log`, `frames`, `elements`, `number`,
-    `forecast`, `node`; `given` was configured before, and stays."""
+    `node`; `given` was configured before, and stays."""
     given: Dict[str, Any]
     """Settings that say what it is; all settings of one that was configured before."""
     rules: Rules = field(default_factory=dict)
@@ -116,8 +117,6 @@ def suggest(signal: Signal, longest_excursion_s: Optional[float] = None) -> None
 def _add_range(signal: Signal, longest_excursion_s: Optional[float]) -> None:
     measured = signal.measured
     reason = measured.unsuitable()
-    if reason and not measured.config.field and measured.config.statistic == "last":
-        reason = "only the arrival of its messages is watched"
     if reason:
         signal.left_out.append(f"no bounds: {reason}")
         return
@@ -205,15 +204,16 @@ def _add_bounds(signal: Signal, from_extreme: bool) -> None:
         return
     digits = math.floor(math.log10(margin))
     step = 10.0**digits
+    lowest, highest = _limits(config, values.min)
     for key, quantile, extreme, bound in (
         ("warn_below", low, values.min, math.floor((low - margin) / step) * step),
         ("warn_above", high, values.max, math.ceil((high + margin) / step) * step),
     ):
         bound = round(bound, max(0, -digits) + 1)
         side, outermost = ("below", "lowest") if key == "warn_below" else ("above", "highest")
-        beyond = _beyond_limit(key, bound, config, values.min)
-        if beyond:
-            signal.left_out.append(f"no {key}: {measured.text(bound)} {beyond}")
+        if not lowest < bound < highest:
+            limit = f"above {bound_text(lowest)}" if key == "warn_below" else f"below {bound_text(highest)}"
+            signal.left_out.append(f"no {key}: {bound_text(bound)} is not {limit}, the limit of its values")
             continue
         evidence = f"{outermost} {measured.text(extreme)}"
         if quantile != extreme:
@@ -221,21 +221,11 @@ def _add_bounds(signal: Signal, from_extreme: bool) -> None:
         signal.proposed[key] = Setting(bound, f"{evidence}; margin {measured.text(margin)}")
 
 
-def _beyond_limit(key: str, bound: float, config: SignalConfig, lowest_value: float) -> str:
-    """Returns why no value can be beyond a bound; empty if one can."""
-    is_low = key == "warn_below"
-    side = "above" if is_low else "below"
-    if not math.isfinite(bound):
-        return "is no finite number"
-    valid = config.valid_min if is_low else config.valid_max
-    if valid is not None and (bound <= valid if is_low else bound >= valid):
-        return f"is not {side} {'valid_min' if is_low else 'valid_max'} {bound_text(valid)}"
-    possible = (_LOWEST if is_low else _HIGHEST).get(config.unit)
-    if possible is not None and (bound <= possible if is_low else bound >= possible):
-        return f"is not {side} {with_unit(bound_text(possible), config.unit)}, the {'minimum' if is_low else 'maximum'}"
-    if is_low and bound <= 0.0 <= lowest_value:
-        return "is not positive, and no recorded value is negative"
-    return ""
+def _limits(config: SignalConfig, lowest_value: float) -> Tuple[float, float]:
+    """Returns what no value of a signal can be beyond; those of one that was never negative stay so."""
+    low = (-math.inf, config.valid_min, _LOWEST.get(config.unit), 0.0 if lowest_value >= 0.0 else None)
+    high = (math.inf, config.valid_max, _HIGHEST.get(config.unit))
+    return max(each for each in low if each is not None), min(each for each in high if each is not None)
 
 
 def _add_hysteresis(signal: Signal) -> None:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-import json
+import math
 import re
-from itertools import groupby
-from typing import Any, Iterable, List, Mapping
+from itertools import chain, groupby
+from typing import Any, Dict, Iterable, List, Mapping, Tuple
 
-from ..values.formatting import count_text, duration_text, number_text, printable
+import yaml
+
+from ..values.formatting import count_text, duration_text, list_text, number_text, printable
 from .proposal import ORDER, Proposed
 from .suggestion import Signal
 
@@ -15,8 +17,6 @@ MOST_NOT_WATCHED = 60
 """Topics that are listed as not watched; of further ones, only the number is given."""
 _MOST_FIELDS = 12
 """Numbers of one topic that are listed with their ranges, and that are listed without bounds."""
-_PLAIN = re.compile(r"[A-Za-z_/][A-Za-z0-9_/.]*\Z")
-_NOT_TEXT = ("y", "n", "yes", "no", "on", "off", "true", "false", "null")
 _COLUMN = 36
 """Column of the comments."""
 
@@ -27,6 +27,7 @@ def thresholds_text(heading: Iterable[str], others: Mapping[str, Any], proposed:
     lines += [f"    {key}: {yaml_text(value)}" for key, value in others.items()]
     watched = [signal for signal in proposed.signals if not signal.is_shown_only]
     lines.append("    signals:" if watched else "    signals: {}")
+    fields = _fields(proposed)
     for topic, signals in groupby(proposed.signals, key=lambda signal: signal.topic):
         comments: List[str] = []
         for signal in signals:
@@ -35,10 +36,8 @@ def thresholds_text(heading: Iterable[str], others: Mapping[str, Any], proposed:
             else:
                 lines += _signal(signal)
         lines += _at_most(comments, topic, "more of them")
-        lines += _fields(proposed, topic)
-    shown = {signal.topic for signal in proposed.signals}
-    unshown = [topic for topic in sorted(proposed.fields) if topic not in shown][:MOST_NOT_WATCHED]
-    lines += [line for topic in unshown for line in _fields(proposed, topic)]
+        lines += fields.pop(topic, [])
+    lines += chain.from_iterable(each for _, each in sorted(fields.items())[:MOST_NOT_WATCHED])
     if proposed.not_watched:
         lines.append("    # Not watched:")
         topics = sorted(proposed.not_watched.items())
@@ -48,13 +47,15 @@ def thresholds_text(heading: Iterable[str], others: Mapping[str, Any], proposed:
     return "".join(f"{printable(line)}\n" for line in lines)
 
 
-def _fields(proposed: Proposed, topic: str) -> List[str]:
-    """Returns the fields of a topic that have no line, with the reasons."""
-    reasons = []
-    for reason, fields in proposed.fields.get(topic, {}).items():
-        more = f" and {len(fields) - _MOST_FIELDS} more" if len(fields) > _MOST_FIELDS else ""
-        reasons.append(f"      # {topic}, {', '.join(fields[:_MOST_FIELDS])}{more}: {reason}")
-    return _at_most(reasons, topic, "more without bounds")
+def _fields(proposed: Proposed) -> Dict[str, List[str]]:
+    """Returns the lines of the fields of each topic that are not watched, those with the same reason together."""
+    reasons: Dict[Tuple[str, str], List[str]] = {}
+    for (topic, field), reason in proposed.fields.items():
+        reasons.setdefault((topic, reason), []).append(field)
+    lines: Dict[str, List[str]] = {}
+    for (topic, reason), fields in reasons.items():
+        lines.setdefault(topic, []).append(f"      # {topic}, {list_text(fields, _MOST_FIELDS)}: {reason}")
+    return {topic: _at_most(each, topic, "more without bounds") for topic, each in lines.items()}
 
 
 def _signal(signal: Signal) -> List[str]:
@@ -114,17 +115,15 @@ def _unit(settings: Mapping[str, Any]) -> str:
     )
 
 
+class _Dumper(yaml.SafeDumper):
+    """Writes values for the parsers of both versions of ROS."""
+
+
+_ONE_LINE: Mapping[str, Any] = {"default_flow_style": True, "sort_keys": False, "width": math.inf}
+_Dumper.add_implicit_resolver("tag:yaml.org,2002:bool", re.compile(r"[yYnN]\Z"), list("yYnN"))  # as in YAML 1.1
+
+
 def yaml_text(value: Any) -> str:
     """Returns a value as YAML on one line."""
-    if isinstance(value, float):
-        text = repr(value)
-        return text if "." in text else text.replace("e", ".0e")  # YAML reads 1e-05 as text
-    if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{yaml_text(key)}: {yaml_text(element)}" for key, element in value.items()) + "}"
-    if isinstance(value, (list, tuple)):
-        return f"[{', '.join(map(yaml_text, value))}]"
-    if isinstance(value, str) and _PLAIN.match(value) and value.lower() not in _NOT_TEXT:
-        return value
-    if isinstance(value, str) and '"' in value and "'" not in value and value.isprintable():
-        return f"'{value}'"
-    return json.dumps(value, default=str)
+    text: str = yaml.dump([value], Dumper=_Dumper, **_ONE_LINE)
+    return text[1:-2]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import subprocess
 import sys
@@ -17,7 +16,6 @@ import pytest
 from harness.interpreters import find_pythons
 from harness.line_process import LineProcess
 from harness.packaging_workspace import NAME, ROOT, source_modules, version
-from harness.requirements import runtime_requirements
 from harness.reserved import free_port
 
 _PYTHONS = find_pythons()

@@ -65,7 +65,7 @@ def test_a_file_with_evidence_that_check_accepts(robot_health_process: Start, tm
         "        # 1,000 samples in 16 min 39 s",
         "        topic: battery",
         "        type: std_msgs/Float64",
-        '        field: ""',
+        "        field: ''",
         "        statistic: frequency_hz",
         "        warn_below: 0.8             # Hz; 0 alerts in 16 min 39 s; lowest 1 Hz; margin 20 %",
         "        warn_above: 1.2             # Hz; 0 alerts in 16 min 39 s; highest 1 Hz; margin 20 %",
@@ -84,7 +84,7 @@ def test_a_file_with_evidence_that_check_accepts(robot_health_process: Start, tm
         "        # 1,000 samples in 16 min 39 s",
         "        topic: count",
         "        type: std_msgs/Int32",
-        '        field: ""',
+        "        field: ''",
         "        statistic: frequency_hz",
         "        warn_below: 0.8             # Hz; 0 alerts in 16 min 39 s; lowest 1 Hz; margin 20 %",
         "        warn_above: 1.2             # Hz; 0 alerts in 16 min 39 s; highest 1 Hz; margin 20 %",
@@ -150,8 +150,8 @@ def test_suggestions_for_the_signals_of_a_file(robot_health: Start, tmp_path: Pa
     (given,) = [line for line in out(process) if line.startswith("        warn_below: 5.0")]
     assert "# %; given; 0 alerts in 16 min 39 s; suggested: 78.0; lowest 80 %" in given
     assert (arm.bounds, arm.stale_after_s) == ({"warn_above": 3.0}, 9.0)
-    assert "        # no warn_above: 102 % is not below 100 %, the maximum" in out(process)
-    assert "        # not recorded: unchanged" in out(process)
+    assert "        # no warn_above: 102 is not below 100, the limit of its values" in out(process)
+    assert "        # no message: unchanged" in out(process)
 
 
 @pytest.mark.newest_python
@@ -181,7 +181,7 @@ def test_the_output_is_the_same_in_every_run(robot_health_process: Start, tmp_pa
         (
             [("/battery", "Float64", TRIANGLE, 1.0)],
             ["--thresholds", "{file}"],
-            "no signal is recorded: expected one of arm, ",
+            "no signal is recorded: expected one of /arm, got /battery",
         ),
         (
             [("/rosout_agg", "Byte", [0] * 3, 1.0)],
@@ -200,6 +200,21 @@ def test_recordings_without_a_signal_are_one_line(
     assert process.wait() == 2
     assert [line.stream for line in process.lines] == ["err"]
     assert process.lines[0].text.startswith(f"robot-health suggest: {error}")
+
+
+def test_a_signal_may_depend_on_one_that_is_not_recorded(robot_health: Start, tmp_path: Path) -> None:
+    thresholds = tmp_path / "thresholds.yaml"
+    thresholds.write_text(
+        "alert_system: {ros__parameters: {signals: {battery: {warn_below: 5.0, depends_on: [arm]}, "
+        "arm: {}, cell: {topic: battery, warn_below: 5.0, only_if: {signal: arm, above: 1.0}}}}}\n"
+    )
+    bag = write_bag(tmp_path / "a.bag", [("/battery", "Float64", TRIANGLE, 1.0)])
+    process = robot_health("suggest", bag, "--thresholds", thresholds)
+    assert process.wait() == 0, process.text
+    (tmp_path / "suggested.yaml").write_text("\n".join(out(process)))
+    config = load_config(tmp_path / "suggested.yaml")
+    assert list(config.signals) == ["battery", "arm", "cell"]
+    assert config.signals["battery"].depends_on == ("arm",)
 
 
 def test_a_file_that_is_no_recording_is_one_line(robot_health: Start, tmp_path: Path) -> None:

@@ -27,14 +27,14 @@ def signals(candidates: Candidates) -> List[Signal]:
 
 
 def reasons(type_name: str, text: Optional[str] = None) -> Dict[str, List[str]]:
-    found = listed([topic("/a", type_name, text)]).fields
-    return {reason: list(fields) for reason, fields in found.get("/a", {}).items()}
+    by_reason: Dict[str, List[str]] = {}
+    for (_, field), reason in listed([topic("/a", type_name, text)]).fields.items():
+        by_reason.setdefault(reason, []).append(field)
+    return by_reason
 
 
 def fields(type_name: str, text: Optional[str] = None) -> List[str]:
-    listing = listed([topic("/a", type_name, text)])
-    assert listing.problems == []
-    return [each.settings["field"] for each in signals(listing)]
+    return [each.settings["field"] for each in signals(listed([topic("/a", type_name, text)]))]
 
 
 def test_numbers_of_the_standard_messages_without_headers_codes_and_arrays() -> None:
@@ -77,7 +77,7 @@ def test_whatever_is_no_number_is_left_out_with_its_reason() -> None:
         "height", "width", "is_bigendian", "step", "data",
     ]  # fmt: skip
     assert listed([Topic("/a", "own_msgs/Secret", None)]).fields == {
-        "/a": {"the definition of its type is not known": ["its fields"]}
+        ("/a", "its fields"): "the definition of its type is not known"
     }
 
 
@@ -134,7 +134,7 @@ def test_units_are_those_of_the_definitions() -> None:
 
 def test_topics_of_the_middleware_are_left_out() -> None:
     found = listed([topic("/clock", "std_msgs/Float32"), topic("/rosout_agg", "std_msgs/Float32")])
-    assert (signals(found), set(found.left_out)) == ([], {"/clock", "/rosout_agg"})
+    assert (signals(found), set(found.not_watched)) == ([], {"/clock", "/rosout_agg"})
 
 
 def test_names_are_valid_and_unique() -> None:
@@ -145,40 +145,43 @@ def test_names_are_valid_and_unique() -> None:
     assert len({each.name for each in found}) == len(found)
 
 
-def test_a_topic_with_two_types_is_a_problem() -> None:
+def test_of_a_topic_with_two_types_the_first_one_is_watched() -> None:
     found = listed([topic("/a", "std_msgs/Float32"), topic("/a", "std_msgs/Float64")])
     assert {each.settings["type"] for each in signals(found)} == {"std_msgs/Float32"}
-    assert found.problems == ["/a: std_msgs/Float64 left out, it also has std_msgs/Float32"]
+    assert found.fields == {("/a", "as std_msgs/Float64"): "it also has std_msgs/Float32"}
 
 
 @pytest.mark.parametrize("name", ["/", "/2d", "//a", "/a//b", "/a b", "/ä", "/\x1b[31m", "/a\n", "/<b>"])
 def test_a_topic_with_a_name_that_ros_does_not_allow_is_left_out(name: str) -> None:
     found = listed([topic(name, "std_msgs/Float32")])
-    assert (found.signals, found.left_out) == ({}, {name: "its name is not valid in ROS"})
+    assert (found.signals, found.not_watched) == ({}, {name: "its name is not valid in ROS"})
 
 
 def test_numbers_of_a_topic_are_limited() -> None:
     text = "\n".join(f"float32 x{number}" for number in range(MOST_FIELDS + 1))
     found = listed([topic("/a", "own_msgs/Wide", text)])
     assert [each.settings["field"] for each in signals(found)][-1] == "x99"
-    assert found.problems == ["/a: expected at most 100 numbers, got more: the rest is left out"]
+    assert found.fields == {("/a", "x100"): "more than 100 numbers"}
 
 
 def test_a_robot_with_2000_topics_is_watched_by_the_arrivals_of_the_first_ones() -> None:
     found = listed([topic(f"/t{number:04}", "std_msgs/Float32") for number in range(2000)])
-    assert len(signals(found)) == MOST_SIGNALS
-    assert {each.kind for each in signals(found)} == {"rate"}
-    assert len(found.left_out) == 1700
-    assert found.left_out["/t1999"] == "more than 300 signals"
+    topics = [each.topic for each in signals(found)]
+    assert len(topics) == 2 * MOST_SIGNALS
+    assert topics[:MOST_SIGNALS] == topics[MOST_SIGNALS:] == [f"/t{number:04}" for number in range(300)]
+    assert [each.kind for each in signals(found)] == ["rate"] * 300 + ["number"] * 300
+    assert len(found.not_watched) == 1700
+    assert found.not_watched["/t1999"] == "more than 300 signals"
 
 
-def test_topics_that_appear_later_count_and_their_arrivals_come_before_numbers_of_earlier_ones() -> None:
+def test_topics_that_appear_later_count_and_numbers_of_earlier_ones_leave_room_for_their_arrivals() -> None:
     text = "\n".join(f"float64 x{number}" for number in range(6))
     wide = [topic(f"/a{number:03}", "own_msgs/Wide", text) for number in range(100)]
     candidates = listed(wide)
-    assert len(candidates.signals) == 300  # 100 arrivals, 200 of 600 numbers
+    assert len(candidates.signals) == 400  # 100 arrivals, 300 of 600 numbers
+    assert candidates.fields["/a099", "x5"] == "more than 300 signals"
     candidates.add(topic(f"/b{number:03}", "own_msgs/Wide", text) for number in range(250))
-    assert [each.kind for each in signals(candidates)[300:]] == ["rate"] * 200
+    assert [each.kind for each in signals(candidates)[400:]] == ["rate"] * 200
     candidates.add([topic("/c", "std_msgs/Float32")])
-    assert len(candidates.signals) == 500
-    assert candidates.left_out["/c"] == "more than 300 signals"
+    assert len(candidates.signals) == 600
+    assert candidates.not_watched["/c"] == "more than 300 signals"

@@ -167,7 +167,7 @@ def test_what_a_driver_publishes_depends_on_its_own_status(bus: LocalBus) -> Non
     assert settings(proposed)["scan_rate"]["depends_on"] == ["diagnostics[laser: scan]"]
     assert "depends_on" not in settings(proposed)["image_rate"]
     text = thresholds_text([], {}, proposed)
-    guess = '# depends_on: ["diagnostics[motors: left]", "diagnostics[motors: right]"] '
+    guess = "# depends_on: ['diagnostics[motors: left]', 'diagnostics[motors: right]'] "
     assert f"        {guess}# a guess: its driver's own statuses\n" in text
     watched(bus, proposed)  # names that do not exist would be errors
 

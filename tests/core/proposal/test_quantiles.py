@@ -25,7 +25,7 @@ def test_without_numbers_there_is_no_quantile() -> None:
 
 @pytest.mark.newest_python
 @pytest.mark.parametrize("order", ["rising", "falling", "shuffled"])
-def test_a_million_numbers_have_quantiles_within_0_02_percent_of_the_ranks(order: str) -> None:
+def test_quantiles_of_a_million_numbers_are_as_exact_as_those_of_a_random_sample(order: str) -> None:
     numbers = [float(number) for number in range(1_000_000)]
     if order == "falling":
         numbers.reverse()
@@ -35,15 +35,24 @@ def test_a_million_numbers_have_quantiles_within_0_02_percent_of_the_ranks(order
     for number in numbers:
         quantiles.add(number)
     for fraction in (0.001, 0.01, 0.5, 0.95, 0.999):
-        assert quantiles.quantile(fraction) == pytest.approx(fraction * 1e6, abs=200)
+        deviation = math.sqrt(fraction * (1.0 - fraction) / SIZE)
+        assert quantiles.quantile(fraction) == pytest.approx(fraction * 1e6, abs=4e6 * deviation)
     assert (quantiles.min, quantiles.max) == (0.0, 999_999.0)
+
+
+def test_as_many_numbers_as_are_kept_have_exact_quantiles() -> None:
+    quantiles = Quantiles()
+    for number in range(SIZE, 0, -1):
+        quantiles.add(float(number))
+    assert quantiles.quantile(0.5) == SIZE / 2
+    assert quantiles.within(2.0, SIZE - 1.0) == (2.0, SIZE - 1.0, pytest.approx(2.0 / SIZE))
 
 
 def test_memory_is_bounded() -> None:
     quantiles = Quantiles()
     for _ in range(50 * SIZE):
         quantiles.add(0.0)
-    assert sum(len(buffer) for buffer in quantiles._buffers) <= 8 * SIZE
+    assert len(quantiles._sample) == SIZE
 
 
 def test_scaling_scales_every_quantile() -> None:

@@ -1,4 +1,4 @@
-"""Which ROS a robot is listened to over. Real robots: test_init_command.py, tests/ros1/test_init.py and ros2/."""
+"""Which ROS `init` listens over. Real robots: test_init_command.py, tests/ros1/test_init.py and ros2/."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any, Sequence
 
 import pytest
 
-from robot_health_monitor.cli.live_robot import choose_ros
+from robot_health_monitor.cli.commands.init_command import choose_ros
 from robot_health_monitor.core.values.errors import ConfigError
 
 
