@@ -7,7 +7,8 @@ import itertools
 from typing import Any, Callable, Dict, Mapping, Tuple
 
 from ..core.values.errors import ServiceError
-from .protocol import Id, Operation, operations
+from .protocol import Id
+from .protocol.operations import ServiceResponse
 
 
 class PendingCalls:
@@ -20,7 +21,7 @@ class PendingCalls:
 
     async def call(
         self,
-        send: Callable[[Operation], None],
+        send: Callable[[Mapping[str, Any]], None],
         peer: object,
         service: str,
         request: Mapping[str, Any],
@@ -34,14 +35,14 @@ class PendingCalls:
         future: asyncio.Future[Any] = asyncio.get_event_loop().create_future()
         self._waiting[id] = service, peer, future
         try:
-            send(operations.CallService(service, request, id))
+            send({"op": "call_service", "service": service, "args": request, "id": id})
             return await asyncio.wait_for(future, timeout_s)
         except asyncio.TimeoutError:
             raise ServiceError(f"{service} did not respond within {timeout_s:g} s") from None
         finally:
             del self._waiting[id]
 
-    def receive(self, response: operations.ServiceResponse, peer: object, problem: str) -> None:
+    def receive(self, response: ServiceResponse, peer: object, problem: str) -> None:
         """Ends the call that a response belongs to; ignores one that is not expected, or not from this peer.
 
         `problem` is the text of the error if the service failed.

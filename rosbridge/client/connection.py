@@ -23,8 +23,9 @@ from ...runtime.bridge.connection import LONGEST_TEXT, BridgeConnection
 from ...runtime.bridge.websocket import Wire
 from ...runtime.event_loops import run_in_daemon_thread
 from ..calls import PendingCalls
-from ..protocol import CBOR_SUBPROTOCOL, DEFAULT_LIMITS, SUBPROTOCOLS, Connection, Limits, Operation, operations
-from ..protocol.codec import HEAD_BYTES, decode, serialized_publication, topic_of_message
+from ..protocol import CBOR_SUBPROTOCOL, DEFAULT_LIMITS, SUBPROTOCOLS, Limits, decode, encode, read_operation
+from ..protocol.codec import HEAD_BYTES, serialized_publication, topic_of_message
+from ..protocol.operations import ServiceResponse
 from .subscriptions import Subscriptions
 
 _LARGE_CBOR_BYTES = 65_536
@@ -46,17 +47,15 @@ class ServerConnection(BridgeConnection):
         self.receivers = self.subscriptions = Subscriptions(self.send, self.call, self.run_in_loop)
         self.limits = limits
         """Bounds for messages that are decoded."""
-        self._protocol = Connection(limits)
         self._compression = "none"
 
-    def send(self, operation: Operation) -> None:
+    def send(self, operation: Mapping[str, Any]) -> None:
         """Sends an operation; raises MessageError if it cannot be encoded.
 
         Drops it while the connection is down: after a reconnection, every subscription is sent again.
         """
         if self.up:
-            for wire in self._protocol.send(operation, compression=self._compression):
-                self.send_wire(wire)
+            self.send_wire(encode(operation, self._compression))
 
     async def call(self, service: str, request: Mapping[str, Any], timeout_s: float) -> Mapping[str, Any]:
         """Returns the response of a service of the server; called in the event loop.
@@ -79,7 +78,6 @@ class ServerConnection(BridgeConnection):
 
     def _begin(self, subprotocol: Optional[str]) -> bool:
         self._compression = "cbor" if subprotocol == CBOR_SUBPROTOCOL else "none"
-        self._protocol = Connection(self.limits)
         self.subscriptions.send_all(self._compression)
         return True
 
@@ -93,23 +91,21 @@ class ServerConnection(BridgeConnection):
             if self._receive_undecoded(data):
                 return None
             if type(data) is bytes and len(data) > _LARGE_CBOR_BYTES:
-                return self._receive_large(data, now_s)
-        self._process(decode(data, self.limits), now_s)
+                return self._receive_large(data)
+        self._process(decode(data, self.limits))
         return None
 
-    async def _receive_large(self, data: Wire, now_s: float) -> None:
+    async def _receive_large(self, data: Wire) -> None:
         """Decodes in a thread: CBOR takes up to a second per megabyte."""
-        self._process(await run_in_daemon_thread(functools.partial(decode, data, self.limits)), now_s)
+        self._process(await run_in_daemon_thread(functools.partial(decode, data, self.limits)))
 
-    def _process(self, fields: Dict[str, Any], now_s: float) -> None:
+    def _process(self, fields: Dict[str, Any]) -> None:
         topic, message = fields.get("topic"), fields.get("msg")
         if fields.get("op") == "publish" and type(topic) is str and type(message) is dict:
             self.subscriptions.deliver(topic, message)  # by far the most frequent
             return
-        operation = self._protocol.receive_decoded(fields, now_s)
-        if isinstance(operation, operations.Publish):
-            self.subscriptions.deliver(operation.topic, operation.msg)
-        elif isinstance(operation, operations.ServiceResponse):
+        operation = read_operation(fields)
+        if isinstance(operation, ServiceResponse):
             reason = printable(str(operation.values)[:LONGEST_TEXT])
             self._calls.receive(operation, None, f"{printable(operation.service)} failed: {reason}")
 

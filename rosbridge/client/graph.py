@@ -16,7 +16,6 @@ from ...core.port.mapping_node import MappingNode
 from ...core.port.middleware import NodeInfo
 from ...core.values.errors import LinkError, ServiceError
 from ...runtime.sockets import ignore_result
-from ..protocol.operations import Subscribe, Unsubscribe
 from .connection import ServerConnection
 from .topics import Call, names_of
 
@@ -120,10 +119,11 @@ class GraphReader:
 
     async def _find_server(self) -> None:
         """Finds the server's own node, which may need some readings: ROS 2 has to discover its subscription first."""
-        self._connection.send(Subscribe(self._own_topic, "std_msgs/String", self._own_topic))
+        subscription = {"topic": self._own_topic, "id": self._own_topic}
+        self._connection.send({"op": "subscribe", "type": "std_msgs/String", **subscription})
         self._server = next(iter(await self._ask("subscribers", topic=self._own_topic)), "")
         if self._server:
-            self._connection.send(Unsubscribe(self._own_topic, self._own_topic))
+            self._connection.send({"op": "unsubscribe", **subscription})
 
     def _read_states(self, wanted: Set[str], nodes: Collection[str], counts: Counts) -> None:
         """Adds the states that were answered since the last reading, and calls again."""

@@ -17,7 +17,6 @@ from typing import Any, Callable, Collection, Dict, Mapping, Optional, Tuple
 from ...core.messages.raw_messages import RawFormat, json_format, ros1_format, ros2_format
 from ...core.values.errors import LinkError, ServiceError
 from ...core.values.names import canonical_type, split_type_name
-from ..protocol import Operation, operations
 from .receivers import Receiver
 from .topics import Call, find_definition
 
@@ -56,16 +55,21 @@ class _Topic:
         """Whether the server has to be asked for something."""
         return not self.sent or (self.definition is None and self.needs_format)
 
-    def operation(self, compression: str = "none") -> operations.Subscribe:
+    def operation(self, compression: str = "none") -> Mapping[str, Any]:
         """Returns what subscribes to it."""
-        return operations.Subscribe(self.name, self.type_name, f"subscribe:{self.name}", compression=compression)
+        fields = {"topic": self.name, "type": self.type_name, "id": f"subscribe:{self.name}"}
+        given = {**fields, "compression": "" if compression == "none" else compression}
+        return {"op": "subscribe", **{name: value for name, value in given.items() if value}}
 
 
 class Subscriptions:
     """The subscriptions of one connection. `add` and `remove` may be called from any thread."""
 
     def __init__(
-        self, send: Callable[[Operation], None], call: Call, run_in_loop: Callable[[Callable[[], object]], None]
+        self,
+        send: Callable[[Mapping[str, Any]], None],
+        call: Call,
+        run_in_loop: Callable[[Callable[[], object]], None],
     ) -> None:
         """Starts without subscriptions; `send` drops operations while the connection is down."""
         self._send = send
@@ -107,7 +111,7 @@ class Subscriptions:
                 self._choose_format(known)
             else:
                 del self._topics[known.name]
-                self._send(operations.Unsubscribe(known.name, known.operation().id))
+                self._send({"op": "unsubscribe", "topic": known.name, "id": f"subscribe:{known.name}"})
 
     def send_all(self, compression: str) -> None:
         """Sends every subscription, on a new connection: with `cbor` to this project's server, else with `none`."""

@@ -1,19 +1,23 @@
-"""The rosbridge v2 protocol as pure code: no sockets, no clock, no threads."""
+"""The rosbridge v2 protocol as pure code: no sockets, no clock, no threads, no state.
 
-from .codec import CBOR_PROBLEM, Wire
-from .connection import CBOR_SUBPROTOCOL, SUBPROTOCOLS, Connection
+Every WebSocket message is one operation: `read_operation(decode(data, limits))` reads it, `encode` writes one. Invalid
+input raises ProtocolError and nothing else.
+"""
+
+from .codec import CBOR_PROBLEM, CBOR_SUBPROTOCOL, SUBPROTOCOLS, Wire, decode, encode
 from .limits import DEFAULT_LIMITS, Id, Limits, ProtocolError
-from .operations import Operation
+from .operations import read_operation
 
 __all__ = [
     "CBOR_PROBLEM",
     "CBOR_SUBPROTOCOL",
-    "Connection",
     "DEFAULT_LIMITS",
     "Id",
     "Limits",
-    "Operation",
     "ProtocolError",
     "SUBPROTOCOLS",
     "Wire",
+    "decode",
+    "encode",
+    "read_operation",
 ]

@@ -15,7 +15,7 @@ import math
 import re
 import struct
 import zlib
-from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple, Union
+from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple, Union
 
 from ...core.values.errors import MessageError
 from ...runtime.libraries import missing_text
@@ -28,6 +28,11 @@ except ImportError:  # optional, and only for encoding: the Debian packages of t
 
 CBOR_PROBLEM = missing_text(["cbor2"]) if cbor2 is None else ""
 """Why CBOR cannot be sent; empty if it can."""
+
+CBOR_SUBPROTOCOL = "rosbridge.v2.cbor"
+"""WebSocket subprotocol by which this package's client and server agree to send CBOR."""
+SUBPROTOCOLS: Sequence[str] = () if CBOR_PROBLEM else (CBOR_SUBPROTOCOL,)
+"""Those that a client requests and a server accepts."""
 
 Wire = Union[str, bytes]
 """One WebSocket message: text for JSON, binary for CBOR."""
@@ -92,6 +97,17 @@ def _check_nesting(value: Any, levels: int) -> None:
             raise RecursionError
         for child in value.values() if isinstance(value, dict) else value:
             _check_nesting(child, levels - 1)
+
+
+def encode(fields: Mapping[str, Any], compression: str = "none", *, is_large: bool = False) -> Wire:
+    """Returns the message to transmit for an operation, encoded with one of COMPRESSIONS.
+
+    Raises MessageError if a value cannot be encoded. A large one should be encoded in a background thread.
+    """
+    if compression in ("cbor", "cbor-raw"):
+        return encode_cbor(fields)
+    text = encode_large_json(fields) if is_large else encode_json(fields)
+    return encode_json({"op": "png", "data": encode_png(text)}) if compression == "png" else text
 
 
 def encode_json(value: object) -> str:

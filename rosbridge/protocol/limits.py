@@ -14,17 +14,11 @@ class Limits(NamedTuple):
     """Limits for one connection, and of a server. What a peer makes grow is bounded, and refused, never shortened."""
 
     message_bytes: int = 1_000_000
-    """Size of a received message, before and after its fragments are joined."""
-    first_message_bytes: int = 4_096
-    """Size of the first message of a client that has not presented the token."""
+    """Size of a received message."""
     nesting: int = 64
     """Nesting depth of lists and objects."""
     containers: int = 50_000
     """Lists and objects in a received message."""
-    partial_messages: int = 16
-    """Incomplete fragmented messages at the same time."""
-    fragment_timeout_s: float = 60.0
-    """An incomplete message is dropped this long after its last fragment, in s."""
     subscriptions: int = 1_000
     """Subscriptions of one client."""
     advertisements: int = 100
@@ -36,7 +30,7 @@ class Limits(NamedTuple):
     queue_bytes: int = 1_000_000
     """Memory of the messages that wait for one client: those to be sent, and those held back by `throttle_rate`."""
     encoding_bytes: int = 8_000_000
-    """Estimated size of the messages of a topic that wait to be encoded, per encoding."""
+    """Estimated size of the messages of a topic that wait to be encoded."""
     sent_bytes: int = 16_000_000
     """Estimated size of a message to be sent; larger ones are dropped."""
     waiting_bytes: int = 16_000_000
@@ -45,8 +39,8 @@ class Limits(NamedTuple):
     """Most open connections of a server."""
     heartbeat_s: float = 10.0
     """Period of pings in s; a client that does not answer within half of it is disconnected."""
-    auth_timeout_s: float = 10.0
-    """Time for a new connection to send a request and the token, in s."""
+    request_timeout_s: float = 10.0
+    """Time for a connection to send a request, in s."""
     call_timeout_s: float = 10.0
     """Longest service call, in s."""
     slow_client_timeout_s: float = 10.0
@@ -58,11 +52,6 @@ DEFAULT_LIMITS = Limits()
 
 class ProtocolError(MessageError):
     """A message that is not valid rosbridge or exceeds a limit. `str()` is one line."""
-
-    def __init__(self, problem: str, op: str = "", id: Id = None) -> None:  # noqa: A002 - the protocol's word
-        """Takes the problem, and the operation that caused it, if known, with its id."""
-        super().__init__(f"{op}: {problem}" if op else problem)
-        self.id = id
 
 
 def shown(value: object, length: int = 40) -> str:

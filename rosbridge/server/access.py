@@ -1,7 +1,7 @@
 """Who may connect, and what clients may do besides reading: host, origin, token, permissions.
 
-A client presents the token in the header `Authorization`, in the address, in the body of a login, with the operation
-`auth`, or with the cookie that it got for it: one check and one limit for all of these. The cookie proves knowledge of
+A client presents the token in the header `Authorization`, in the address, in the body of a login, or with the cookie
+that it got for it: one check and one limit for all of these. The cookie proves knowledge of
 the token without containing it, and needs no memory: an expiry and a random number, signed with the token
 (HMAC-SHA256). It survives a restart and ends when the token changes. Nothing that a client gets before it has presented
 the token depends on the token.
@@ -26,7 +26,6 @@ from aiohttp import web
 from ...runtime.http_answers import json_error, json_response
 from ...runtime.origins import is_own_origin
 from ..protocol.limits import shown
-from ..protocol.operations import Auth
 
 _LOCAL_PAGES = ("http://localhost", "http://127.0.0.1", "http://[::1]")
 """Origins of the web pages of this machine, on any port."""
@@ -35,7 +34,6 @@ SESSION_S = 30 * 86_400
 _COOKIE = "robot_health"
 _LONGEST_COOKIE = 200
 _LONGEST_PORT = 5
-_CLOCK_TOLERANCE_S = 5.0
 _MOST_WRONG = 10
 _PERIOD_S = 60.0
 _MOST_ADDRESSES = 1000
@@ -58,8 +56,8 @@ class Access:
     """Origins (`https://studio.example.org`) of web pages that may connect, besides those of this machine; without a
     port: any port; `*`: all."""
     token: str = field(default="", repr=False)
-    """Token that clients must present: in the header `Authorization: Bearer TOKEN`, as `?token=` in the address, or
-    as the secret of the operation `auth`. If it is empty, none is required."""
+    """Token that clients must present: in the header `Authorization: Bearer TOKEN`, or as `?token=` in the address. If
+    it is empty, none is required."""
 
     def origin_allowed(self, origin: str, host: str = "") -> bool:
         """Returns whether a web page of this `Origin` may send requests, also to its own `Host`.
@@ -158,15 +156,6 @@ class TokenCheck:
             return Credentials.WRONG
         is_expired = self._wall_time_s() >= int(claim.partition(".")[0])
         return Credentials.MISSING if is_expired else Credentials.VALID
-
-    def is_proof(self, auth: Auth) -> bool:
-        """Returns whether an `auth` operation proves knowledge of the token, by the rules of the package rosauth."""
-        time_s = self._wall_time_s()
-        if abs(time_s - auth.t) > _CLOCK_TOLERANCE_S or auth.end <= time_s:
-            return False
-        text = f"{auth.client}{auth.dest}{auth.rand}{int(auth.t)}{auth.level}{int(auth.end)}"
-        expected = hashlib.sha512(self._token + _bytes(text)).hexdigest()
-        return hmac.compare_digest(_bytes(auth.mac), expected.encode("ascii"))
 
     def refusal(self, address: str, credentials: Credentials) -> Tuple[str, float]:
         """Returns why a client is refused, and how long it has to wait, in s. A wrong token counts."""

@@ -7,8 +7,7 @@ Each call reads the graph once.
 from __future__ import annotations
 
 import json
-import time
-from typing import Any, Callable, Dict, List, Mapping, Sequence, Tuple
+from typing import Any, Callable, Dict, List, Mapping, Tuple
 
 from ...core.config.parameters import flatten
 from ...core.messages.definitions import Definitions, Field
@@ -16,12 +15,11 @@ from ...core.port.middleware import Graph, NodeInfo
 from ...core.values.errors import ServiceError
 from ...core.values.names import canonical_type
 from ..protocol.definitions import parse, service_definition
+from .sending import wall_stamp
 from .served_node import ServedNode
 
 PREFIX = "/rosapi/"
 _EXAMPLES = {"string": "", "bool": "False", "float32": "0.0", "float64": "0.0"}
-_OLD_NAMES = {"default_value": "default"}
-"""The name of a field in ROS 1."""
 
 Values = Mapping[str, Any]
 
@@ -47,8 +45,8 @@ def _node_details(node: ServedNode, name: str) -> Values:
 
 
 def _get_time(node: ServedNode) -> Values:
-    seconds, nanoseconds = divmod(time.time_ns(), 1_000_000_000)
-    return {"time": {"secs": seconds, "nsecs": nanoseconds, "sec": seconds, "nanosec": nanoseconds}}
+    stamp = wall_stamp()
+    return {"time": {**stamp, "sec": stamp["secs"], "nanosec": stamp["nsecs"]}}
 
 
 def _parameters(node: ServedNode) -> Dict[str, Any]:
@@ -61,9 +59,9 @@ def _parameters(node: ServedNode) -> Dict[str, Any]:
     }
 
 
-def _get_param(node: ServedNode, name: str, default: str) -> Values:
+def _get_param(node: ServedNode, name: str, default_value: str, default: str) -> Values:
     values = _parameters(node)
-    return {"value": json.dumps(values[name]) if name in values else default or '""'}
+    return {"value": json.dumps(values[name]) if name in values else default_value or default or '""'}
 
 
 _SERVICES: Mapping[str, Tuple[str, str, Callable[..., Any]]] = {
@@ -87,7 +85,7 @@ _SERVICES: Mapping[str, Tuple[str, str, Callable[..., Any]]] = {
     "service_response_details": ("type", "", lambda node, name: _typedefs(service_definition(name, True))),
     "get_time": ("", "", _get_time),
     "get_param_names": ("", "", lambda node: {"names": list(_parameters(node))}),
-    "get_param": ("name default_value", "", _get_param),
+    "get_param": ("name default_value default", "", _get_param),  # the last one is its name in ROS 1
     "has_param": ("name", "", lambda node, name: {"exists": name in _parameters(node)}),
 }
 """Of each service: the fields of its request, all of them strings; and the field of its response that a function
@@ -97,26 +95,16 @@ SERVICES: Mapping[str, str] = {PREFIX + name: f"rosapi/{name.title().replace('_'
 """Type per service."""
 
 
-def answer(node: ServedNode, service: str, args: object) -> Values:
-    """Returns the response of a service to the fields of a request, by name or in order. May block.
+def answer(node: ServedNode, service: str, request: Values) -> Values:
+    """Returns the response of a service. Fields of the request that are missing or not strings are empty. May block.
 
     Raises ServiceError if the service does not exist, or the graph cannot be read.
     """
     if service not in SERVICES:
         raise ServiceError(f"no service {service}")
     fields, field, function = _SERVICES[service[len(PREFIX) :]]
-    texts = _texts(args, fields.split())
+    texts = [value if isinstance(value, str) else "" for value in map(request.get, fields.split())]
     return {field: function(node.graph(), *texts)} if field else function(node, *texts)
-
-
-def _texts(args: object, names: Sequence[str]) -> List[str]:
-    """Returns the fields of a request in order; empty if one is missing or not a string."""
-    if isinstance(args, Mapping):
-        values = [args.get(name, args.get(_OLD_NAMES.get(name, ""))) for name in names]
-    else:
-        values = list(args)[: len(names)] if isinstance(args, list) else []
-    values += [None] * (len(names) - len(values))
-    return [value if isinstance(value, str) else "" for value in values]
 
 
 def _having(types: Mapping[str, str], type_name: str) -> List[str]:

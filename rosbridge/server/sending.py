@@ -10,15 +10,12 @@ from __future__ import annotations
 import asyncio
 import struct
 import time
-from typing import Any, Callable, Dict, NamedTuple, Optional, Sequence, Tuple, Union
+from typing import Dict, Optional, Union
 
 from ...core.messages.dialect import Message
-from ...core.values.errors import MessageError, ServiceError
+from ...core.values.errors import MessageError
 from ...runtime.bounded_queue import BoundedQueue
-from ...runtime.event_loops import ThreadPool
-from ..protocol import Wire
-from ..protocol.codec import encode_json, encode_large_json
-from ..protocol.connection import encode_fields
+from ..protocol import Wire, encode
 from ..protocol.definitions import Serializer
 
 LARGE_BYTES = 65_536
@@ -27,8 +24,6 @@ LARGE_BYTES = 65_536
 _FINAL_TEXT, _FINAL_BINARY = 0x81, 0x82
 _OBJECT_BYTES = 32
 _COUNTED_ITEMS = 16
-
-Receivers = Sequence[Any]
 
 
 def frame(message: Wire) -> bytes:
@@ -61,12 +56,10 @@ def estimated_bytes(value: object) -> int:
     return _OBJECT_BYTES
 
 
-class Encoding(NamedTuple):
-    """What the bytes that are sent to a client depend on."""
-
-    compression: str = "none"
-    fragment_size: Optional[int] = None
-    """In characters; None: no fragments."""
+def wall_stamp() -> Dict[str, int]:
+    """Returns the present time as a stamp of ROS 1."""
+    seconds, nanoseconds = divmod(time.time_ns(), 1_000_000_000)
+    return {"secs": seconds, "nsecs": nanoseconds}
 
 
 class EncodedMessage:
@@ -81,20 +74,15 @@ class EncodedMessage:
         self._topic = topic
         self._content = content
         self._serialize = serialize
-        self._frames: Dict[Encoding, bytes] = {}
+        self._frames: Dict[str, bytes] = {}
 
-    def frames(self, encoding: Encoding) -> bytes:
-        """Returns the WebSocket frames: one, or one per fragment; raises MessageError if it cannot be encoded so."""
-        frames = self._frames.get(encoding)
-        if frames is None:
-            encode = encode_large_json if self.is_large else encode_json
-            message: Any = self._content
-            if encoding.compression == "cbor-raw":
-                seconds, nanoseconds = divmod(time.time_ns(), 1_000_000_000)
-                message = {"secs": seconds, "nsecs": nanoseconds, "bytes": self._raw()}
-            wires = encode_fields({"op": "publish", "topic": self._topic, "msg": message}, encode, *encoding)
-            frames = self._frames[encoding] = b"".join(map(frame, wires))
-        return frames
+    def frame(self, compression: str) -> bytes:
+        """Returns the WebSocket frame, by one of COMPRESSIONS; raises MessageError if it cannot be encoded so."""
+        if compression not in self._frames:
+            message = {**wall_stamp(), "bytes": self._raw()} if compression == "cbor-raw" else self._content
+            fields = {"op": "publish", "topic": self._topic, "msg": message}
+            self._frames[compression] = frame(encode(fields, compression, is_large=self.is_large))
+        return self._frames[compression]
 
     def _raw(self) -> bytes:
         if isinstance(self._content, bytes):
@@ -102,66 +90,6 @@ class EncodedMessage:
         if self._serialize is None:
             raise MessageError("cannot be sent as cbor-raw: the definition of its type is not known")
         return self._serialize(self._content)
-
-
-class EncodingQueue:
-    """The messages of one topic in one encoding: large ones wait for a thread, bounded in bytes. The newest win."""
-
-    def __init__(
-        self,
-        encoding: Encoding,
-        pool: ThreadPool,
-        bound_bytes: int,
-        send: Callable[[bytes, Receivers], None],
-        on_failure: Callable[[str], None],
-    ) -> None:
-        """Starts empty.
-
-        `send` is called in the loop with the frames of a message and its receivers, `on_failure` with the reason if it
-        cannot be encoded. `bound_bytes` bounds the estimated size of those that wait; one larger may wait alone.
-        """
-        self._encoding = encoding
-        self._pool = pool
-        self._send = send
-        self._on_failure = on_failure
-        self._waiting: BoundedQueue[Tuple[EncodedMessage, Receivers]] = BoundedQueue(bound_bytes)
-        self.busy = False
-        """Whether messages are waiting or being encoded; later ones must wait, to keep their order."""
-        self.clear = self._waiting.clear
-        """Drops everything that waits."""
-
-    @property
-    def dropped(self) -> int:
-        """Messages that were dropped because the encoder is busy."""
-        return self._waiting.dropped
-
-    def put(self, message: EncodedMessage, receivers: Receivers) -> None:
-        """Sends a small message at once, has others encoded; drops the oldest that wait if there are too many."""
-        if not self.busy and not message.is_large:
-            try:
-                self._send(message.frames(self._encoding), receivers)
-            except MessageError as error:
-                self._on_failure(str(error))
-            return
-        self._waiting.put((message, receivers), message.size)
-        if not self.busy:
-            self.busy = True
-            self._task = asyncio.ensure_future(self._run())
-
-    async def _run(self) -> None:
-        try:
-            while self._waiting:
-                message, receivers = self._waiting.pop()
-                try:
-                    frames = await self._pool.run(message.frames, self._encoding)
-                except (MessageError, ServiceError) as error:
-                    self._on_failure(str(error))
-                else:
-                    self._send(frames, receivers)
-                    del frames
-                del message, receivers
-        finally:
-            self.busy = False
 
 
 class ClientQueue:

@@ -2,7 +2,7 @@
 
 One event loop does everything except what takes long: calls of the middleware, and encoding and decoding of large
 messages, run in worker threads. A topic is subscribed to once and each message is encoded once per encoding
-(`topic.py`). Each client has a session (`session.py`) with a bounded send queue (`sending.py`).
+(`topics.py`). Each client has a session (`session.py`) with a bounded send queue (`sending.py`).
 
 aiohttp carries the WebSockets: its interface is stable from Python 3.8 on, and it costs the least CPU per message of
 the libraries that have rosdep keys. Frames are not compressed (permessage-deflate), which costs more than it saves for
@@ -17,7 +17,7 @@ import contextlib
 import logging
 import ssl
 import time
-from typing import Any, Awaitable, Callable, Dict, Mapping, Optional, Sequence, Set
+from typing import Any, Awaitable, Callable, Dict, Mapping, Optional, Sequence
 
 from aiohttp import WSCloseCode, WSMsgType, web
 
@@ -33,16 +33,15 @@ from ..protocol import CBOR_SUBPROTOCOL, DEFAULT_LIMITS, SUBPROTOCOLS, Limits
 from .access import READ_ONLY, Access, Client, Credentials, TokenCheck, is_loopback, refusal_of
 from .connections import Connections, HttpConnection, connection_limit
 from .served_node import ServedNode
-from .session import ServerParts, Session
+from .services import Services
+from .session import Session
+from .topics import Topics
 
-_UNAUTHENTICATED_BYTES = 65_536
-"""Largest message of a client that authenticates with the operation `auth`."""
 _LOG_LINES_PER_MINUTE = 10
 _LONGEST_LOG_LINE = 500
 _CLOSE_HANDSHAKE_S = 0.5
 _CLOSE_S = 1.0
 _CLOSE_THREAD_S = 4.0
-_MESSAGES = (WSMsgType.TEXT, WSMsgType.BINARY)
 # It warns about the subprotocols of every client that offers others than the server's, and quotes them.
 logging.getLogger("aiohttp.websocket").setLevel(logging.ERROR)
 
@@ -97,8 +96,7 @@ class Server:
         # Several nodes of one ROS 1 process share its log.
         self._log_prefix = "rosbridge: " if threads else ""
         self._client_log = LimitedLog(middleware.log, time.monotonic, _LOG_LINES_PER_MINUTE)
-        self._sessions: Set[Session] = set()
-        self._sockets: Set[web.WebSocketResponse] = set()
+        self._sessions: Dict[Session, web.WebSocketResponse] = {}
         self._dropped = 0
         self._runner: Optional[web.AppRunner] = None
         self._node = ServedNode(
@@ -108,11 +106,11 @@ class Server:
     async def start(self) -> None:
         """Opens the port; raises OSError if it is in use, or the address is not one of this machine."""
         loop = asyncio.get_event_loop()
-        self._parts = ServerParts(self._node)
-        self.services = self._parts.services
+        self._topics = Topics(self._node)
+        self.services = Services(self._node)
         """The services as clients see them."""
         most = connection_limit(self._limits.clients)
-        timeout_s = self._limits.auth_timeout_s + 1.0  # later than `_authenticate`, which sends the client the reason
+        timeout_s = self._limits.request_timeout_s
         self._connections = Connections(most, timeout_s, self.log, loop.call_later, self._ssl_context)
         application = web.Application(middlewares=[self._check])
         application.add_routes(self._routes(self._tokens.client))
@@ -143,7 +141,9 @@ class Server:
             asyncio.get_event_loop().remove_reader(listening.fileno())
         await asyncio.sleep(0)  # asyncio fails if it closes the listener before it has created the last transport
         self._listener.close()
-        closing = [asyncio.ensure_future(socket.close(code=WSCloseCode.GOING_AWAY)) for socket in self._sockets]
+        closing = [
+            asyncio.ensure_future(socket.close(code=WSCloseCode.GOING_AWAY)) for socket in self._sessions.values()
+        ]
         if closing:
             await asyncio.wait(closing, timeout=_CLOSE_HANDSHAKE_S)
         self._connections.abort_all()
@@ -161,11 +161,11 @@ class Server:
     def dropped(self) -> int:
         """Messages that were dropped, because a client reads too slowly or a message is too large or too frequent."""
         sessions = sum(session.queue.dropped for session in self._sessions)
-        return self._dropped + sessions + self._parts.topics.dropped
+        return self._dropped + sessions + self._topics.dropped
 
     def publish_log(self, line: LogLine) -> None:
         """Publishes a log line on `/rosout`, for a middleware without this topic. Called in the loop's thread."""
-        self._parts.topics.publish_log(line)
+        self._topics.publish_log(line)
 
     def log(self, text: str) -> None:
         """Writes a WARN line, unless clients, who choose the texts, have caused too many in this minute."""
@@ -186,34 +186,38 @@ class Server:
     async def _check(
         self, request: web.Request, handler: Callable[[web.Request], Awaitable[web.StreamResponse]]
     ) -> web.StreamResponse:
-        """Serves a request, unless its host, origin or token is wrong."""
+        """Serves a request, unless its host, origin or token is wrong, or it is for a WebSocket and has no token.
+
+        The cookie does not open a WebSocket: pages of other origins may connect.
+        """
         check_host = not self._tokens.required and not self._has_certificates
-        refusal = refusal_of(request, self.access, check_host=check_host)
-        if refusal:
-            self.log(f"refused a client at {request.remote}: {refusal}")
-            return json_error(403, refusal)
+        problem = refusal_of(request, self.access, check_host=check_host)
         client = self._tokens.client(request)
-        if client.token is Credentials.WRONG:
-            self.log(f"refused a client at {request.remote}: wrong token")
-            return client.refusal()
-        if request.method == "GET" and web.WebSocketResponse().can_prepare(request):
-            return await self._serve(request, client)
-        _connection(request).set_in_use(client.admitted)
+        is_socket = request.method == "GET" and bool(web.WebSocketResponse().can_prepare(request))
+        if problem:
+            refusal = json_error(403, problem)
+        elif client.token is Credentials.WRONG or (is_socket and client.token is Credentials.MISSING):
+            problem, refusal = f"{client.token.value} token", client.refusal()
+        if problem:
+            self.log(f"refused a client at {request.remote}: {problem}")
+            return refusal
+        connection = request.protocol
+        assert isinstance(connection, HttpConnection)
+        connection.set_in_use(client.admitted)
         try:
-            return await handler(request)
+            return await (self._serve(request, connection) if is_socket else handler(request))
         except (web.HTTPException, ConfigError, MessageError, ServiceError) as error:
             return _refuse(request, error)
         finally:
-            _connection(request).set_in_use(False)
+            connection.set_in_use(False)
 
-    async def _serve(self, request: web.Request, client: Client) -> web.StreamResponse:
-        """Serves one WebSocket until it is closed. The cookie does not count: pages of other origins may connect."""
-        authenticated = client.token is Credentials.VALID
+    async def _serve(self, request: web.Request, connection: HttpConnection) -> web.StreamResponse:
+        """Serves one WebSocket until it is closed."""
         socket = web.WebSocketResponse(
             timeout=_CLOSE_S,
             heartbeat=self._limits.heartbeat_s,
             autoping=False,
-            max_msg_size=self._limits.message_bytes if authenticated else _UNAUTHENTICATED_BYTES,
+            max_msg_size=self._limits.message_bytes,
             compress=False,
             protocols=SUBPROTOCOLS,
         )
@@ -222,53 +226,24 @@ class Server:
         if transport is None:
             return socket
         limit_reads(transport)
-        session = Session(self._parts, transport, cbor=socket.ws_protocol == CBOR_SUBPROTOCOL)
-        connection = _connection(request)
+        cbor = socket.ws_protocol == CBOR_SUBPROTOCOL
+        session = Session(self._node, self._topics, self.services, transport, cbor=cbor)
         connection.on_resume = session.resume
         incoming = Incoming(socket)
-        self._sockets.add(socket)
+        self._sessions[session] = socket
         try:
-            if authenticated or await self._authenticate(request, socket, incoming, session):
-                connection.set_in_use(True)
-                self._sessions.add(session)
+            message = await incoming.next()
+            while message.type in (WSMsgType.TEXT, WSMsgType.BINARY):
+                await session.receive(message.data)
                 message = await incoming.next()
-                while message.type in _MESSAGES:
-                    await session.receive(message.data)
-                    message = await incoming.next()
         except FloodError:
             self.log(f"disconnected a client at {request.remote}: it floods the server with pings or empty messages")
             transport.abort()
         finally:
-            self._sockets.discard(socket)
-            self._sessions.discard(session)
-            await asyncio.shield(self._end(session))
+            del self._sessions[session]
+            self._dropped += session.queue.dropped
+            await asyncio.shield(session.close())
         return socket
-
-    async def _authenticate(
-        self, request: web.Request, socket: web.WebSocketResponse, incoming: Incoming, session: Session
-    ) -> bool:
-        """Waits for the operation `auth`; closes the connection if it does not come or does not prove the token."""
-        _connection(request).set_in_use(False)
-        reason = "token required"
-        with contextlib.suppress(asyncio.TimeoutError):
-            message = await incoming.next(self._limits.auth_timeout_s)
-            if message.type not in _MESSAGES:
-                return False
-            auth = session.read_auth(message.data)
-            if auth is not None:
-                if self._tokens.is_proof(auth):
-                    return True
-                reason, _ = self._tokens.refusal(request.remote or "", Credentials.WRONG)
-        self.log(f"refused a client at {request.remote}: {reason}")
-        await socket.close(code=WSCloseCode.POLICY_VIOLATION, message=reason.encode("ascii"))
-        return False
-
-    async def _end(self, session: Session) -> None:
-        try:
-            await session.close()
-        except Exception as error:
-            self.log(f"closing a connection failed: {type(error).__name__}: {error}")
-        self._dropped += session.queue.dropped
 
 
 class ServerThread:
@@ -297,11 +272,6 @@ class ServerThread:
         error = context.get("exception")
         cause = f": {type(error).__name__}: {error}" if error else ""
         self.server.log(f"{context.get('message', 'unexpected error')}{cause}")
-
-
-def _connection(request: web.Request) -> HttpConnection:
-    assert isinstance(request.protocol, HttpConnection)
-    return request.protocol
 
 
 def _refuse(request: web.Request, error: Exception) -> web.Response:

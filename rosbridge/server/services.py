@@ -7,8 +7,6 @@ from typing import Any, Dict, Mapping, Optional, Protocol
 
 from ...core.values.errors import MessageError, ServiceError
 from ..calls import PendingCalls
-from ..protocol import Operation
-from ..protocol.definitions import service_definition
 from ..protocol.operations import Arguments, ServiceResponse
 from . import rosapi
 from .access import matches
@@ -18,7 +16,7 @@ from .served_node import ServedNode
 class Provider(Protocol):
     """A client that provides services."""
 
-    def send(self, operation: Operation) -> None:
+    def send(self, operation: Mapping[str, Any]) -> None:
         """Sends an operation to the client."""
 
 
@@ -35,22 +33,25 @@ class Services:
     async def call(self, service: str, arguments: Arguments, timeout_s: Optional[float]) -> Any:
         """Returns the response to a client's call, within `timeout_s` or, if None, the server's time.
 
-        `/service#id` is accepted too, an older way to send an id. `arguments` are by name or in order. Raises
-        ServiceError if the service does not exist, may not be called, failed or did not respond in time, MessageError
-        if the arguments do not match its type.
+        `/service#id` is accepted too, an older way to send an id. Raises ServiceError if the service does not exist,
+        may not be called, failed or did not respond in time, MessageError if the arguments do not match its type.
         """
         longest_s = self._node.limits.call_timeout_s
         timeout_s = min(timeout_s or longest_s, longest_s)
         service = self._node.resolve(service.partition("#")[0])
+        request = arguments or {}
+        if isinstance(request, list) and len(request) == 1:
+            request = request[0]
+        if not isinstance(request, Mapping):
+            raise MessageError(f"the arguments of {service} must be given by name")
         if service.startswith(rosapi.PREFIX):
             try:
-                return await asyncio.wait_for(self._node.call(rosapi.answer, self._node, service, arguments), timeout_s)
+                return await asyncio.wait_for(self._node.call(rosapi.answer, self._node, service, request), timeout_s)
             except asyncio.TimeoutError:
                 raise ServiceError(f"{service} did not respond within {timeout_s:g} s") from None
         if not matches(service, self._node.access.services):
             raise ServiceError(f"clients may not call {service}")
         provider = self._providers.get(service)
-        request = _by_name(service, self._node.added_services.get(service, ""), arguments)
         if provider is None:
             return await self._node.call_service(service, request, timeout_s)
         return await self._pending.call(provider.send, provider, service, request, timeout_s)
@@ -69,18 +70,3 @@ class Services:
     def respond(self, response: ServiceResponse, provider: Provider) -> None:
         """Processes a response. Ignores one that is not expected, or not from this client."""
         self._pending.receive(response, provider, str(response.values))
-
-
-def _by_name(service: str, type_name: str, arguments: Arguments) -> Mapping[str, Any]:
-    """Returns the fields of a request by name; those of a list in the order of the service's definition."""
-    if isinstance(arguments, Mapping):
-        return arguments
-    if not arguments:
-        return {}
-    if len(arguments) == 1 and isinstance(arguments[0], dict):
-        return arguments[0]
-    for definition in service_definition(type_name, response=False).values():
-        names = [field.name for field in definition.fields]
-        if len(arguments) <= len(names):
-            return dict(zip(names, arguments))
-    raise MessageError(f"the arguments of {service} must be given by name")

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import asyncio
-import functools
-from typing import Dict, Optional, Set
+from typing import Any, Dict, Mapping, Optional, Set
 
 from ...core.values.errors import ConfigError, MessageError, ServiceError
-from ..protocol import CBOR_PROBLEM, Connection, Id, Operation, ProtocolError, Wire, operations
+from ..protocol import CBOR_PROBLEM, Id, Wire, decode, encode, operations, read_operation
 from .access import matches
 from .rosapi import SERVICES
 from .sending import LARGE_BYTES, ClientQueue, estimated_bytes, frame
@@ -15,7 +14,6 @@ from .served_node import ServedNode
 from .services import Services
 from .topics import ByteBudget, Topics, merge
 
-_NO_STATUS = operations.STATUS_LEVELS.index("none")
 _FAILURES = (ServiceError, MessageError, ConfigError, OSError)
 """What an operation may fail with."""
 _ABORTED = 6
@@ -24,30 +22,28 @@ _LARGE_RECEIVED_BYTES = 10_000
 """Longer messages are decoded in a thread."""
 
 
-class ServerParts:
-    """The parts of the server that sessions use."""
-
-    def __init__(self, node: ServedNode) -> None:
-        """Starts without clients. Called in the event loop."""
-        self.node = node
-        self.topics = Topics(node)
-        self.services = Services(node)
-
-
 class Session:
     """The server's side of one connection. Used in the event loop only."""
 
-    def __init__(self, parts: ServerParts, transport: asyncio.WriteTransport, *, cbor: bool = False) -> None:
+    def __init__(
+        self,
+        node: ServedNode,
+        topics: Topics,
+        services: Services,
+        transport: asyncio.WriteTransport,
+        *,
+        cbor: bool = False,
+    ) -> None:
         """Starts a session over `transport`; with `cbor`, every operation is sent as CBOR."""
-        self._parts = parts
-        self._node = parts.node
-        self._limits = limits = parts.node.limits
+        self._node = node
+        self._topics = topics
+        self._services = services
+        self._limits = limits = node.limits
         self.queue = ClientQueue(transport, limits.queue_bytes)
         self.throttled = ByteBudget(limits.queue_bytes)
         self._transport = transport
-        self._connection = Connection(limits)
         self._compression = "cbor" if cbor else "none"
-        self._level = _NO_STATUS
+        self._level = "none"
         self._closed = False
         self._cut_off: Optional[asyncio.TimerHandle] = None
         """Disconnects a client that is behind."""
@@ -58,38 +54,28 @@ class Session:
         self._provided: Set[str] = set()
         self._calls: Set[asyncio.Task[None]] = set()
 
-    def read_auth(self, data: Wire) -> Optional[operations.Auth]:
-        """Returns the operation `auth` in the first message of a client; None if it is another message."""
-        if not isinstance(data, str) or len(data) > self._limits.first_message_bytes:
-            return None
-        try:
-            operation = self._connection.receive(data, 0.0)
-        except ProtocolError:
-            return None
-        return operation if isinstance(operation, operations.Auth) else None
-
     async def receive(self, data: Wire) -> None:
         """Takes one message of the client. No message ends the session."""
-        operation: Optional[Operation] = None
+        name, id = "", None  # noqa: A001 - the protocol's word
         try:
-            operation = await self._decode(data)
+            is_large = len(data) > _LARGE_RECEIVED_BYTES
+            fields = await self._node.codec.run(decode, data, self._limits) if is_large else decode(data, self._limits)
+            id = fields.get("id")  # noqa: A001
+            operation = read_operation(fields)
             if operation is not None:
-                # `status`, `auth` and `action_result` need no action.
-                handler = getattr(self, f"_{operations.name_of(operation)}", None)
-                if handler is not None:
-                    await handler(operation)
+                name = fields["op"]
+                await getattr(self, f"_{name}")(operation)
         except _FAILURES as error:
-            text = str(error) if operation is None else f"{operations.name_of(operation)}: {error}"
-            self.send_status("error", text, getattr(operation or error, "id", None))
+            self._send_status("error", f"{name}: {error}" if name else str(error), id)
         except Exception as error:
             self._node.log(f"an operation of a client failed: {type(error).__name__}: {error}")
-            self.send_status("error", "internal error")
+            self._send_status("error", "internal error")
 
-    def put(self, frames: bytes) -> None:
-        """Sends frames or queues them."""
+    def put(self, frame: bytes) -> None:
+        """Sends a frame or queues it."""
         if self._closed or self._transport.is_closing():
             return
-        if self.queue.put(frames) and self._cut_off is None:
+        if self.queue.put(frame) and self._cut_off is None:
             timeout_s = self._limits.slow_client_timeout_s
             self._cut_off = asyncio.get_event_loop().call_later(timeout_s, self._disconnect)
 
@@ -106,17 +92,18 @@ class Session:
         self._cut_off = None
         count, self._reported = self.queue.dropped - self._reported, self.queue.dropped
         if count:
-            self.send_status("warning", f"{count} messages were dropped: this client reads too slowly")
+            self._send_status("warning", f"{count} messages were dropped: this client reads too slowly")
 
-    def send(self, operation: Operation) -> None:
+    def send(self, operation: Mapping[str, Any]) -> None:
         """Sends an operation in the client's own encoding; raises MessageError if it cannot be encoded."""
-        for wire in self._connection.send(operation, compression=self._compression):
-            self.put(frame(wire))
+        self.put(frame(encode(operation, self._compression)))
 
-    def send_status(self, level: str, text: str, id: Id = None) -> None:  # noqa: A002 - the protocol's word
+    def _send_status(self, level: str, text: str, id: object = None) -> None:  # noqa: A002 - the protocol's word
         """Sends a `status` if the client requested this level: other clients treat it as an error."""
-        if operations.STATUS_LEVELS.index(level) <= self._level:
-            self.send(operations.Status(level, text, id))
+        levels = operations.STATUS_LEVELS
+        if levels.index(level) <= levels.index(self._level):
+            known = id if isinstance(id, (str, int)) and len(str(id)) <= operations.LONGEST_NAME else None
+            self.send(_with_id({"op": "status", "level": level, "msg": text}, known))
 
     async def close(self) -> None:
         """Ends everything that the client has requested."""
@@ -127,19 +114,13 @@ class Session:
         for call in tuple(self._calls):
             call.cancel()
         for service in self._provided:
-            self._parts.services.remove(service, self)
+            self._services.remove(service, self)
         for topic in tuple(self._subscriptions):
             del self._subscriptions[topic]
             try:
-                await self._parts.topics.subscribe(self, topic, "", None)
-            except _FAILURES as error:
+                await self._topics.subscribe(self, topic, "", None)
+            except Exception as error:
                 self._node.log(f"unsubscribing from {topic} failed: {error}")
-
-    async def _decode(self, data: Wire) -> Optional[Operation]:
-        now_s = asyncio.get_event_loop().time()
-        if len(data) + self._connection.reassembly.chars <= _LARGE_RECEIVED_BYTES:
-            return self._connection.receive(data, now_s)
-        return await self._node.codec.run(self._connection.receive, data, now_s)
 
     async def _subscribe(self, request: operations.Subscribe) -> None:
         requests = self._subscriptions.get(request.topic, {})
@@ -149,22 +130,17 @@ class Session:
         if CBOR_PROBLEM and request.compression in ("cbor", "cbor-raw"):
             raise MessageError(f"compression {request.compression}: {CBOR_PROBLEM}")
         every = {**requests, request.id: request}
-        await self._parts.topics.subscribe(self, request.topic, request.type, merge(every.values(), self._limits))
+        await self._topics.subscribe(self, request.topic, request.type, merge(every.values(), self._limits))
         self._subscriptions[request.topic] = every
-        self.send_status("info", f"subscribed to {request.topic}", request.id)
 
     async def _unsubscribe(self, request: operations.Unsubscribe) -> None:
-        requests = self._subscriptions.get(request.topic)
-        if requests is None:
-            self.send_status("warning", f"{request.topic} is not subscribed to", request.id)
-            return
-        if request.id is None:
-            requests.clear()
+        requests = self._subscriptions.pop(request.topic, {})
         requests.pop(request.id, None)
-        if not requests:
-            del self._subscriptions[request.topic]
-        merged = merge(requests.values(), self._limits) if requests else None
-        await self._parts.topics.subscribe(self, request.topic, "", merged)
+        if requests and request.id is not None:
+            self._subscriptions[request.topic] = requests
+            await self._topics.subscribe(self, request.topic, "", merge(requests.values(), self._limits))
+        else:
+            await self._topics.subscribe(self, request.topic, "", None)
 
     async def _advertise(self, request: operations.Advertise) -> None:
         await self._open(request.topic, request.type)
@@ -172,18 +148,16 @@ class Session:
     async def _open(self, topic: str, type_name: str = "") -> None:
         if topic not in self._advertised:
             self._require_room()
-        await self._parts.topics.advertise(topic, type_name)
+        await self._topics.advertise(topic, type_name)
         self._advertised.add(topic)
 
     async def _unadvertise(self, request: operations.Unadvertise) -> None:
-        if request.topic not in self._advertised:
-            self.send_status("warning", f"{request.topic} is not advertised", request.id)
         self._advertised.discard(request.topic)
 
     async def _publish(self, request: operations.Publish) -> None:
         if request.topic not in self._advertised:
             await self._open(request.topic)
-        await self._parts.topics.publish(request.topic, request.msg)
+        await self._topics.publish(request.topic, request.msg)
 
     async def _call_service(self, request: operations.CallService) -> None:
         if len(self._calls) >= self._limits.calls:
@@ -196,7 +170,7 @@ class Session:
 
     async def _call(self, request: operations.CallService) -> None:
         try:
-            values = await self._parts.services.call(request.service, request.args, request.timeout)
+            values = await self._services.call(request.service, request.args, request.timeout)
             await self._respond(request, values, result=True)
         except Exception as error:
             if not isinstance(error, _FAILURES):
@@ -204,14 +178,13 @@ class Session:
             await self._respond(request, str(error) or type(error).__name__, result=False)
 
     async def _respond(self, request: operations.CallService, values: object, *, result: bool) -> None:
-        send = functools.partial(
-            self._connection.send,
-            operations.ServiceResponse(request.service, values, result, request.id),
-            fragment_size=request.fragment_size,
-            compression="png" if request.compression == "png" else self._compression,
-        )
-        wires = await self._node.codec.run(send) if estimated_bytes(values) > LARGE_BYTES else send()
-        self.put(b"".join(map(frame, wires)))
+        response = {"op": "service_response", "service": request.service, "values": values, "result": result}
+        fields, compression = _with_id(response, request.id), self._compression
+        if request.compression == "png":
+            compression = "png"
+        is_large = estimated_bytes(values) > LARGE_BYTES
+        wire = await self._node.codec.run(encode, fields, compression) if is_large else encode(fields, compression)
+        self.put(frame(wire))
 
     async def _advertise_service(self, request: operations.AdvertiseService) -> None:
         self._require_room()
@@ -220,24 +193,29 @@ class Session:
             raise ServiceError(f"clients may not provide {service}")
         if service in {**(await self._node.call(self._node.middleware.graph)).services, **SERVICES}:
             raise ServiceError(f"{service} exists already")
-        self._parts.services.add(service, request.type, self)
+        self._services.add(service, request.type, self)
         self._provided.add(service)
 
     async def _unadvertise_service(self, request: operations.UnadvertiseService) -> None:
         service = self._node.resolve(request.service)
         self._provided.discard(service)
-        self._parts.services.remove(service, self)
+        self._services.remove(service, self)
 
     async def _service_response(self, response: operations.ServiceResponse) -> None:
-        self._parts.services.respond(response, self)
+        self._services.respond(response, self)
 
     async def _set_level(self, request: operations.SetLevel) -> None:
-        self._level = operations.STATUS_LEVELS.index(request.level)
+        self._level = request.level
 
     async def _send_action_goal(self, request: operations.SendActionGoal) -> None:
-        self.send(operations.ActionResult(request.action, "actions are not supported", _ABORTED, False, request.id))
+        result = {"values": "actions are not supported", "status": _ABORTED, "result": False}
+        self.send(_with_id({"op": "action_result", "action": request.action, **result}, request.id))
 
     def _require_room(self) -> None:
         limit = self._limits.advertisements
         if len(self._advertised) + len(self._provided) >= limit:
             raise MessageError(f"more than {limit} topics and services")
+
+
+def _with_id(fields: Dict[str, Any], id: Id) -> Mapping[str, Any]:  # noqa: A002 - the protocol's word
+    return fields if id is None else {**fields, "id": id}

@@ -4,21 +4,21 @@ from __future__ import annotations
 
 import asyncio
 import functools
-import time
 from collections import deque
 from dataclasses import dataclass
-from typing import Callable, Deque, Dict, Iterable, List, NamedTuple, Optional, Protocol, Sequence, Union
+from typing import Callable, Deque, Dict, Iterable, List, NamedTuple, Optional, Protocol, Sequence, Set, Tuple, Union
 
 from ...core.messages.dialect import Message
 from ...core.port.local import LogLine
 from ...core.port.middleware import Severity, Subscription
-from ...core.values.errors import MessageError
+from ...core.values.errors import MessageError, ServiceError
 from ...core.values.names import canonical_type
+from ...runtime.bounded_queue import BoundedQueue
 from ..protocol import Limits
 from ..protocol.definitions import Serializer, serializer
 from ..protocol.operations import COMPRESSIONS, Subscribe
 from .access import matches
-from .sending import EncodedMessage, Encoding, EncodingQueue
+from .sending import EncodedMessage, wall_stamp
 from .served_node import ROSOUT, ROSOUT_TYPE, ServedNode
 
 MOST_PUBLISHED = 1_000
@@ -35,23 +35,19 @@ class Options(NamedTuple):
     """Minimum time between two messages, in s."""
     queue_length: int = 0
     """Messages to queue meanwhile, the newest ones; 0: messages in between are dropped."""
-    encoding: Encoding = Encoding()
+    compression: str = "none"
 
 
 def merge(requests: Iterable[Subscribe], limits: Limits) -> Options:
     """Returns one set of options, within the limits, for all subscriptions of a client to one topic.
 
-    As in the reference server: the fastest rate, the shortest queue, the smallest fragments, and the compression that
-    is last in COMPRESSIONS.
+    As in the reference server: the fastest rate, the shortest queue, and the compression that is last in COMPRESSIONS.
     """
     every = list(requests)
     return Options(
         min(each.throttle_rate for each in every) / 1000.0,
         min(limits.queue_messages, *(each.queue_length for each in every)),
-        Encoding(
-            max((each.compression for each in every), key=COMPRESSIONS.index),
-            min((each.fragment_size for each in every if each.fragment_size is not None), default=None),
-        ),
+        max((each.compression for each in every), key=COMPRESSIONS.index),
     )
 
 
@@ -64,7 +60,7 @@ class ByteBudget:
 
 
 class Pacer:
-    """Limits the rate of one subscription."""
+    """The rate at which a client receives the messages of a topic."""
 
     def __init__(
         self,
@@ -74,7 +70,7 @@ class Pacer:
         call_later: Callable[[float, Callable[[], None]], asyncio.TimerHandle],
     ) -> None:
         """Starts empty; the first message is sent at once. All subscriptions of a client share `budget`."""
-        self._options = options
+        self.options = options
         self._budget = budget
         self._send = send
         self._call_later = call_later
@@ -89,14 +85,14 @@ class Pacer:
         if self._pause is None:
             self._send_next()
         while self._waiting and (
-            len(self._waiting) > self._options.queue_length or self._budget.used > self._budget.bound
+            len(self._waiting) > self.options.queue_length or self._budget.used > self._budget.bound
         ):
             self._pop()
 
     def _send_next(self) -> None:
         self._pause = None
         if self._waiting:
-            self._pause = self._call_later(self._options.throttle_s, self._send_next)
+            self._pause = self._call_later(self.options.throttle_s, self._send_next)
             self._send(self._pop())
 
     def close(self) -> None:
@@ -118,8 +114,8 @@ class Receiver(Protocol):
     throttled: ByteBudget
     """For the messages that wait because of `throttle_rate`."""
 
-    def put(self, frames: bytes) -> None:
-        """Sends frames or queues them."""
+    def put(self, frame: bytes) -> None:
+        """Sends a frame or queues it."""
 
 
 class Topic:
@@ -132,40 +128,41 @@ class Topic:
         """The type, empty if it is not known yet."""
         self.serialize: Optional[Serializer] = None
         """Makes raw bytes of a message if the middleware gives none; None: not possible."""
-        self.options: Dict[Receiver, Options] = {}
+        self.clients: Dict[Receiver, Pacer] = {}
         """How each client receives the messages."""
         self.sources: Dict[bool, Subscription] = {}
         """The subscriptions of the middleware: to the messages (False) and to their raw bytes (True)."""
         self._node = node
-        self._pacers: Dict[Receiver, Pacer] = {}
-        self._queues: Dict[Encoding, EncodingQueue] = {}
-        self._dropped = 0
+        self._waiting: BoundedQueue[Tuple[EncodedMessage, str, Sequence[Receiver]]]
+        self._waiting = BoundedQueue(node.limits.encoding_bytes)
+        """Large messages, until a thread has encoded them, and those that came after: their order stays. The newest
+        win."""
+        self._is_encoding = False
+        self._failed = 0
 
     @property
     def dropped(self) -> int:
         """Messages that were not sent because they were too large or the encoder was busy."""
-        return self._dropped + sum(queue.dropped for queue in self._queues.values())
+        return self._failed + self._waiting.dropped
 
-    def takes_raw(self, options: Options) -> bool:
+    def needs(self) -> Set[bool]:
+        """Returns which subscriptions of the middleware the clients need, by the keys of `sources`."""
+        return {self._takes_raw(client.options) for client in self.clients.values()}
+
+    def _takes_raw(self, options: Options) -> bool:
         """Returns whether a client receives raw bytes of the middleware; those that have threads give them."""
-        return options.encoding.compression == "cbor-raw" and self._node.threads
+        return options.compression == "cbor-raw" and self._node.threads
 
     def set_options(self, receiver: Receiver, options: Optional[Options]) -> None:
         """Sets how a client receives the messages; with None, it no longer receives them."""
-        pacer = self._pacers.pop(receiver, None)
-        if pacer is not None:
-            pacer.close()
-        self.options.pop(receiver, None)
+        if receiver in self.clients:
+            self.clients.pop(receiver).close()
         if options is not None:
-            self.options[receiver] = options
-            if options.throttle_s:
-                send = functools.partial(self._send, encoding=options.encoding, receivers=[receiver])
-                call_later = asyncio.get_event_loop().call_later
-                self._pacers[receiver] = Pacer(options, receiver.throttled, send, call_later)
-        for unused in self._queues.keys() - {each.encoding for each in self.options.values()}:
-            queue = self._queues.pop(unused)
-            queue.clear()
-            self._dropped += queue.dropped
+            send = functools.partial(self._send, compression=options.compression, receivers=[receiver])
+            call_later = asyncio.get_event_loop().call_later
+            self.clients[receiver] = Pacer(options, receiver.throttled, send, call_later)
+        if not self.clients:
+            self._waiting.clear()
 
     def deliver(self, content: Union[Message, bytes]) -> None:
         """Sends a message to the clients that do not receive raw bytes, or raw bytes to those that do."""
@@ -174,32 +171,46 @@ class Topic:
         if message.size > limit:
             self._fail(f"message of {message.size} bytes dropped (limit {limit})")
             return
-        direct: Dict[Encoding, List[Receiver]] = {}
-        for receiver, options in self.options.items():
-            if self.takes_raw(options) is isinstance(content, bytes):
-                pacer = self._pacers.get(receiver)
-                if pacer is None:
-                    direct.setdefault(options.encoding, []).append(receiver)
+        direct: Dict[str, List[Receiver]] = {}
+        for receiver, client in self.clients.items():
+            if self._takes_raw(client.options) is isinstance(content, bytes):
+                if client.options.throttle_s:
+                    client.offer(message)
                 else:
-                    pacer.offer(message)
-        for encoding, receivers in direct.items():
-            self._send(message, encoding, receivers)
+                    direct.setdefault(client.options.compression, []).append(receiver)
+        for compression, receivers in direct.items():
+            self._send(message, compression, receivers)
 
-    def _send(self, message: EncodedMessage, encoding: Encoding, receivers: Sequence[Receiver]) -> None:
-        queue = self._queues.get(encoding)
-        if queue is None:
-            bound_bytes = self._node.limits.encoding_bytes
-            queue = EncodingQueue(encoding, self._node.codec, bound_bytes, self._put, self._fail)
-            self._queues[encoding] = queue
-        queue.put(message, receivers)
+    def _send(self, message: EncodedMessage, compression: str, receivers: Sequence[Receiver]) -> None:
+        if message.is_large or self._is_encoding:
+            self._waiting.put((message, compression, receivers), message.size)
+            if not self._is_encoding:
+                self._is_encoding = True
+                self._encoder = asyncio.ensure_future(self._encode_waiting())
+            return
+        try:
+            self._put(message.frame(compression), receivers)
+        except MessageError as error:
+            self._fail(str(error))
 
-    def _put(self, frames: bytes, receivers: Sequence[Receiver]) -> None:
+    async def _encode_waiting(self) -> None:
+        try:
+            while self._waiting:
+                message, compression, receivers = self._waiting.pop()
+                try:
+                    self._put(await self._node.codec.run(message.frame, compression), receivers)
+                except (MessageError, ServiceError) as error:
+                    self._fail(str(error))
+        finally:
+            self._is_encoding = False
+
+    def _put(self, frame: bytes, receivers: Sequence[Receiver]) -> None:
         for receiver in receivers:
-            if receiver in self.options:
-                receiver.put(frames)
+            if receiver in self.clients:
+                receiver.put(frame)
 
     def _fail(self, reason: str) -> None:
-        self._dropped += 1
+        self._failed += 1
         self._node.log(f"{self.name} ({self.type_name}): {reason}")
 
 
@@ -226,8 +237,7 @@ class Topics:
         rosout = self._topics.get(ROSOUT)
         if rosout is None:
             return
-        seconds, nanoseconds = divmod(time.time_ns(), 1_000_000_000)
-        header = {"seq": 0, "stamp": {"secs": seconds, "nsecs": nanoseconds}, "frame_id": ""}
+        header = {"seq": 0, "stamp": wall_stamp(), "frame_id": ""}
         content = {"level": _LOG_LEVELS[line.severity], "name": line.node, "msg": line.text}
         rosout.deliver({"header": header, **content, "file": "", "function": "", "line": 0, "topics": []})
 
@@ -253,7 +263,7 @@ class Topics:
                 topic.set_options(receiver, None)
                 raise
             finally:
-                if not topic.options:
+                if not topic.clients:
                     self._dropped += topic.dropped
                     del self._topics[name]
 
@@ -261,7 +271,7 @@ class Topics:
         """Subscribes to what the clients of a topic need, and ends what they no longer need."""
         if not self._node.threads and topic.name == ROSOUT and topic.type_name == ROSOUT_TYPE:
             return
-        middleware, needed = self._node.middleware, {topic.takes_raw(options) for options in topic.options.values()}
+        middleware, needed = self._node.middleware, topic.needs()
         for raw in (True, False):
             if raw in topic.sources and raw not in needed:
                 await self._node.call(middleware.unsubscribe, topic.sources.pop(raw))

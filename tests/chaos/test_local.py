@@ -94,7 +94,7 @@ def nested(chance: random.Random) -> bytes:
 
 def unread(chance: random.Random) -> bytes:
     return HANDSHAKE + b"".join(
-        frame(b'{"op":"subscribe","topic":"%s","compression":"png","fragment_size":256}' % topic)
+        frame(b'{"op":"subscribe","topic":"%s","compression":"png"}' % topic)
         for topic in (b"/battery_level", b"/diagnostics", b"/rosout")
     )
 

@@ -1,4 +1,4 @@
-"""One example of every rosbridge operation, with the fields of ROSBRIDGE_PROTOCOL.md."""
+"""One example of every rosbridge operation that is read, with the fields of ROSBRIDGE_PROTOCOL.md."""
 
 from __future__ import annotations
 
@@ -16,7 +16,6 @@ EXAMPLES: List[Dict[str, Any]] = [
         "type": "std_msgs/Float32",
         "throttle_rate": 100.0,
         "queue_length": 5,
-        "fragment_size": 1000,
         "compression": "png",
     },
     {"op": "unsubscribe", "id": "s1", "topic": "/out"},
@@ -25,8 +24,7 @@ EXAMPLES: List[Dict[str, Any]] = [
         "op": "call_service",
         "id": 7,
         "service": "/reset",
-        "args": [1, "two"],
-        "fragment_size": 500,
+        "args": [{"x": 1}],
         "compression": "png",
     },
     {"op": "service_response", "service": "/reset", "values": {"success": True}, "result": True, "id": "c1"},
@@ -34,8 +32,5 @@ EXAMPLES: List[Dict[str, Any]] = [
     {"op": "advertise_service", "service": "/reset", "type": "std_srvs/Trigger"},
     {"op": "unadvertise_service", "service": "/reset"},
     {"op": "send_action_goal", "action": "/dock", "id": "g1"},
-    {"op": "action_result", "action": "/dock", "values": {}, "status": 4, "result": True, "id": "g1"},
     {"op": "set_level", "level": "warning"},
-    {"op": "status", "level": "error", "msg": "bad JSON", "id": "p1"},
-    {"op": "auth", "mac": "a", "client": "b", "dest": "c", "rand": "d", "t": 1.0, "level": "user", "end": 2.0},
 ]

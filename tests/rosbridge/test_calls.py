@@ -28,7 +28,7 @@ class Bench:
 async def test_only_the_peer_that_was_called_may_respond_and_only_once() -> None:
     bench = Bench()
     call = await bench.start("one")
-    id = bench.sent[0].id  # noqa: A001 - the protocol's word
+    id = bench.sent[0]["id"]  # noqa: A001 - the protocol's word
     bench.calls.receive(ServiceResponse("/dock", {"ok": 0}, True, id), "other", "")
     bench.calls.receive(ServiceResponse("/dock", {"ok": 0}, True, "call:99"), "one", "")
     bench.calls.receive(ServiceResponse("/dock", {"ok": 1}, True, id), "one", "")
@@ -40,7 +40,7 @@ async def test_only_the_peer_that_was_called_may_respond_and_only_once() -> None
 async def test_a_service_that_failed_raises_the_text_of_the_caller() -> None:
     bench = Bench()
     call = await bench.start("one")
-    bench.calls.receive(ServiceResponse("/dock", "jammed", False, bench.sent[0].id), "one", "/dock: jammed")
+    bench.calls.receive(ServiceResponse("/dock", "jammed", False, bench.sent[0]["id"]), "one", "/dock: jammed")
     with pytest.raises(ServiceError, match=r"^/dock: jammed$"):
         await call
 

@@ -150,7 +150,7 @@ async def test_a_thousand_connections_are_opened_and_dropped(robot: Robot) -> No
     await robot.until(lambda: robot.bus.graph().nodes["/rosbridge"].subscribes == ())
 
 
-@with_robot(heartbeat_s=1.0, auth_timeout_s=1.0)
+@with_robot(heartbeat_s=1.0, request_timeout_s=1.0)
 async def test_half_open_sockets_are_closed(robot: Robot) -> None:
     """One sends nothing, one stops in the middle of its request, one stops answering pings."""
     loop = asyncio.get_event_loop()
@@ -231,22 +231,13 @@ BOMB = b"\xa1\x61a" + b"\xd8\x1c\x82" * 40 + b"\x80" + b"\xd8\x1d\x17" * 40
 """CBOR with shared references (tags 28 and 29): each level doubles the list below."""
 
 
-@pytest.mark.parametrize("token", ["", "s3cret"])
-def test_a_cbor_bomb_is_refused_without_work(token: str) -> None:
-    @with_robot(Access(token=token))
-    async def scenario(robot: Robot) -> None:
-        headers = {"Authorization": f"Bearer {token}"} if token else {}
-        async with robot.peer(headers=headers) as authenticated, robot.peer() as attacker:
-            await authenticated.send("set_level", level="error")
-            await authenticated.socket.send_bytes(BOMB)
-            assert (await authenticated.receive())["msg"] == "CBOR tag 28 is not supported"
-            await attacker.socket.send_bytes(BOMB)
-            if token:
-                assert await attacker.closed() == 1008
-            else:
-                await attacker.settle()
-
-    scenario()
+@with_robot()
+async def test_a_cbor_bomb_is_refused_without_work(robot: Robot) -> None:
+    async with robot.peer() as peer:
+        await peer.send("set_level", level="error")
+        await peer.socket.send_bytes(BOMB)
+        assert (await peer.receive())["msg"] == "CBOR tag 28 is not supported"
+        await peer.settle()
 
 
 @with_robot()
@@ -273,8 +264,6 @@ IMAGE = {"height": 480, "width": 640, "encoding": "rgb8", "step": 1920, "data": 
     "options",
     [
         {"compression": "png"},
-        {"fragment_size": 256},
-        {"compression": "png", "fragment_size": 256},
         {"throttle_rate": 1000, "queue_length": 10_000},
         {"compression": "cbor"},
     ],
@@ -289,17 +278,16 @@ def test_an_expensive_subscription_is_bounded_and_disturbs_no_other_client(optio
         async with robot.peer(max_msg_size=0) as reader, robot.peer() as other:
             await reader.subscribe("/image", type="sensor_msgs/Image", **options)
             (session,) = [one for one in robot.server._sessions if one._subscriptions]
-            (topic,) = robot.server._parts.topics._topics.values()
+            (topic,) = robot.server._topics._topics.values()
             for _ in range(30):
                 robot.node.publish("/image", IMAGE)
-                waiting = sum(queue._waiting.size for queue in topic._queues.values())
-                assert waiting <= limits.encoding_bytes
+                assert topic._waiting.size <= limits.encoding_bytes
                 assert session.throttled.used <= limits.queue_bytes
                 assert _waiting(session.queue) <= limits.queue_bytes + 2_500_000
                 await other.settle()
-            assert (await reader.receive())["op"] in ("publish", "png", "fragment")
+            assert (await reader.receive())["op"] in ("publish", "png")
         await robot.until(lambda: robot.server.clients == 0)
-        await robot.until(lambda: not robot.server._parts.topics._topics)
+        await robot.until(lambda: not robot.server._topics._topics)
         assert (session.throttled.used, _waiting(session.queue)) == (0, 0)
         await robot.until(lambda: robot.server._node.codec.pending == 0)
         message = weakref.ref(topic)
@@ -353,7 +341,7 @@ async def test_a_message_above_the_limit_is_not_sent_and_logged(robot: Robot) ->
 # Many connections
 
 
-@with_robot(clients=40, auth_timeout_s=60.0)
+@with_robot(clients=40, request_timeout_s=60.0)
 async def test_idle_connections_lock_no_client_out_and_are_reported_once(robot: Robot) -> None:
     loop = asyncio.get_event_loop()
     async with well_behaved(robot):
@@ -366,7 +354,7 @@ async def test_idle_connections_lock_no_client_out_and_are_reported_once(robot: 
         connection.close()
 
 
-@with_robot(Access(token="s3cret"), clients=20, auth_timeout_s=60.0)
+@with_robot(Access(token="s3cret"), clients=20, request_timeout_s=60.0)
 async def test_websockets_without_a_token_lock_no_client_out(robot: Robot) -> None:
     loop = asyncio.get_event_loop()
     idle = []
@@ -410,7 +398,7 @@ def test_clients_without_the_token_never_keep_out_those_with_it(tls: bool) -> No
         trust = ssl.create_default_context()
         authority.configure_trust(trust)
 
-    @with_robot(Access(token="s3cret"), clients=40, auth_timeout_s=60.0, routes=with_login, **options)
+    @with_robot(Access(token="s3cret"), clients=40, request_timeout_s=60.0, routes=with_login, **options)
     async def scenario(robot: Robot) -> None:
         begun = 0
 
@@ -444,7 +432,7 @@ def test_clients_without_the_token_never_keep_out_those_with_it(tls: bool) -> No
     scenario()
 
 
-@with_robot(Access(token="s3cret"), auth_timeout_s=0.3)
+@with_robot(Access(token="s3cret"), request_timeout_s=0.3)
 async def test_a_connection_that_presents_nothing_is_closed(robot: Robot) -> None:
     loop = asyncio.get_event_loop()
     idle = []
@@ -459,7 +447,7 @@ async def test_a_connection_that_presents_nothing_is_closed(robot: Robot) -> Non
     assert robot.server.clients == 0
 
 
-@with_robot(auth_timeout_s=60.0)
+@with_robot(request_timeout_s=60.0)
 async def test_a_request_without_an_end_is_closed_before_it_fills_the_memory(robot: Robot) -> None:
     """aiohttp 3.10 keeps any number of headers: 800 MB in six seconds."""
     loop = asyncio.get_event_loop()
@@ -537,7 +525,7 @@ def read_to_the_end(connection: sockets.socket) -> bytes:
 def test_a_bad_request_is_refused_with_a_limited_number_of_lines(
     request_text: bytes, caplog: pytest.LogCaptureFixture
 ) -> None:
-    @with_robot(Access(token="s3cret"), auth_timeout_s=0.2)
+    @with_robot(Access(token="s3cret"), request_timeout_s=0.2)
     async def scenario(robot: Robot) -> None:
         loop = asyncio.get_event_loop()
         for _ in range(30):

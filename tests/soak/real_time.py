@@ -169,8 +169,6 @@ async def _send_nonsense(port: int, chance: random.Random) -> None:
     async with aiohttp.ClientSession() as session, session.ws_connect(f"http://127.0.0.1:{port}/") as socket:
         for text in ("{", "[]", json.dumps({"op": "publish", "topic": "/x", "msg": {}}), '{"op":"fragment","id":1}'):
             await socket.send_str(text)
-        half = {"op": "fragment", "id": str(chance.random()), "num": 0, "total": 1000, "data": "x" * 100_000}
-        await socket.send_json(half)
         await socket.send_bytes(bytes(chance.randrange(256) for _ in range(1000)))
         await socket.send_json({"op": "call_service", "service": "/rosapi/get_time", "id": "end"})
         await socket.receive(timeout=1.0)
@@ -194,8 +192,6 @@ BEHAVIOURS: Sequence[Callable[[int, random.Random], Awaitable[None]]] = (
 
 def _options(chance: random.Random) -> Dict[str, Any]:
     options: Dict[str, Any] = {"compression": chance.choice(("none", "png", "cbor"))}
-    if chance.random() < 0.3:
-        options["fragment_size"] = 300
     if chance.random() < 0.3:
         options.update(throttle_rate=100, queue_length=5)
     return options

@@ -4,19 +4,7 @@ from typing import Any
 
 import pytest
 
-from robot_health_monitor.core.values.errors import MessageError
-from robot_health_monitor.rosbridge.protocol.limits import DEFAULT_LIMITS, ProtocolError, shown
-from robot_health_monitor.rosbridge.protocol.operations import MOST_FRAGMENTS, SMALLEST_FRAGMENT
-
-
-def test_a_message_in_the_smallest_fragments_is_within_the_limits_of_a_receiver() -> None:
-    assert DEFAULT_LIMITS.message_bytes <= MOST_FRAGMENTS * SMALLEST_FRAGMENT
-
-
-def test_the_text_names_operation_and_problem() -> None:
-    error = ProtocolError("field topic is missing", "publish", "p1")
-    assert isinstance(error, MessageError)
-    assert (str(error), error.id) == ("publish: field topic is missing", "p1")
+from robot_health_monitor.rosbridge.protocol.limits import shown
 
 
 @pytest.mark.parametrize(

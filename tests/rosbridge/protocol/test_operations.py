@@ -10,15 +10,16 @@ from harness.rosbridge_operations import EXAMPLES
 from robot_health_monitor.core.config.schema import parameters
 from robot_health_monitor.rosbridge.protocol import operations
 from robot_health_monitor.rosbridge.protocol.limits import ProtocolError
-from robot_health_monitor.rosbridge.protocol.operations import OPERATIONS, operation_fields, read_operation
+from robot_health_monitor.rosbridge.protocol.operations import OPERATIONS, read_operation
 
 
 @pytest.mark.parametrize("fields", EXAMPLES, ids=lambda fields: fields["op"])
 class TestEveryOperation:
-    def test_is_read_and_written_as_in_the_protocol(self, fields: Dict[str, Any]) -> None:
+    def test_is_read_as_in_the_protocol(self, fields: Dict[str, Any]) -> None:
         operation = read_operation(json.loads(json.dumps(fields)))
         assert type(operation) is OPERATIONS[fields["op"]]
-        assert operation_fields(operation) == fields
+        names = vars(operation).keys()
+        assert vars(operation).items() >= {key: value for key, value in fields.items() if key in names}.items()
 
     def test_names_a_missing_required_field(self, fields: Dict[str, Any]) -> None:
         operation = OPERATIONS[fields["op"]]
@@ -29,14 +30,18 @@ class TestEveryOperation:
                 with pytest.raises(ProtocolError) as refusal:
                     read_operation(rest)
                 assert str(refusal.value) == f"{fields['op']}: {name}: is missing; expected {table[name].allowed}"
-                assert refusal.value.id == fields.get("id")
 
 
 def test_every_operation_of_the_protocol_has_an_example() -> None:
     required = {"advertise", "unadvertise", "publish", "subscribe", "unsubscribe", "call_service", "advertise_service"}
     required |= {"unadvertise_service", "service_response", "send_action_goal"}
-    required |= {"action_result", "set_level", "auth"}
-    assert required <= {fields["op"] for fields in EXAMPLES} == OPERATIONS.keys() - {"fragment"}
+    required |= {"set_level"}
+    assert required <= {fields["op"] for fields in EXAMPLES} == OPERATIONS.keys()
+
+
+@pytest.mark.parametrize("op", ["status", "auth", "action_result"])
+def test_what_needs_no_action_is_ignored(op: str) -> None:
+    assert read_operation({"op": op, "level": 5}) is None
 
 
 @pytest.mark.parametrize(
@@ -46,6 +51,8 @@ def test_every_operation_of_the_protocol_has_an_example() -> None:
         ({"op": 5}, "unknown operation 5"),
         ({"op": "shutdown"}, "unknown operation 'shutdown'"),
         ({"op": "advertise_action", "action": "/dock"}, "actions are not supported"),
+        ({"op": "fragment", "data": "{", "num": 0, "total": 2}, "fragment: received messages must be whole"),
+        ({"op": "png", "data": "iVBO"}, "png: received messages must not be compressed"),
         ({"op": "subscribe", "topic": 5}, "topic: expected printable text of 1 to 512 characters, got 5"),
         ({"op": "subscribe", "topic": ""}, "topic: expected printable text of 1 to 512 characters, got ''"),
         ({"op": "subscribe", "topic": "/a\0"}, r"got '/a\x00'"),
@@ -67,10 +74,6 @@ def test_every_operation_of_the_protocol_has_an_example() -> None:
             "throttle_rate: expected a number of at least 0, got true",
         ),
         (
-            {"op": "subscribe", "topic": "/a", "fragment_size": 255},
-            "fragment_size: expected a whole number of at least 256, got 255",
-        ),
-        (
             {"op": "subscribe", "topic": "/a", "compression": "zip"},
             "one of none, png, cbor, cbor-raw, got 'zip'",
         ),
@@ -89,8 +92,3 @@ def test_a_wrong_field_is_reported_in_one_line(fields: Dict[str, Any], problem: 
 def test_fields_that_are_not_used_are_ignored() -> None:
     fields = {"op": "advertise", "topic": "/in", "type": "std_msgs/Float32", "latch": "yes", "new": 1}
     assert read_operation(fields) == operations.Advertise("/in", "std_msgs/Float32")
-
-
-def test_the_smallest_fragment_size_is_accepted() -> None:
-    operation = read_operation({"op": "subscribe", "topic": "/a", "fragment_size": 256})
-    assert operation == operations.Subscribe("/a", fragment_size=256)

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
-from dataclasses import replace
 from typing import Any, Dict, List, Optional
 
 import pytest
 from aiohttp.test_utils import make_mocked_request
 
-from robot_health_monitor.rosbridge.protocol.operations import Auth
 from robot_health_monitor.rosbridge.server.access import (
     SESSION_S,
     Access,
@@ -175,29 +172,6 @@ def client(check: TokenCheck, headers: Dict[str, str], path: str = "/") -> Clien
 def test_the_token_is_presented_in_the_header_or_the_address(headers: Any, path: str, credentials: Any) -> None:
     assert client(TokenCheck("s3cret"), headers, path).token is credentials
     assert client(TokenCheck(""), headers, path).admitted
-
-
-def auth(**changes: Any) -> Auth:
-    """A proof as in rosauth's documentation: sha512 of secret, client, dest, rand, t, level, end."""
-    mac = hashlib.sha512(b"s3cret" + b"laptop" + b"robot" + b"xyz" + b"1000" + b"admin" + b"2000").hexdigest()
-    return replace(Auth(mac, "laptop", "robot", "xyz", 1000.0, "admin", 2000.0), **changes)
-
-
-@pytest.mark.parametrize(
-    ("changes", "time_s", "may"),
-    [
-        ({}, 1002.0, True),
-        ({}, 998.0, True),
-        ({}, 1010.0, False),  # too old
-        ({"end": 999.0}, 1001.0, False),
-        ({"level": "root"}, 1002.0, False),
-        ({"mac": ""}, 1002.0, False),
-        ({"mac": "\N{SNOWMAN}"}, 1002.0, False),
-    ],
-)
-def test_the_operation_auth_proves_the_token(changes: Any, time_s: float, may: bool) -> None:
-    assert TokenCheck("s3cret", lambda: time_s).is_proof(auth(**changes)) is may
-    assert TokenCheck("other", lambda: time_s).is_proof(auth(**changes)) is False
 
 
 def test_any_text_can_be_judged() -> None:

@@ -198,7 +198,7 @@ async def test_a_client_over_tls_that_has_read_too_slowly_receives_what_waits_fo
 
 
 @needs_trustme
-@with_robot(ssl_context=TLS, auth_timeout_s=0.3)
+@with_robot(ssl_context=TLS, request_timeout_s=0.3)
 async def test_a_handshake_that_fails_or_never_ends_is_forgotten(robot: Robot) -> None:
     for sent in (b"", b"\x16\x03\x01\x02\x00\x01", b"GET / HTTP/1.1\r\n\r\n"):
         reader, writer = await asyncio.open_connection("127.0.0.1", robot.server.port)

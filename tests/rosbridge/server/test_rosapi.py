@@ -34,7 +34,7 @@ def node(graphs: Any = None) -> Any:
 
 @pytest.fixture(autouse=True)
 def _time(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(rosapi, "time", SimpleNamespace(time_ns=lambda: 1_234_500_000_000))
+    monkeypatch.setattr("time.time_ns", lambda: 1_234_500_000_000)
 
 
 @pytest.mark.parametrize(
@@ -43,7 +43,6 @@ def _time(monkeypatch: pytest.MonkeyPatch) -> None:
         ("topics", {}, {"topics": ["/battery_level", "/odom"], "types": ["std_msgs/msg/Float32", "nav_msgs/Odometry"]}),
         ("topics_for_type", {"type": "std_msgs/Float32"}, {"topics": ["/battery_level"]}),
         ("topic_type", {"topic": "/odom"}, {"type": "nav_msgs/Odometry"}),
-        ("topic_type", ["/odom"], {"type": "nav_msgs/Odometry"}),
         ("topic_type", {"topic": "/unknown"}, {"type": ""}),
         ("topic_type", {"topic": 5}, {"type": ""}),
         ("services", {}, {"services": ["/alert_system/reset"]}),
@@ -67,6 +66,7 @@ def _time(monkeypatch: pytest.MonkeyPatch) -> None:
         ("get_param", {"name": "/alert_system:signals.a.for_s"}, {"value": "3.0"}),
         ("get_param", {"name": "/alert_system:rosbridge_token"}, {"value": '""'}),
         ("get_param", {"name": "/unknown", "default_value": "7"}, {"value": "7"}),
+        ("get_param", {"name": "/unknown", "default": "7"}, {"value": "7"}),
         ("has_param", {"name": "/alert_system:rosbridge_port"}, {"exists": True}),
     ],
 )

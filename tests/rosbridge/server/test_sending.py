@@ -1,10 +1,7 @@
 from __future__ import annotations
 
-import asyncio
 import json
-import struct
-import threading
-from typing import Any, List
+from typing import Any
 
 import cbor2
 import pytest
@@ -15,12 +12,9 @@ from robot_health_monitor.rosbridge.server.sending import (
     LARGE_BYTES,
     ClientQueue,
     EncodedMessage,
-    Encoding,
-    EncodingQueue,
     estimated_bytes,
     frame,
 )
-from robot_health_monitor.runtime.event_loops import ThreadPool
 
 
 def payload(frame: bytes) -> bytes:
@@ -32,8 +26,8 @@ def payload(frame: bytes) -> bytes:
 def test_json_and_cbor_carry_the_same_operation() -> None:
     message = EncodedMessage("/a", {"data": 19.5})
     expected = {"op": "publish", "topic": "/a", "msg": {"data": 19.5}}
-    assert json.loads(payload(message.frames(Encoding("none")))) == expected
-    assert cbor2.loads(payload(message.frames(Encoding("cbor")))) == expected
+    assert json.loads(payload(message.frame("none"))) == expected
+    assert cbor2.loads(payload(message.frame("cbor"))) == expected
 
 
 def test_raw_bytes_come_from_the_middleware_or_from_the_serializer() -> None:
@@ -41,27 +35,15 @@ def test_raw_bytes_come_from_the_middleware_or_from_the_serializer() -> None:
         EncodedMessage("/a", b"\x01\x02"),
         EncodedMessage("/a", {"data": 1}, serialize=lambda message: b"\x01\x02"),
     ):
-        frame = message.frames(Encoding("cbor-raw"))
+        frame = message.frame("cbor-raw")
         assert cbor2.loads(payload(frame))["msg"]["bytes"] == b"\x01\x02"
     with pytest.raises(MessageError, match="definition of its type is not known"):
-        EncodedMessage("/a", {"data": 1}).frames(Encoding("cbor-raw"))
-
-
-def test_fragments_are_frames_that_join_to_the_message() -> None:
-    frames = EncodedMessage("/a", {"data": "x" * 1000}).frames(Encoding("none", 300))
-    texts = []
-    while frames:
-        assert frames[0] == 0x81 and frames[1] == 126
-        (length,) = struct.unpack("!H", frames[2:4])
-        texts.append(json.loads(frames[4 : 4 + length]))
-        frames = frames[4 + length :]
-    assert [text["num"] for text in texts] == list(range(texts[0]["total"]))
-    assert json.loads("".join(text["data"] for text in texts))["msg"] == {"data": "x" * 1000}
+        EncodedMessage("/a", {"data": 1}).frame("cbor-raw")
 
 
 def test_an_encoding_is_computed_once() -> None:
     message = EncodedMessage("/a", {"data": 19.5})
-    assert message.frames(Encoding("png")) is message.frames(Encoding("png"))
+    assert message.frame("png") is message.frame("png")
 
 
 @pytest.mark.parametrize(("message", "large"), [({"data": 1.0}, False), ({"data": "x" * 900_000}, True)])
@@ -72,76 +54,7 @@ def test_large_messages_are_marked(message: Any, large: bool) -> None:
 def test_a_message_that_cannot_be_encoded_is_a_message_error() -> None:
     for compression in ("none", "png", "cbor"):
         with pytest.raises(MessageError):
-            EncodedMessage("/a", {"data": object()}).frames(Encoding(compression))
-
-
-SIZE = 100_000
-
-
-def message(number: int) -> EncodedMessage:
-    return EncodedMessage("/a", {"data": f"{number:04d}" + "x" * SIZE})
-
-
-class TestQueue:
-    def run(self, scenario: Any, bound_bytes: int) -> None:
-        async def run() -> None:
-            pool = ThreadPool("encode", 1, 10)
-            sent: List[int] = []
-            problems: List[str] = []
-
-            def send(frames: bytes, receivers: Any) -> None:
-                sent.append(int(frames[frames.index(b'"data":"') + 8 :][:4]))
-
-            queue: EncodingQueue = EncodingQueue(Encoding(), pool, bound_bytes, send, problems.append)
-            await asyncio.wait_for(scenario(pool, queue, sent, problems), 60.0)
-            pool.close()
-
-        asyncio.run(run())
-
-    def test_messages_are_encoded_in_a_thread_and_sent_in_order(self) -> None:
-        async def scenario(pool: ThreadPool, queue: Any, sent: List[int], problems: List[str]) -> None:
-            threads = []
-            first = message(0)
-            encode = first.frames
-            first.frames = lambda encoding: threads.append(threading.get_ident()) or encode(encoding)  # type: ignore[method-assign,func-returns-value]
-            queue.put(first, ["client"])
-            for number in range(1, 5):
-                queue.put(message(number), ["client"])
-            while queue.busy:
-                await asyncio.sleep(0)
-            assert sent == [0, 1, 2, 3, 4]
-            assert threads != [threading.get_ident()]
-            assert (queue._waiting.size, queue.dropped) == (0, 0)
-
-        self.run(scenario, 10 * SIZE)
-
-    def test_while_the_encoder_is_busy_the_newest_wait_within_the_bound(self) -> None:
-        async def scenario(pool: ThreadPool, queue: Any, sent: List[int], problems: List[str]) -> None:
-            released = threading.Event()
-            busy = pool.submit(released.wait, 20.0)
-            for number in range(100):
-                queue.put(message(number), ["client"])
-                assert queue._waiting.size <= 3.5 * SIZE
-                await asyncio.sleep(0)
-            released.set()
-            await busy
-            while queue.busy:
-                await asyncio.sleep(0)
-            assert sent == [0, 97, 98, 99]
-            assert queue.dropped == 96
-
-        self.run(scenario, int(3.5 * SIZE))
-
-    def test_a_message_that_cannot_be_encoded_is_reported_and_the_next_is_sent(self) -> None:
-        async def scenario(pool: ThreadPool, queue: Any, sent: List[int], problems: List[str]) -> None:
-            queue.put(EncodedMessage("/a", {"data": object()}), ["client"])
-            queue.put(message(1), ["client"])
-            while queue.busy:
-                await asyncio.sleep(0)
-            assert sent == [1]
-            assert problems == ["object cannot be encoded as JSON"]
-
-        self.run(scenario, 10 * SIZE)
+            EncodedMessage("/a", {"data": object()}).frame(compression)
 
 
 @pytest.mark.parametrize(

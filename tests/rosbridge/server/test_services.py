@@ -12,7 +12,7 @@ from harness.rosbridge_peer import Robot, with_robot
 from robot_health_monitor.core.port.local import LocalBus
 from robot_health_monitor.core.values.errors import LinkError, ServiceError
 from robot_health_monitor.rosbridge.protocol import Limits
-from robot_health_monitor.rosbridge.protocol.operations import CallService, ServiceResponse
+from robot_health_monitor.rosbridge.protocol.operations import ServiceResponse
 from robot_health_monitor.rosbridge.server.access import Access
 from robot_health_monitor.rosbridge.server.served_node import ServedNode
 from robot_health_monitor.rosbridge.server.server import Server
@@ -101,6 +101,20 @@ def test_the_timeout_of_a_call_reaches_the_middleware_once() -> None:
     asyncio.run(scenario())
 
 
+@with_robot(Access(services=("*",)))
+async def test_arguments_are_given_by_name(robot: Robot) -> None:
+    robot.node.advertise_service("~set", "std_srvs/SetBool", lambda request: {"success": request["data"]})
+    async with robot.peer() as peer:
+        for args in ({"data": True}, [{"data": True}]):
+            assert (await peer.call("/robot/set", args))["values"] == {"success": True}
+        for args in ([True], [{}, {}]):
+            response = await peer.call("/robot/set", args)
+            assert (response["result"], response["values"]) == (
+                False,
+                "the arguments of /robot/set must be given by name",
+            )
+
+
 class Client:
     def __init__(self) -> None:
         self.sent: List[Any] = []
@@ -126,11 +140,11 @@ def test_a_call_goes_to_the_provider_and_its_response_to_the_caller() -> None:
         services.add("/dock", "some_srvs/Dock", provider)
         call = await start_call(services)
         (request,) = provider.sent
-        assert request == CallService("/dock", {"x": 1}, request.id)
-        services.respond(ServiceResponse("/dock", {"ok": False}, True, request.id), other)
+        assert request == {"op": "call_service", "service": "/dock", "args": {"x": 1}, "id": request["id"]}
+        services.respond(ServiceResponse("/dock", {"ok": False}, True, request["id"]), other)
         services.respond(ServiceResponse("/dock", {"ok": False}, True, "unknown"), provider)
-        services.respond(ServiceResponse("/dock", {"ok": True}, True, request.id), provider)
-        services.respond(ServiceResponse("/dock", {"ok": False}, True, request.id), provider)
+        services.respond(ServiceResponse("/dock", {"ok": True}, True, request["id"]), provider)
+        services.respond(ServiceResponse("/dock", {"ok": False}, True, request["id"]), provider)
         assert await call == {"ok": True}
 
     asyncio.run(scenario())
@@ -141,7 +155,7 @@ def test_a_failed_call_a_lost_provider_and_a_missing_response_are_service_errors
         services, provider = of_clients(), Client()
         services.add("/dock", "some_srvs/Dock", provider)
         call = await start_call(services)
-        services.respond(ServiceResponse("/dock", "jammed", False, provider.sent[0].id), provider)
+        services.respond(ServiceResponse("/dock", "jammed", False, provider.sent[0]["id"]), provider)
         with pytest.raises(ServiceError, match=r"^jammed$"):
             await call
         call = await start_call(services)

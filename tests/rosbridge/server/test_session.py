@@ -53,25 +53,7 @@ async def test_a_large_response_is_sent_as_requested(robot: Robot) -> None:
         for options, op in (
             ({}, "service_response"),
             ({"compression": "png"}, "png"),
-            ({"fragment_size": 9999}, "fragment"),
+            ({"fragment_size": 9999}, "service_response"),  # as whole
         ):
             await peer.send("call_service", service="/rosapi/topics", **options)
-            message = await peer.receive()
-            assert message["op"] == op
-            for _ in range(message.get("total", 1) - 1):
-                assert (await peer.receive())["op"] == "fragment"
-
-
-@with_robot()
-async def test_a_warning_about_something_that_does_not_exist(robot: Robot) -> None:
-    async with robot.peer() as peer:
-        await peer.send("set_level", level="warning")
-        await peer.send("unsubscribe", topic="/battery_level", id="u")
-        assert await peer.receive() == {
-            "op": "status",
-            "level": "warning",
-            "msg": "/battery_level is not subscribed to",
-            "id": "u",
-        }
-        await peer.send("unadvertise", topic="/battery_level")
-        assert (await peer.receive())["msg"] == "/battery_level is not advertised"
+            assert (await peer.receive())["op"] == op

@@ -5,17 +5,19 @@ from __future__ import annotations
 import asyncio
 import json
 import math
+import threading
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, Awaitable, Callable, List, Tuple
 
+import pytest
 from harness.rosbridge_peer import FLOAT32, Robot, with_robot
 
 from robot_health_monitor.core.values.errors import ConfigError, ServiceError
 from robot_health_monitor.rosbridge.protocol.limits import Limits
 from robot_health_monitor.rosbridge.protocol.operations import Subscribe
 from robot_health_monitor.rosbridge.server.access import Access
-from robot_health_monitor.rosbridge.server.sending import Encoding
+from robot_health_monitor.rosbridge.server.sending import EncodedMessage
 from robot_health_monitor.rosbridge.server.topics import MOST_PUBLISHED, ByteBudget, Options, Pacer, Topic, merge
 from robot_health_monitor.runtime.event_loops import ThreadPool
 
@@ -51,7 +53,7 @@ def test_clients_with_the_same_encoding_share_the_frames() -> None:
         one, other, cbor = Receiver(), Receiver(), Receiver()
         topic.set_options(one, Options())
         topic.set_options(other, Options())
-        topic.set_options(cbor, Options(encoding=Encoding("cbor")))
+        topic.set_options(cbor, Options(compression="cbor"))
         topic.deliver({"data": 1.0})
         assert one.frames[0] is other.frames[0]
         assert cbor.frames[0][:1] == b"\x82"
@@ -72,6 +74,60 @@ def test_small_messages_do_not_overtake_large_ones() -> None:
         while len(client.frames) < 5:
             await asyncio.sleep(0)
         assert client.values == ["first", large, "second", large, "third"]
+
+    run(scenario)
+
+
+def test_large_messages_are_encoded_in_a_thread(monkeypatch: pytest.MonkeyPatch) -> None:
+    threads: List[int] = []
+    encode = EncodedMessage.frame
+
+    def note(message: EncodedMessage, compression: str) -> bytes:
+        threads.append(threading.get_ident())
+        return encode(message, compression)
+
+    async def scenario(topic: Topic, problems: List[str]) -> None:
+        client = Receiver()
+        topic.set_options(client, Options())
+        monkeypatch.setattr(EncodedMessage, "frame", note)
+        topic.deliver({"data": "x" * 200_000})
+        while not client.frames:
+            await asyncio.sleep(0)
+        assert threading.get_ident() not in threads
+
+    run(scenario)
+
+
+def test_while_the_encoder_is_busy_the_newest_wait_within_the_bound() -> None:
+    async def scenario(topic: Topic, problems: List[str]) -> None:
+        client = Receiver()
+        topic.set_options(client, Options())
+        released = threading.Event()
+        busy = topic._node.codec.submit(released.wait, 20.0)
+        for number in range(100):
+            topic.deliver({"data": f"{number:04d}" + "x" * 100_000})
+            assert topic._waiting.size <= 350_000
+            await asyncio.sleep(0)
+        released.set()
+        await busy
+        while len(client.frames) < 4:
+            await asyncio.sleep(0)
+        assert [value[:4] for value in client.values] == ["0000", "0097", "0098", "0099"]
+        assert (topic._waiting.size, topic.dropped) == (0, 96)
+
+    run(scenario, encoding_bytes=350_000)
+
+
+def test_a_message_that_cannot_be_encoded_is_reported_and_the_next_is_sent() -> None:
+    async def scenario(topic: Topic, problems: List[str]) -> None:
+        client = Receiver()
+        topic.set_options(client, Options())
+        topic.deliver({"data": ["x" * 200_000, object()]})
+        topic.deliver({"data": 1.0})
+        while not client.frames:
+            await asyncio.sleep(0)
+        assert client.values == [1.0]
+        assert problems == ["/a (std_msgs/String): object cannot be encoded as JSON"]
 
     run(scenario)
 
@@ -107,7 +163,7 @@ def test_throttled_messages_of_all_topics_share_the_budget_of_the_client() -> No
 def test_a_message_that_cannot_be_sent_is_counted_and_reported() -> None:
     async def scenario(topic: Topic, problems: List[str]) -> None:
         client = Receiver()
-        topic.set_options(client, Options(encoding=Encoding("cbor-raw")))
+        topic.set_options(client, Options(compression="cbor-raw"))
         topic.deliver({"data": "a"})
         topic.deliver({"data": "x" * 20_000})
         assert (client.frames, topic.dropped) == ([], 2)
@@ -122,20 +178,20 @@ def test_a_message_that_cannot_be_sent_is_counted_and_reported() -> None:
 
 
 def test_options_are_read_in_seconds_and_within_the_limits() -> None:
-    request = Subscribe("/a", throttle_rate=250.0, queue_length=7, fragment_size=100, compression="png")
-    assert merge([request], Limits()) == Options(0.25, 7, Encoding("png", 100))
+    request = Subscribe("/a", throttle_rate=250.0, queue_length=7, compression="png")
+    assert merge([request], Limits()) == Options(0.25, 7, "png")
     assert merge([replace(request, queue_length=10**9)], Limits(queue_messages=50)).queue_length == 50
 
 
 def test_several_requests_for_a_topic_are_merged_as_the_reference_server_does() -> None:
     requests = [
-        Subscribe("/a", throttle_rate=500.0, queue_length=10, fragment_size=200, compression="none"),
+        Subscribe("/a", throttle_rate=500.0, queue_length=10, compression="none"),
         Subscribe("/a", throttle_rate=100.0, queue_length=2, compression="cbor"),
-        Subscribe("/a", throttle_rate=1000.0, queue_length=5, fragment_size=100, compression="png"),
+        Subscribe("/a", throttle_rate=1000.0, queue_length=5, compression="png"),
     ]
-    assert merge(requests, Limits()) == Options(0.1, 2, Encoding("cbor", 100))
+    assert merge(requests, Limits()) == Options(0.1, 2, "cbor")
     every = [Subscribe("/a", compression=each) for each in ("none", "cbor-raw", "cbor")]
-    assert merge(every, Limits()) == Options(0.0, 0, Encoding("cbor-raw"))
+    assert merge(every, Limits()) == Options(0.0, 0, "cbor-raw")
 
 
 class Paced:
@@ -279,7 +335,7 @@ async def test_a_subscription_that_the_middleware_refuses_leaves_nothing_behind(
             "msg": "subscribe: unknown type no_msgs/Type",
             "id": "s",
         }
-        assert robot.server._parts.topics._topics == {}
+        assert robot.server._topics._topics == {}
 
 
 @with_robot()
