@@ -7,13 +7,13 @@ exact times and values are tried; if it does not come with those either, somethi
 
 from __future__ import annotations
 
-import json
 import math
 import sqlite3
-import textwrap
 from itertools import groupby
 from statistics import median
-from typing import Any, Dict, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Tuple, Union
+from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple, Union
+
+import yaml
 
 from ...core.config.kept_settings import read_kept, settings_of
 from ...core.config.monitor_config import MonitorConfig, load_config
@@ -21,12 +21,12 @@ from ...core.config.signal_config import LINK, LINK_CONFIG, OF_ARRIVALS, SignalC
 from ...core.judge.continuity import MAX_EVIDENCE
 from ...core.nodes.alert_system import TICK_PERIOD_S
 from ...core.values.errors import ConfigError
-from ...core.values.formatting import count_text, duration_text, list_text, number_text, printable
+from ...core.values.formatting import count_text, printable
 from ...core.values.model import Level, Transition
 from ...ops.store import queries
 from ...ops.store.rows import StoredTransition
 from ..history.history_entries import time_text
-from .threshold_cases import TIME_TOLERANCE_S, Alert, ThresholdTest, compare, parse_tests, run_test
+from .threshold_cases import TIME_TOLERANCE_S, ThresholdTest, compare, parse_tests, run_test
 
 FROM_ALERT = "--from-alert"
 """The option that asks for it; what it reports begins with it."""
@@ -34,10 +34,10 @@ LONGEST_BEFORE_S = 3600.0
 """Samples that are longer before the alert are left out."""
 _SAME_TIME_S = 0.002
 """Two times closer than this are the same: those of stored samples are rounded."""
-_INTERVALS_S = (1.0, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.001)
+_INTERVALS_S = (0.001, 0.01, 0.1, 1.0)
+"""Of exact times: the first that needs no more steps than `_MOST_STEPS`."""
 _MOST_STEPS = 120_000
 _WIDTH = 100
-_INDENT = " " * 8
 
 Samples = Sequence[Tuple[float, float]]
 """Time in s and value in the signal's unit, oldest first; NaN: bad."""
@@ -74,19 +74,6 @@ class AlertTest(NamedTuple):
     verdict: str
     """One line: what happened when the test was run."""
     passes: bool
-
-
-class _Series(NamedTuple):
-    """The input of a test, and what it gives."""
-
-    interval_s: float
-    values: Mapping[str, List[Optional[float]]]
-    """By signal; in the unit of the messages, before `scale`."""
-    at_s: float
-    """When the alert should come, in s since the begin."""
-    alerts: Sequence[Alert] = ()
-    """All that occur, until the alert."""
-    remark: str = ""
 
 
 def depends_on(signal: SignalConfig) -> List[str]:
@@ -135,153 +122,118 @@ def alert_test(alert: PastAlert, thresholds: Optional[str] = None, *, exact: boo
         ConfigError: the alert does not occur again with what is stored, or `thresholds` cannot be read.
     """
     config = load_config({"signals": alert.settings})
-    known = {
-        name: [each for each in samples if alert.time_s - LONGEST_BEFORE_S < each[0] <= alert.time_s + _SAME_TIME_S]
-        for name, samples in alert.samples.items()
-    }
-    alert = alert._replace(samples={name: samples for name, samples in known.items() if samples})
-    tried = [_series(config, alert, True)] if exact else [_series(config, alert, each) for each in (False, True)]
-    found = next((each for each in (_run(config, alert, series) for series in tried) if each is not None), None)
-    if found is None:
-        raise ConfigError(f"{FROM_ALERT}: {alert.title} does not occur again: {_reason(config, alert, tried[-1])}")
-    text = "".join(f"{line}\n" for line in _lines(alert, found, thresholds))
-    config, (test,) = parse_tests(text, "the test")
-    differences = [f"{mark} {each}" for mark, each in compare(test.expected, run_test(config, test)) if mark != " "]
+    test = None if exact else _occurring(config, alert, exact=False)
+    test = test or _occurring(config, alert, exact=True)
+    if test is None:
+        raise ConfigError(f"{FROM_ALERT}: {alert.title} does not occur again: {alert.missing}")
+    text = _text_of(alert, test, thresholds)
+    config, (written,) = parse_tests(text, "the test")
+    differences = [
+        f"{mark} {each}" for mark, each in compare(written.expected, run_test(config, written)) if mark != " "
+    ]
     if not differences:
         return AlertTest(text, f"the test of {alert.title} passes", True)
     what = f"{count_text(len(differences), 'difference')}, first {differences[0]}"
     return AlertTest(text, f"the test of {alert.title} fails with {thresholds or 'these thresholds'}: {what}", False)
 
 
-def _series(config: MonitorConfig, alert: PastAlert, exact: bool) -> _Series:
-    """Returns the samples in steps of one interval: a readable one that is close to theirs, or one with exact times.
+def _occurring(config: MonitorConfig, alert: PastAlert, *, exact: bool) -> Optional[ThresholdTest]:
+    """Returns the samples until the alert in steps of one interval, with what occurs; None if the alert does not.
 
-    The series begins with the first sample; if times are exact, so that the alert comes at a whole second: then a tick
-    coincides with it, as it did. Values that are not exact are rounded to a hundredth of their range.
+    The interval and the values are readable ones that are close to those that were, unless they are `exact`. The series
+    begins with the first sample; if times are exact, so that the alert comes at a whole second: then a tick coincides
+    with it, as it did.
     """
-    own = alert.samples.get(alert.signal, ())
-    times_s = [at for samples in alert.samples.values() for at, _ in samples]
-    begin_s = min(times_s) if own else alert.time_s - _config_of(config, alert.signal).startup_grace_s - exact
+    samples = {
+        name: [each for each in series if alert.time_s - LONGEST_BEFORE_S < each[0] <= alert.time_s + _SAME_TIME_S]
+        for name, series in alert.samples.items()
+    }
+    own_s = [at_s for at_s, _ in samples.get(alert.signal, ())]
+    begin_s = alert.time_s - _config_of(config, alert.signal).startup_grace_s - exact
+    if own_s:
+        begin_s = min(at_s for series in samples.values() for at_s, _ in series)
     if exact:
         begin_s = alert.time_s - max(1.0, math.ceil(alert.time_s - begin_s - _SAME_TIME_S))
     span_s = alert.time_s - begin_s
-
-    def fits(interval_s: float) -> bool:
-        steps = [(at - begin_s) / interval_s for at in times_s]
-        return all(abs(each - round(each)) * interval_s <= _SAME_TIME_S / 10.0 for each in steps)
-
-    gaps_s = [after[0] - before[0] for before, after in zip(own, own[1:])]
-    interval_s = max(_readable_number(median(gaps_s) if gaps_s else 1.0), span_s / _MOST_STEPS)
+    gaps_s = [after_s - before_s for before_s, after_s in zip(own_s, own_s[1:])]
+    interval_s = max(_readable_number(median(gaps_s or [1.0])), span_s / _MOST_STEPS)
     if exact:
-        possible = [each for each in _INTERVALS_S if span_s / each <= _MOST_STEPS]
-        interval_s = next(filter(fits, possible), possible[-1])
-    values = {}
-    for name, samples in alert.samples.items():
+        interval_s = next(each for each in _INTERVALS_S if span_s / each <= _MOST_STEPS)
+    series = {}
+    for name, timed in samples.items():
         signal = _config_of(config, name)
         scale = 1.0 if signal.reduce else signal.scale  # values of a reduction are in its unit
-        places = {max(0, round((at - begin_s) / interval_s)): value / scale for at, value in samples}
-        values[name] = places if exact else _rounded(places)
-    steps = range(math.ceil((span_s + TICK_PERIOD_S) / interval_s) + 1)
-    listed = {name: list(map(places.get, steps)) for name, places in (values or {alert.signal: {}}).items()}
-    return _Series(interval_s, listed, span_s)
-
-
-def _run(config: MonitorConfig, alert: PastAlert, series: _Series) -> Optional[_Series]:
-    """Returns the series until the alert, with all that occurs; None if the alert does not."""
-    occurred = run_test(config, ThresholdTest("", series.interval_s, series.values, ()))
-    before, found = Level.OK, []
-    for each in occurred:
-        if each.signal == alert.signal:
-            is_near = abs(each.at_s - series.at_s) <= TICK_PERIOD_S + series.interval_s + TIME_TOLERANCE_S
-            if each.level is alert.transition.to_level and is_near:
-                found.append((before is alert.transition.from_level, each))
-            before = each.level
-    if not found:
+        places = {max(0, round((at_s - begin_s) / interval_s)): value / scale for at_s, value in timed}
+        steps = range(math.ceil((span_s + TICK_PERIOD_S) / interval_s) + 1)
+        if timed or name == alert.signal:
+            series[name] = list(map((places if exact else _rounded(places)).get, steps))
+    test = ThresholdTest(f"{alert.title}: {alert.signal} {alert.transition.to_level.name}", interval_s, series, ())
+    occurred = run_test(config, test)
+    wanted = alert.signal, alert.transition.to_level
+    tolerance_s = TICK_PERIOD_S + interval_s + TIME_TOLERANCE_S
+    times_s = [each.at_s for each in occurred if (each.signal, each.level) == wanted]
+    end_s = max((each for each in times_s if abs(each - span_s) <= tolerance_s), default=None)
+    if end_s is None:
         return None
-    is_same, again = max(found, key=lambda pair: (pair[0], pair[1].at_s))
-    steps = math.ceil(again.at_s / series.interval_s - TIME_TOLERANCE_S) + 1
-    missing = f"the level before was {alert.transition.from_level.name}, for which earlier samples are missing"
-    return series._replace(
-        values={name: values[:steps] for name, values in series.values.items()},
-        alerts=[each for each in occurred if each.at_s <= again.at_s],
-        remark="" if is_same else missing,
+    count = math.ceil(end_s / interval_s - TIME_TOLERANCE_S) + 1
+    return test._replace(
+        series={name: values[:count] for name, values in series.items()},
+        expected=[each for each in occurred if each.at_s <= end_s],
     )
-
-
-def _reason(config: MonitorConfig, alert: PastAlert, series: _Series) -> str:
-    occurred = run_test(config, ThresholdTest("", series.interval_s, series.values, ()))
-    own = [f"{each.level.name} at {number_text(each.at_s)} s" for each in occurred if each.signal == alert.signal]
-    return f"{alert.missing}; these samples give {', '.join(own[:5]) or 'no alert'}"
 
 
 def _config_of(config: MonitorConfig, signal: str) -> SignalConfig:
     return LINK_CONFIG if signal == LINK else config.signals[template_name(signal)]
 
 
-def _rounded(places: Mapping[int, float]) -> Dict[int, float]:
-    numbers = [value for value in places.values() if math.isfinite(value)]
-    size = max(map(abs, numbers), default=0.0)
-    spread = max(numbers, default=0.0) - min(numbers, default=0.0)
-    if not 0.0 < size < math.inf:
-        return dict(places)
-    decimals = -math.floor(math.log10(spread if 0.0 < spread < math.inf else size / 10.0)) + 2
-    return {place: round(value, decimals) if math.isfinite(value) else value for place, value in places.items()}
+def _rounded(places: Mapping[int, float]) -> Mapping[int, float]:
+    """Returns values that are rounded to a hundredth of their range."""
+    numbers = list(filter(math.isfinite, places.values())) or [0.0]
+    spread = max(numbers) - min(numbers) or abs(numbers[0]) / 10.0
+    if not 0.0 < spread < math.inf:
+        return places
+    decimals = 2 - math.floor(math.log10(spread))
+    return {place: round(value, decimals) for place, value in places.items()}
 
 
 def _readable_number(value: float) -> float:
     """Returns a number with one digit if that is within 4 % of it, else with two."""
-    decimals = -math.floor(math.log10(max(value, 0.001)))
-    short = round(value, decimals)
-    return short if abs(short - value) <= 0.04 * value else max(round(value, decimals + 1), 0.001)
+    short = float(f"{value:.1g}")
+    return max(short if abs(short - value) <= 0.04 * value else float(f"{value:.2g}"), 0.001)
 
 
-def _lines(alert: PastAlert, found: _Series, thresholds: Optional[str]) -> Iterator[str]:
-    yield printable(f"# {alert.title[:1].upper()}{alert.title[1:]}, {time_text(alert.wall_s)}: {alert.transition.text}")
-    if found.remark:
-        yield printable(f"# Not as it was: {found.remark}")
-    if thresholds is None:
-        yield "thresholds:  # in force then"
-        yield "  signals:"
-        for signal, keys in alert.settings.items():
-            yield f"    {_quoted(signal)}: {json.dumps(keys, ensure_ascii=False)}"
-    else:
-        yield f"thresholds: {_quoted(thresholds)}"
-    yield "tests:"
-    yield f"  - name: {_quoted(f'{alert.title}: {alert.signal} {alert.transition.to_level.name}')}"
-    yield f"    interval_s: {_number(found.interval_s)}"
-    yield "    input:"
-    for name, series in found.values.items():
-        text = series_text(series)
-        if len(text) <= _WIDTH:
-            yield f'      {_quoted(name)}: "{text}"'
-            continue
-        yield f"      {_quoted(name)}: >-"
-        yield from textwrap.wrap(
-            text, _WIDTH, initial_indent=_INDENT, subsequent_indent=_INDENT, break_on_hyphens=False
-        )
-    yield "    alerts:"
-    for each in found.alerts:
-        at_s = _number(round(each.at_s, 6))
-        yield f"      - {{at_s: {at_s}, signal: {_quoted(each.signal)}, level: {each.level.name}}}"
+def _text_of(alert: PastAlert, test: ThresholdTest, thresholds: Optional[str]) -> str:
+    tree = {
+        "thresholds": thresholds or {"signals": alert.settings},
+        "tests": [
+            {
+                "name": test.name,
+                "interval_s": test.interval_s,
+                "input": {name: series_text(series) for name, series in test.series.items()},
+                "alerts": [
+                    {"at_s": round(each.at_s, 6), "signal": each.signal, "level": each.level.name}
+                    for each in test.expected
+                ],
+            }
+        ],
+    }
+    title = f"{alert.title[:1].upper()}{alert.title[1:]}, {time_text(alert.wall_s)}: {alert.transition.text}"
+    text = yaml.safe_dump(tree, default_flow_style=None, sort_keys=False, allow_unicode=True, width=_WIDTH)
+    return printable(f"# {title}") + f"\n{text}"
 
 
 def series_text(series: Sequence[Optional[float]]) -> str:
     """Returns samples in the notation of a series."""
     items = []
-    for text, run in groupby("_" if value is None else _number(value) for value in series):
-        count = sum(1 for _ in run)
-        repeats = count if text == "_" else count - 1
-        items.append(f"{text}x{repeats}" if count > 1 else text)
+    for text, run in groupby("_" if value is None else _number_text(value) for value in series):
+        count = len(list(run))
+        items.append(f"{text}x{count - (text != '_')}" if count > 1 else text)
     return " ".join(items)
 
 
-def _number(value: float) -> str:
+def _number_text(value: float) -> str:
     text = repr(float(value))
     return text[:-2] if text.endswith(".0") else text
-
-
-def _quoted(text: str) -> str:
-    return json.dumps(text, ensure_ascii=False)
 
 
 def history_alert(connection: sqlite3.Connection, number: int) -> PastAlert:
@@ -301,15 +253,18 @@ def history_alert(connection: sqlite3.Connection, number: int) -> PastAlert:
         raise ConfigError(f"{FROM_ALERT}: the configuration of {robot} cannot be read: {error}") from None
     settings = needed_settings(signals, transition.signal, robot)
     signal = signals[template_name(transition.signal)]
-    stored = [each for each in queries.evidence(connection, transition.id) if math.isfinite(each[0])]
-    is_of_arrivals = signal.statistic in OF_ARRIVALS
-    samples: Samples = [] if is_of_arrivals else stored  # else those are values of the statistic
-    if not is_of_arrivals and _is_invalid(transition, signal):
-        number_ = float(transition.value) if isinstance(transition.value, (int, float)) else math.nan
-        samples = [*samples, (transition.wall_s, number_)]
-    recorder = f"a black box (ops.yaml: black_box, before_s: {needed_before_s(signal)}) would have recorded it"
+    samples: List[Tuple[float, float]] = []
+    missing = "a history has no times of arrivals"
+    if signal.statistic not in OF_ARRIVALS:  # else stored samples are values of the statistic
+        samples = [each for each in queries.evidence(connection, transition.id) if math.isfinite(each[0])]
+        missing = f"a history has the good samples in the window of an alert, at most {MAX_EVIDENCE}, and no others"
+        is_judged = signal.is_status or transition.signal == LINK or transition.bound is not None
+        if transition.to_level is Level.ERROR and not is_judged:  # a bad sample was the reason
+            value = transition.value
+            samples.append((transition.wall_s, float(value) if isinstance(value, (int, float)) else math.nan))
+    recorder = f"a black box (ops.yaml: black_box, before_s: {needed_before_s(signal)}) would have recorded them"
     if transition.black_box:
-        recorder = f"its black box {transition.black_box} has it: name its folder by --ops, or the file itself"
+        recorder = f"its black box {transition.black_box} has them: name its folder by --ops, or the file itself"
     return PastAlert(
         title=f"alert {transition.id} of {transition.robot}",
         transition=transition,
@@ -317,27 +272,6 @@ def history_alert(connection: sqlite3.Connection, number: int) -> PastAlert:
         settings=settings,
         time_s=transition.wall_s,
         samples={transition.signal: samples},
-        missing=f"{_missing(transition, signal, samples)}; {recorder}",
+        missing=f"{missing}; {recorder}",
         black_box=transition.black_box,
     )
-
-
-def _is_invalid(transition: StoredTransition, signal: SignalConfig) -> bool:
-    """Returns whether bad data gave the alert."""
-    is_judged = signal.is_status or transition.signal == LINK or transition.bound is not None
-    return transition.to_level is Level.ERROR and not is_judged
-
-
-def _missing(transition: StoredTransition, signal: SignalConfig, samples: Samples) -> str:
-    others = depends_on(signal)
-    if signal.statistic in OF_ARRIVALS:
-        return "a history has no times of arrivals"
-    if not samples:
-        return "no samples are stored with it"
-    if others:
-        return f"the samples of {list_text(others)}, which it depends on, are not stored with it"
-    if len(samples) >= MAX_EVIDENCE:
-        return f"only {MAX_EVIDENCE} of the samples in its window are stored"
-    if _is_invalid(transition, signal):
-        return "bad samples before it are not stored"
-    return f"what came more than {duration_text(transition.wall_s - samples[0][0])} before it is not stored"

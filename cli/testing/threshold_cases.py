@@ -13,7 +13,6 @@ Source: https://prometheus.io/docs/prometheus/latest/configuration/unit_testing_
 
 from __future__ import annotations
 
-import heapq
 import os
 import re
 from dataclasses import dataclass, replace
@@ -99,7 +98,7 @@ def parse_tests(text: str, name: str) -> Tuple[MonitorConfig, List[ThresholdTest
 def _tests_of(read: YamlFile, folder: str) -> Tuple[MonitorConfig, List[ThresholdTest]]:
     problems = Problems()
     config = MonitorConfig({})
-    tests: Dict[str, ThresholdTest] = {}
+    tests: List[ThresholdTest] = []
     with read.located():
         with problems:
             read_section(_File, read.tree)
@@ -108,15 +107,11 @@ def _tests_of(read: YamlFile, folder: str) -> Tuple[MonitorConfig, List[Threshol
         with problems:
             for number, each in enumerate(_list(read.tree, ("tests",))):
                 with problems:
-                    test = _read_test(each, ("tests", str(number)), config)
-                    if test.name in tests:
-                        problem = "another test of this file has the same name"
-                        raise ConfigError(problem, ("tests", str(number), "name"))
-                    tests[test.name] = test
+                    tests.append(_read_test(each, ("tests", str(number)), config))
         if read.tree.get("tests") == []:
             problems.add(ConfigError("expected at least one test, got none", ("tests",)))
         problems.raise_if_any()
-    return config, list(tests.values())
+    return config, tests
 
 
 def _read_thresholds(given: object, folder: str) -> MonitorConfig:
@@ -128,49 +123,39 @@ def _read_thresholds(given: object, folder: str) -> MonitorConfig:
     return load_config(os.path.join(folder, _TEXT.read(given, ("thresholds",)))) if given else MonitorConfig({})
 
 
-def _read_test(found: object, path: Path, config: MonitorConfig) -> ThresholdTest:
-    tree = require_mapping(found, path)
+def _read_test(given: object, path: Path, config: MonitorConfig) -> ThresholdTest:
+    tree = require_mapping(given, path)
     problems = Problems()
     test = _Test("", {}, [])
     with problems:
         test = read_section(_Test, tree, path)
     series: Dict[str, List[Optional[float]]] = {}
     with problems:
-        series = _read_series(tree.get("input"), (*path, "input"), test.interval_s, config)
+        for name, value in require_mapping(tree.get("input", {}), (*path, "input")).items():
+            with problems:
+                series[name] = _read_series(name, value, (*path, "input", name), test.interval_s, config)
+        if tree.get("input") == {}:
+            raise ConfigError("expected a series for at least one signal, got none", (*path, "input"))
     expected: List[Alert] = []
     for number, each in enumerate(_list(tree, (*path, "alerts"))):
         with problems:
-            alert = read_section(Alert, each, (*path, "alerts", str(number)))
-            expected.append(alert)
-            if series and alert.signal not in (*series, *map(template_name, series)):
-                problem = f"expected a signal of `input` ({', '.join(list(series)[:20])}), got {describe(alert.signal)}"
-                raise ConfigError(problem, (*path, "alerts", str(number), "signal"))
+            expected.append(read_section(Alert, each, (*path, "alerts", str(number))))
     problems.raise_if_any()
     return ThresholdTest(test.name, test.interval_s, series, sorted(expected, key=lambda each: each.at_s))
 
 
 def _read_series(
-    given: object, path: Path, interval_s: float, config: MonitorConfig
-) -> Dict[str, List[Optional[float]]]:
-    problems = Problems()
-    series: Dict[str, List[Optional[float]]] = {}
-    for name, value in require_mapping(given, path).items():
-        with problems:
-            if config.signals and not _is_input(name, config):
-                known = ", ".join([*list(config.signals)[:20], LINK])
-                raise ConfigError(f"expected a signal of the thresholds ({known})", (*path, name))
-            if name in config.signals and config.signals[name].is_template:
-                raise ConfigError(f"expected a series for each element, such as {name}[0]", (*path, name))
-            if isinstance(value, str):
-                value = " ".join(value.split())  # may have several lines, such as YAML's `|`
-            elif isinstance(value, (int, float)) and not isinstance(value, bool):
-                value = repr(value)  # one sample, such as `25`
-            series[name] = parse_series(_TEXT.read(value, (*path, name)), (*path, name))
-            if (len(series[name]) - 1) * interval_s > LONGEST_TEST_S:
-                raise ConfigError(f"expected at most {number_text(LONGEST_TEST_S)} s", (*path, name))
-    if given == {}:
-        raise ConfigError("expected a series for at least one signal, got none", path)
-    problems.raise_if_any()
+    name: str, given: object, path: Path, interval_s: float, config: MonitorConfig
+) -> List[Optional[float]]:
+    if config.signals and not _is_input(name, config):
+        raise ConfigError(
+            f"expected a signal of the thresholds ({', '.join([*list(config.signals)[:20], LINK])})", path
+        )
+    if name in config.signals and config.signals[name].is_template:
+        raise ConfigError(f"expected a series for each element, such as {name}[0]", path)
+    series = parse_series(given if isinstance(given, str) else repr(given), path)  # one sample may be a number
+    if (len(series) - 1) * interval_s > LONGEST_TEST_S:
+        raise ConfigError(f"expected at most {number_text(LONGEST_TEST_S)} s", path)
     return series
 
 
@@ -209,10 +194,10 @@ def _times(digits: str, samples: List[Optional[float]], path: Path) -> int:
 
 
 def _list(tree: Mapping[str, Any], path: Path) -> List[Any]:
-    found = tree.get(path[-1], [])
-    if not isinstance(found, list):
-        raise ConfigError(f"expected a list of {path[-1]}, got {describe(found)}", path)
-    return found
+    listed = tree.get(path[-1], [])
+    if not isinstance(listed, list):
+        raise ConfigError(f"expected a list of {path[-1]}, got {describe(listed)}", path)
+    return listed
 
 
 def run_test(config: MonitorConfig, test: ThresholdTest) -> List[Alert]:
@@ -252,21 +237,16 @@ def _with_reductions(
 
 def _steps(test: ThresholdTest) -> Iterator[Tuple[float, List[Tuple[str, float]]]]:
     """Yields each time with its samples; without samples it is a tick."""
-    samples: Dict[int, List[Tuple[str, float]]] = {}
+    end_s = (max(map(len, test.series.values())) - 1) * test.interval_s + TIME_TOLERANCE_S
+    steps: Dict[Tuple[float, bool], List[Tuple[str, float]]] = {
+        (count * TICK_PERIOD_S, True): [] for count in range(1, int(end_s / TICK_PERIOD_S) + 1)
+    }
     for name, series in test.series.items():
         for number, value in enumerate(series):
             if value is not None:
-                samples.setdefault(number, []).append((name, value))
-    end_s = (max(map(len, test.series.values())) - 1) * test.interval_s
-    given = ((number * test.interval_s, samples[number]) for number in sorted(samples))
-    nothing: List[Tuple[str, float]] = []
-    ticks = (
-        (count * TICK_PERIOD_S, nothing) for count in range(1, int((end_s + TIME_TOLERANCE_S) / TICK_PERIOD_S) + 1)
-    )
-    latest_s = 0.0
-    for now_s, each in heapq.merge(given, ticks, key=lambda step: (round(step[0], 6), not step[1])):
-        latest_s = max(latest_s, now_s)
-        yield latest_s, each
+                steps.setdefault((round(number * test.interval_s, 6), False), []).append((name, value))
+    for (now_s, _), samples in sorted(steps.items()):
+        yield now_s, samples
 
 
 def compare(expected: Sequence[Alert], actual: Sequence[Alert]) -> List[Difference]:

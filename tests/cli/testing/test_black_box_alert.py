@@ -40,9 +40,9 @@ def test_one_of_its_alerts_becomes_a_test(tmp_path: Path, capsys: pytest.Capture
     assert captured.err == f"the test of alert 2 of {file.name} passes\n"
     lines = captured.out.splitlines()
     assert lines[0].startswith(f"# Alert 2 of {file.name}, 2023-11-14 22:30:23 +0000: battery ERROR: 5 % is below 10 %")
-    assert '    "battery": {"topic": "/battery", ' in captured.out
-    assert lines[-2].endswith('signal: "battery", level: WARN}')
-    assert lines[-1].endswith('signal: "battery", level: ERROR}')
+    assert "    battery: {topic: /battery, " in captured.out
+    assert lines[-2].endswith("signal: battery, level: WARN}")
+    assert lines[-1].endswith("signal: battery, level: ERROR}")
     path = tmp_path / "alert.test.yaml"
     path.write_text(captured.out, encoding="utf-8")
     assert main(["test", str(path)]) == 0
@@ -124,7 +124,7 @@ def test_bad_samples_are_in_the_series(tmp_path: Path, capsys: pytest.CaptureFix
     (file,) = robot.files()
     robot.close()
     assert main(["test", "--from-alert", str(file), "--number", "1"]) == 0
-    assert ' nan"' in capsys.readouterr().out.replace("nan\n", 'nan"')
+    assert " nan}" in capsys.readouterr().out
 
 
 def test_what_is_no_black_box_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

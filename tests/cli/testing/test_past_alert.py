@@ -49,16 +49,15 @@ def test_the_test_of_an_alert_is_its_series_and_the_thresholds_in_force(
     text = written(capsys, file, 1)
     assert text.splitlines() == [
         "# Alert 1 of r3, 2023-11-14 22:13:28 +0000: battery WARN: 19.5 % is below 20 % (was OK for 8 s)",
-        "thresholds:  # in force then",
+        "thresholds:",
         "  signals:",
-        '    "battery": {"unit": "%", "warn_below": 20.0, "for_s": 3.0}',
+        "    battery: {unit: '%', warn_below: 20.0, for_s: 3.0}",
         "tests:",
-        '  - name: "alert 1 of r3: battery WARN"',
-        "    interval_s: 1",
-        "    input:",
-        '      "battery": "25x4 19.5x3"',
-        "    alerts:",
-        '      - {at_s: 8, signal: "battery", level: WARN}',
+        "- name: 'alert 1 of r3: battery WARN'",
+        "  interval_s: 1.0",
+        "  input: {battery: 25x4 19.5x3}",
+        "  alerts:",
+        "  - {at_s: 8.0, signal: battery, level: WARN}",
     ]
     passes(capsys, tmp_path, text)
 
@@ -72,10 +71,10 @@ def test_a_false_alarm_becomes_a_failing_test_then_a_better_threshold(
         json.dumps({"alert_system": {"ros__parameters": {"signals": BATTERY}}}), encoding="utf-8"
     )
     text = written(capsys, file, 1, "--thresholds", "thresholds.yaml")
-    assert 'thresholds: "thresholds.yaml"' in text
+    assert "thresholds: thresholds.yaml" in text
     passes(capsys, tmp_path, text)
     path = tmp_path / "alert.test.yaml"
-    path.write_text(text[: text.index("    alerts:")] + "    alerts: []\n", encoding="utf-8")
+    path.write_text(text[: text.index("  alerts:")] + "  alerts: []\n", encoding="utf-8")
     assert main(["test", str(path)]) == 1
     assert "+ at_s: 8, signal: battery, level: WARN" in capsys.readouterr().out
     better = {"battery": {**BATTERY["battery"], "warn_below": 19.0}}
@@ -141,7 +140,8 @@ def test_the_test_of_every_transition_passes(case: str, tmp_path: Path, capsys: 
 
 
 @pytest.mark.parametrize(
-    ("period_s", "interval_s", "exact_s"), [(0.0985, "0.1", "0.001"), (0.0333, "0.033", "0.001"), (0.97, "1", "0.01")]
+    ("period_s", "interval_s", "exact_s"),
+    [(0.0985, "0.1", "0.001"), (0.0333, "0.033", "0.001"), (0.97, "1.0", "0.001")],
 )
 def test_period_and_digits_are_those_that_a_person_would_write(
     period_s: float, interval_s: str, exact_s: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -150,23 +150,12 @@ def test_period_and_digits_are_those_that_a_person_would_write(
     timeline = [(number * period_s, 0.0123456789 if number < 15 else 0.6524529457092285) for number in range(16)]
     file = watched(tmp_path / "history.db", signals, "age", timeline)
     text = written(capsys, file, 1)
-    assert f"    interval_s: {interval_s}\n" in text
-    assert '      "age": "0.012x14 0.652"\n' in text
+    assert f"  interval_s: {interval_s}\n" in text
+    assert "  input: {age: 0.012x14 0.652}\n" in text
     passes(capsys, tmp_path, text)
     text = written(capsys, file, 1, "--exact")
-    assert f"    interval_s: {exact_s}\n" in text
-    assert ' 0.6524529457092285"' in text or " 0.6524529457092285\n" in text
-    passes(capsys, tmp_path, text)
-
-
-def test_a_level_before_that_is_not_stored_is_one_comment_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """It was WARN for 20 s; the window holds the sample of the ERROR only."""
-    signals = {"b": {"warn_below": 20.0, "error_below": 10.0, "window_samples": 1}}
-    file = watched(tmp_path / "history.db", signals, "b", every_second([25.0, *[15.0] * 20, 5.0]))
-    text = written(capsys, file, 2)
-    assert text.splitlines()[1] == ("# Not as it was: the level before was WARN, for which earlier samples are missing")
+    assert f"  interval_s: {exact_s}\n" in text
+    assert " 0.6524529457092285}\n" in text
     passes(capsys, tmp_path, text)
 
 
@@ -178,7 +167,8 @@ def refused(capsys: pytest.CaptureFixture[str], file: Path, number: int) -> str:
     return captured.err
 
 
-RECORDER = "; a black box (ops.yaml: black_box, before_s: {}) would have recorded it; these samples give "
+GOOD = "a history has the good samples in the window of an alert, at most 300, and no others"
+RECORDER = "; a black box (ops.yaml: black_box, before_s: {}) would have recorded them"
 
 
 @pytest.mark.parametrize(
@@ -186,16 +176,16 @@ RECORDER = "; a black box (ops.yaml: black_box, before_s: {}) would have recorde
     [
         (
             {"warn_below": 20.0, "for_s": 30.0, "window_s": 10.0}, every_second([25.0] * 5 + [19.5] * 40),
-            "what came more than 10 s before it is not stored" + RECORDER.format(50) + "no alert",
+            GOOD + RECORDER.format(50),
         ),
         (
             {"warn_below": 20.0, "invalid_for_s": 2.0}, every_second([25.0] * 4 + [float("nan")] * 5),
-            "bad samples before it are not stored" + RECORDER.format(20) + "no alert",
+            GOOD + RECORDER.format(20),
         ),
         (
             {"field": "", "statistic": "frequency_hz", "window_s": 5.0, "warn_below": 1.5, "stale_after_s": 9.0},
             [(0.5 * number, 1.0) for number in range(30)] + [(15.0 + number, 1.0) for number in range(10)],
-            "a history has no times of arrivals" + RECORDER.format(30) + "STALE at 11 s",
+            "a history has no times of arrivals" + RECORDER.format(30),
         ),
     ],
     ids=["longer than the window", "bad samples", "arrivals"],
@@ -209,12 +199,14 @@ def test_what_is_missing_is_named_and_how_a_black_box_would_have_had_it(
     )
 
 
-def test_without_samples_of_a_condition_it_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_without_samples_of_a_condition_the_alert_has_no_test(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     latched = {"warn_below": 20.0, "latch": True, "latch_release_if": {"signal": "c", "is": 1.0}}
     signals = {"b": latched, "c": {"warn_above": 5.0}}
     timeline = [*every_second([25.0] * 3 + [19.0] + [25.0] * 5), (9.2, Of("c", 1.0)), (9.5, None)]
     file = watched(tmp_path / "history.db", signals, "b", timeline)
-    assert "the samples of c, which it depends on, are not stored with it; " in refused(capsys, file, 2)
+    assert GOOD in refused(capsys, file, 2)
 
 
 def test_a_test_of_other_thresholds_is_run_with_them(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -223,7 +215,7 @@ def test_a_test_of_other_thresholds_is_run_with_them(tmp_path: Path, capsys: pyt
     path.write_text("alert_system: {ros__parameters: {signals: {battery: {warn_below: 19.0}}}}", encoding="utf-8")
     assert main(["test", "--from-alert", "1", "--history", str(file), "--thresholds", str(path)]) == 1
     captured = capsys.readouterr()
-    assert captured.out.endswith('- {at_s: 8, signal: "battery", level: WARN}\n')
+    assert captured.out.endswith("- {at_s: 8.0, signal: battery, level: WARN}\n")
     assert captured.err == (
         f"the test of alert 1 of r3 fails with {path}: 1 difference, first - at_s: 8, signal: battery, level: WARN\n"
     )

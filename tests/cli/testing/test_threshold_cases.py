@@ -334,7 +334,7 @@ def test_every_mistake_is_reported_with_its_line(folder: Path) -> None:
         "a.test.yaml:6: tests.1.interval_s: expected a number from 0.0001 to 1000000",
         "a.test.yaml:6: tests.1.name: is missing; expected the text that says what the test shows",
         "a.test.yaml:8: tests.1.input.battery: expected a series such as '25x9 15-0.5x20 _x3 nan'",
-        "a.test.yaml:9: tests.1.input.arm: expected printable text",
+        "a.test.yaml:9: tests.1.input.arm: expected a series such as '25x9 15-0.5x20 _x3 nan'",
         "a.test.yaml:11: tests.1.alerts.0.level: expected one of OK, WARN, ERROR, STALE",
         "a.test.yaml:12: tests.1.alerts.1.level: is missing; expected the new level",
         "a.test.yaml:13: tests.2: expected a mapping of keys to values",
@@ -355,16 +355,6 @@ def test_every_mistake_is_reported_with_its_line(folder: Path) -> None:
         (
             "thresholds: none.yaml\ntests: [{name: a, input: {b: 1}, alerts: []}]\n",
             "none.yaml: cannot be read: No such file or directory",
-        ),
-        (
-            "thresholds: thresholds.yaml\ntests:\n- {name: a, input: {arm: 1}, alerts: []}\n"
-            "- {name: a, input: {arm: 1}, alerts: []}\n",
-            "a.test.yaml:4: tests.1.name: another test of this file has the same name",
-        ),
-        (
-            "thresholds: thresholds.yaml\ntests:\n- name: a\n  input: {arm: 1}\n  alerts:\n"
-            "  - {at_s: 1, signal: battery, level: OK}\n",
-            "a.test.yaml:6: tests.0.alerts.0.signal: expected a signal of `input` (arm), got 'battery'",
         ),
         (
             "thresholds: thresholds.yaml\ntests:\n- name: a\n  interval_s: 100\n  input: {arm: 1x20000}\n"
