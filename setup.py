@@ -91,7 +91,7 @@ setup(
         NAME: ["py.typed"],
         NAME + ".ops.export": ["files/*.*", "files/*/*.*"],
         NAME + ".ops.plot": ["*.css", "*.js"],
-        NAME + ".ops.report": ["*.css", "*.js"],
+        NAME + ".ops.report": ["*.css", "*.html", "*.js"],
         NAME + ".ops.web.page": ["*.css", "*.html", "*.js", "*.svg"],
     },
     data_files=data_files,

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import argparse
 import os
-import shutil
 import sys
 import time
-from typing import Callable, Counter, Dict, Iterator, List, NamedTuple, Optional, Sequence, TextIO, Tuple
+from typing import Callable, Counter, Dict, List, Optional, Sequence, TextIO, Tuple
 
 from ..core.config.monitor_config import Section
 from ..core.config.signal_config import SignalConfig
@@ -29,11 +28,10 @@ from ..recordings.reading import Recordings
 from .arguments import find_installed
 from .embedded import sections_of_nodes
 from .output.events import Entry
-from .output.lines import COLOURS, ProgressLine, coloured, is_coloured, is_terminal, plain_line, plain_table, readable
+from .output.lines import COLOURS, ProgressLine, coloured, is_coloured, plain_line, plain_table, readable
 from .report_file import ReportFile
 from .testing.black_box_alert import attached_file, attached_states
 
-_GAP = 2  # blanks between columns
 _NUMBERS = ("samples", "bad", *SHARES, "alerts", "min", "mean", "max", "longest gap")
 
 
@@ -44,27 +42,21 @@ def replay(arguments: argparse.Namespace) -> bool:
     judged. Raises ConfigError: a configuration or an argument cannot be used, or none of its signals is recorded.
     Raises RecordingError: a recording cannot be read. Raises OutputError: the report cannot be written.
     """
-    configurations = _configurations(arguments)
-    report = None
-    if arguments.report:
-        inputs = [*arguments.recordings, *(each.file.file for each in configurations)]
-        report = ReportFile(arguments.report, inputs, arguments.force)
     with Recordings(arguments.recordings) as recordings:
-        saved = None
         attached = None if arguments.thresholds else attached_file(recordings)
-        if attached is not None:
-            configurations[0] = _attached(attached)
-            saved = attached_states(recordings) if arguments.from_s == 0.0 else None  # they are those at the beginning
+        saved = None
+        if attached is not None and arguments.from_s == 0.0:  # they are those at the beginning
+            saved = attached_states(recordings)
+        configurations = _configurations(arguments, attached)
+        report = None
+        if arguments.report:
+            inputs = [*arguments.recordings, *(file.file for _, file, _ in configurations)]
+            report = ReportFile(arguments.report, inputs, arguments.force)
         return _Replay(arguments, configurations, recordings, report, saved).run()
 
 
-class _Configuration(NamedTuple):
-    """One thresholds file."""
-
-    name: str
-    file: YamlFile
-    section: Section
-    """That of alert_system."""
+_Configuration = Tuple[str, YamlFile, Section]
+"""The name of a thresholds file, its content, and its section of alert_system."""
 
 
 class _Replay:
@@ -79,14 +71,13 @@ class _Replay:
         self._arguments = arguments
         self._report_file = report_file
         self._several = len(configurations) > 1
-        self._configurations = configurations
         self._output = ReplayOutput(arguments.json)
         self._player = Player(
             recordings,
             namespace=arguments.namespace,
             from_s=arguments.from_s,
             to_s=arguments.to_s,
-            use_sim_time=arguments.use_sim_time or configurations[0].section.tree.get("use_sim_time") is True,
+            use_sim_time=arguments.use_sim_time or configurations[0][2].tree.get("use_sim_time") is True,
             begin_ns=None if saved is None else round(saved.time_s * 1e9),
             on_log=self._on_log,
         )
@@ -95,8 +86,8 @@ class _Replay:
         """By configuration, empty if there is only one, and signal; only for a report."""
         self._shown: List[ReportedAlert] = []
         self._shown_levels: Counter[Level] = Counter()  # new levels of all transitions that were shown
-        names = [configuration.name for configuration in configurations]
-        self._differences = Differences(names, self._show) if self._several else None
+        self._names = [name for name, _, _ in configurations]
+        self._differences = Differences(self._names, self._show) if self._several else None
         self._judge = Judge(self._player, self._on_event, self._plot if report_file else None)
         self._player.on_gap.append(self._on_gap)
         for name, file, section in configurations:
@@ -108,10 +99,13 @@ class _Replay:
         self._buckets = buckets_of(sum(summary.recorded for summary in self._judge.summaries))
 
     def run(self) -> bool:
-        with self._output as output:
+        output = self._output
+        try:
             self._judge.run(output.progress)
             if self._differences is not None:
                 self._differences.flush()
+        finally:
+            output.finish()
         self._require("was judged", lambda summary: not summary.missing)
         summaries = self._summaries()
         missing = {summary.config.name: summary.missing for summary in summaries if summary.missing}
@@ -156,7 +150,7 @@ class _Replay:
             if plot is not None:
                 plot.add_level(judged.wall_s, event.to_level.name)
             (self._differences.add if self._differences else self._show)(judged)
-        elif judged.file == self._configurations[0].name:
+        elif judged.file == self._names[0]:
             self._output.log(judged.wall_s, LogLine(event.now_s, "alert_system", event.severity, event.text))
 
     def _show(self, judged: JudgedEvent) -> None:
@@ -200,7 +194,6 @@ class _Replay:
         return render(
             Report(
                 title=f"Replay of {names}",
-                done="judged",
                 verdict=verdict,
                 problems=problems,
                 start_s=self._start_s,
@@ -210,36 +203,35 @@ class _Replay:
                 plots=self._plots,
                 alerts=self._shown,
                 all_alerts=sum(self._shown_levels.values()),
-                judged_by=" and ".join(each.name for each in self._configurations),
+                judged_by=" and ".join(self._names),
             )
         )
 
     def _require(self, done: str, is_done: Callable[[SignalSummary], bool], hint: str = "") -> None:
         """Raises ConfigError if no signal of a configuration is recorded, or was judged."""
-        for configuration in self._configurations:
-            summaries = [each for each in self._judge.summaries if each.file == configuration.name]
+        for name in self._names:
+            summaries = [each for each in self._judge.summaries if each.file == name]
             signals = [each for each in summaries if not is_source(each.config.name)]
             if not any(map(is_done, signals)):
                 reasons = list_text([f"{summary.config.name} ({summary.missing})" for summary in signals])
                 raise ConfigError(f"no signal {done}: {reasons}{hint}")
 
 
-def _configurations(arguments: argparse.Namespace) -> List[_Configuration]:
-    first = arguments.thresholds or find_installed("config/thresholds.yaml")
-    if first is None:
-        raise ConfigError("no thresholds.yaml is installed; expected --thresholds FILE")
-    configurations = [_read(arguments, os.fspath(first))]
+def _configurations(arguments: argparse.Namespace, attached: Optional[YamlFile]) -> List[_Configuration]:
+    """Returns what is to be judged by: the file that was given, the one that a black box has, or the installed one."""
+    if attached is not None:
+        folder, name = os.path.split(attached.file)
+        section = sections_of_nodes(attached)["alert_system"]
+        configurations = [(f"{name} in {os.path.basename(folder)}", attached, section)]
+    else:
+        first = arguments.thresholds or find_installed("config/thresholds.yaml")
+        if first is None:
+            raise ConfigError("no thresholds.yaml is installed; expected --thresholds FILE")
+        configurations = [_read(arguments, os.fspath(first))]
     if arguments.against:
-        second = _read(arguments, arguments.against)
-        is_same = second.name == configurations[0].name
-        configurations.append(second._replace(name=f"{second.name} (2)") if is_same else second)
+        name, *second = _read(arguments, arguments.against)
+        configurations.append((f"{name} (2)" if name == configurations[0][0] else name, *second))
     return configurations
-
-
-def _attached(file: YamlFile) -> _Configuration:
-    """Returns the configuration that a black box has attached."""
-    folder, name = os.path.split(file.file)
-    return _Configuration(f"{name} in {os.path.basename(folder)}", file, sections_of_nodes(file)["alert_system"])
 
 
 def _read(arguments: argparse.Namespace, name: str) -> _Configuration:
@@ -249,13 +241,13 @@ def _read(arguments: argparse.Namespace, name: str) -> _Configuration:
     section = sections_of_nodes(file)["alert_system"]
     # The host that replays is not the robot.
     tree = {**section.tree, "robot_name": section.tree.get("robot_name") or robot}
-    return _Configuration(name, file, section._replace(tree=tree))
+    return name, file, section._replace(tree=tree)
 
 
 class ReplayOutput:
     """Writes alerts to stdout and everything else about the replay to where it does not disturb them.
 
-    What calls it must not raise: an error waits for the next `progress`, or for the end of its context.
+    What is called while recordings are played must not raise: an error waits for the next `progress`, or for `finish`.
     """
 
     def __init__(self, as_json: bool) -> None:
@@ -266,28 +258,23 @@ class ReplayOutput:
         self._started_s = time.monotonic()
         self._error: Optional[OSError] = None
 
-    def __enter__(self) -> ReplayOutput:
-        """Returns itself."""
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        """Removes the progress."""
-        self._progress.clear()
-        self._raise_error()
-
     def progress(self, fraction: float) -> None:
         """Shows how much has been judged, 0 to 1, on a terminal."""
         self._raise_error()
         left_s = (time.monotonic() - self._started_s) * (1.0 - fraction) / max(fraction, 0.01)
         self._progress.show(f"judging: {fraction:.0%}, {left_s:.0f} s left")
 
+    def finish(self) -> None:
+        """Removes the progress; raises an OSError if something could not be written."""
+        self._progress.clear()
+        self._raise_error()
+
     def transition(self, wall_s: float, transition: Transition, file: str) -> None:
         """Writes a transition at a time in s since 1970; `file` is its configuration, empty if there is only one."""
         if self._as_json:
-            line = json_line(transition, **({"file": file} if file else {}))
+            self._write(json_line(transition, **({"file": file} if file else {})))
         else:
-            line = readable(plain_line(Entry(wall_s, transition), prefix=file), sys.stdout)
-        self._write(line, COLOURS[transition.to_level])
+            self._write(plain_line(Entry(wall_s, transition), prefix=file), COLOURS[transition.to_level])
 
     def log(self, wall_s: float, line: LogLine) -> None:
         """Writes a line of a node; INFO lines go where the alerts are, except with JSON."""
@@ -302,32 +289,27 @@ class ReplayOutput:
         self._write(printable(text), stream=sys.stderr)
 
     def table(self, rows: Sequence[Sequence[str]], last_line: str) -> None:
-        """Writes the table, on a terminal in parts that fit, with a line below it."""
+        """Writes the table, with a line below it."""
         stream = sys.stderr if self._as_json else sys.stdout
-        lines = [[printable(readable(cell, stream)) for cell in cells] for cells in rows]
-        widths = [_GAP + max(map(len, column)) for column in zip(*lines)]
-        texts = len(widths) - len(_NUMBERS)
-        width = shutil.get_terminal_size().columns if is_terminal(stream) else sys.maxsize
-        shown = []
-        for numbers in _parts(widths[texts:], width - sum(widths[:texts])):
-            part = ([*line[:texts], *line[texts:][numbers]] for line in lines if any(line[texts:][numbers]))
-            shown += ["", *plain_table(list(part), texts)]
-        for line in (*shown, printable(last_line)):
+        cells = [[readable(cell, stream) for cell in row] for row in rows]
+        for line in ("", *plain_table(cells, len(rows[0]) - len(_NUMBERS)), printable(last_line)):
             self._write(line, stream=stream)
         self._raise_error()
-
-    def _write(self, line: str, colour: str = "", stream: Optional[TextIO] = None) -> None:
-        try:
-            self._progress.clear()
-            if stream is not None:
-                sys.stdout.flush()
-            print(coloured(line, colour) if self._is_coloured else line, file=stream, flush=stream is not None)
-        except OSError as error:
-            self._error = self._error or error
 
     def _raise_error(self) -> None:
         if self._error is not None:
             raise self._error
+
+    def _write(self, line: str, colour: str = "", stream: Optional[TextIO] = None) -> None:
+        stream = stream or sys.stdout
+        try:
+            self._progress.clear()
+            if stream is not sys.stdout:
+                sys.stdout.flush()
+            line = line if self._as_json else readable(line, stream)
+            print(coloured(line, colour) if self._is_coloured else line, file=stream)
+        except OSError as error:
+            self._error = self._error or error
 
 
 def row(summary: SignalSummary, several_files: bool) -> SummaryRow:
@@ -353,14 +335,3 @@ def worst_first(rows: Sequence[SummaryRow]) -> List[SummaryRow]:
     for each in rows:
         worst[each.signal] = max(each.badness, worst.get(each.signal, ()))
     return sorted(rows, key=lambda each: worst[each.signal], reverse=True)
-
-
-def _parts(widths: Sequence[int], room: int) -> Iterator[slice]:
-    """Yields successive columns that fit into a width, at least one at a time."""
-    start = used = 0
-    for at, width in enumerate(widths):
-        if used and used + width - _GAP > room:
-            yield slice(start, at)
-            start, used = at, 0
-        used += width
-    yield slice(start, len(widths))

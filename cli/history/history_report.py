@@ -62,7 +62,6 @@ def history_page(
     return render(
         Report(
             title=f"History of {list_text(robots, _MOST_NAMES)}",
-            done="watched",
             verdict=count_text(count, "alert") if count else "no alerts",
             problems=problems,
             start_s=start_s,

@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 from ...core.config.signal_config import SignalConfig
-from ...core.judge.sources import is_source
 from ...core.judge.wording import judged_unit
-from ...core.values.formatting import count_text, duration_text, number_text, with_unit
+from ...core.values.formatting import number_text, with_unit
 from ...core.values.model import Level
 
 SHARES = (*(level.name for level in Level), "unknown")
@@ -67,25 +66,6 @@ def folded(rows: Sequence[SummaryRow]) -> List[Tuple[SummaryRow, int]]:
 def table(heads: Sequence[str], rows: Sequence[SummaryRow]) -> List[List[str]]:
     """Returns the cells of a table with its heads; effects are indented below their cause."""
     return [list(heads), *(row.cells(heads, effects) for row, effects in folded(rows))]
-
-
-def sentence(rows: Sequence[SummaryRow], done: str, noun: str, duration_s: float) -> str:
-    """Returns what was `done` with these signals, for how long, and which was the worst: the first of the rows.
-
-    `noun` is for one of several groups.
-    """
-    signals = [row for row in rows if row.unknown < 1.0 and not is_source(row.signal)]
-    groups = {row.group for row in rows}
-    of_groups = f" of {count_text(len(groups), noun)}" if len(groups) > 1 else ""
-    was = "was" if len(signals) == 1 else "were"
-    begin = f"{count_text(len(signals), 'signal')}{of_groups} {was} {done} over {duration_text(duration_s)}."
-    worst = rows[0]
-    parts = [f"{level.name} for {share_text(worst.shares[level])}" for level in _WORST_FIRST if worst.shares.get(level)]
-    if parts:
-        name = f"{worst.group}: {worst.signal}" if of_groups else worst.signal
-        return f"{begin} The worst is {name}: {', '.join(parts)} of the time."
-    known = " as far as it is known" if any(row.unknown for row in rows) else ""
-    return f"{begin} {'It was' if len(signals) == 1 else 'All were'} OK{known}."
 
 
 def share_text(share: float) -> str:

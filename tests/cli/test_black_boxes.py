@@ -14,6 +14,8 @@ from harness.random_black_boxes import check_random_black_box, without_past
 
 pytest.importorskip("mcap")
 
+from robot_health_monitor.__main__ import main
+
 
 def replayed(file: Path, *arguments: str) -> Tuple[int, List[Dict[str, Any]], str]:
     """Returns exit code, alerts and the table of `robot-health replay`."""
@@ -44,6 +46,14 @@ def test_replay_uses_what_is_attached(black_box: Path) -> None:
     assert [(alert["robot"], alert["text"]) for alert in alerts] == [
         ("husky1", "battery WARN: 15 % is below 20 % (was OK for 63 s)")
     ]
+
+
+def test_what_is_attached_needs_no_installed_thresholds(
+    black_box: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("robot_health_monitor.cli.replay.find_installed", lambda name: None)
+    assert main(["replay", str(black_box)]) == 1
+    assert capsys.readouterr().out.endswith("1 alert\n")
 
 
 def test_suggest_leaves_out_what_the_black_box_itself_wrote(black_box: Path) -> None:

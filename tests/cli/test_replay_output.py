@@ -76,20 +76,6 @@ def test_alerts_go_to_the_file_of_stdout_while_the_progress_is_on_the_terminal(
     assert b"battery WARN" not in program.bytes
 
 
-def test_a_narrow_terminal_gets_the_table_in_parts(tmp_path: Path, on_terminal: Callable[..., Any]) -> None:
-    program = on_terminal(*replay(tmp_path, [50.0] * 20 + [10.0] * 20), columns=64, TZ="UTC")
-    assert program.wait() == 1
-    assert program.rows[-7:] == [
-        "signal        samples  bad      OK    WARN  ERROR  STALE",
-        "battery            40    0  51.3 %  48.7 %    0 %    0 %",
-        "gps      not recorded",
-        "",
-        "signal   unknown  alerts   min  mean   max  longest gap",
-        "battery      0 %       1  10 %  30 %  50 %        0.1 s",
-        "1 alert; 1 signal not judged",
-    ]
-
-
 def summary(
     shares: Optional[Mapping[Level, float]] = None, recorded: bool = True, samples: int = 3, unknown: float = 0.0
 ) -> SignalSummary:

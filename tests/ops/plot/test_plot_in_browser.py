@@ -256,7 +256,7 @@ def test_the_report_draws_its_plots_under_its_own_policy(tmp_path: Path, width: 
     page = tmp_path / "report.html"
     alerts = [ReportedAlert(START_S + 80.0, "", transition)]
     report = Report(
-        "Replay", "judged", "1 alert", [], START_S, START_S + 99.0, ["alerts"],
+        "Replay", "1 alert", [], START_S, START_S + 99.0, ["alerts"],
         [SummaryRow("battery", "", "", {}, 0.0, 1, {})], {("", "battery"): plotted}, alerts, 1,
     )  # fmt: skip
     page.write_text(render(report), encoding="utf-8")

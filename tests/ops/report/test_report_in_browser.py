@@ -31,7 +31,7 @@ def page(folder: Path) -> Path:
     missing = {**dict.fromkeys(FIGURES, ""), "samples": "not recorded"}
     rows = [*map(row, NAMES[:-1]), row("gps", **missing)]
     plots = {("", name): PlottedSignal(read_signal(name, {"warn_above": 80.0}), "", 0.0, 9.0, 16) for name in NAMES}
-    made = Report("Replay of night.bag", "judged", "2 alerts", [], 0.0, 9.0, COLUMNS, rows, plots, [], 0)
+    made = Report("Replay of night.bag", "2 alerts", [], 0.0, 9.0, COLUMNS, rows, plots, [], 0)
     path = folder / "report.html"
     path.write_text(render(made), encoding="utf-8")
     return path
@@ -71,7 +71,7 @@ def test_a_history_of_several_robots_fits_a_laptop_and_breaks_no_names(tmp_path:
     names = ["battery_level", "drivers[motor_driver: left]", "left_gripper_motor_temperature_behind_the_gearbox"]
     rows = [row(name, robot="warehouse-robot-12", **HISTORY) for name in names]
     plots = {("", "a"): PlottedSignal(read_signal("a", {}), "warehouse-robot-12", 0.0, 9.0, 16)}
-    made = Report("History", "watched", "", [], 0.0, 9.0, HISTORY_COLUMNS, rows, plots, [], 0, "robot")
+    made = Report("History", "", [], 0.0, 9.0, HISTORY_COLUMNS, rows, plots, [], 0, "robot")
     path = tmp_path / "report.html"
     path.write_text(render(made), encoding="utf-8")
     with open_browser() as browser:
@@ -89,7 +89,7 @@ def test_a_history_of_several_robots_fits_a_laptop_and_breaks_no_names(tmp_path:
 @pytest.mark.newest_python
 def test_effects_are_folded_below_their_cause(tmp_path: Path) -> None:
     rows = [row("/scan"), row("left", "/scan"), row("right", "/scan"), row("gps")]
-    made = Report("A", "judged", "1 alert", [], 0.0, 9.0, COLUMNS, rows, {}, [], 0)
+    made = Report("A", "1 alert", [], 0.0, 9.0, COLUMNS, rows, {}, [], 0)
     path = tmp_path / "report.html"
     path.write_text(render(made), encoding="utf-8")
     rows_shown = "[...document.querySelectorAll('.signals tbody tr')].filter(e => e.offsetHeight)"

@@ -7,7 +7,7 @@ from typing import Dict
 
 from robot_health_monitor.core.config.signal_config import read_signal
 from robot_health_monitor.core.values.model import Level
-from robot_health_monitor.ops.report.summaries import SummaryRow, range_cells, sentence, table
+from robot_health_monitor.ops.report.summaries import SummaryRow, range_cells, table
 
 
 def row(signal: str, group: str = "", cause: str = "", **shares: float) -> SummaryRow:
@@ -43,23 +43,3 @@ def test_levels_of_drivers_have_names_and_no_mean() -> None:
     assert list(range_cells(left, None, None, None).values()) == ["-"] * 3
     elements = range_cells(template, 3.0, 4.0, 5.0)  # the number of its elements
     assert elements == {"min": "3", "mean": "4", "max": "5"}
-
-
-def test_a_sentence_counts_the_signals_and_names_the_worst() -> None:
-    two = [row("hot", OK=0.75, ERROR=0.05, WARN=0.2), row("fine", OK=1.0)]
-    assert sentence(two, "judged", "file", 4000.0) == (
-        "2 signals were judged over 1 h 6 min. The worst is hot: ERROR for 5.0 %, WARN for 20.0 % of the time."
-    )
-
-
-def test_a_sentence_counts_neither_topics_nor_signals_that_are_unknown() -> None:
-    rows = [row("fine", OK=1.0), row("missing"), row("/scan", OK=1.0)]
-    assert sentence(rows, "judged", "file", 60.0) == "1 signal was judged over 60 s. It was OK as far as it is known."
-    assert sentence(rows[:1], "judged", "file", 60.0) == "1 signal was judged over 60 s. It was OK."
-
-
-def test_a_sentence_counts_robots_and_names_that_of_the_worst() -> None:
-    rows = [row("a", "r2", WARN=1.0), row("a", "r1", OK=1.0), row("b", "r1", OK=1.0)]
-    assert sentence(rows, "watched", "robot", 60.0) == (
-        "3 signals of 2 robots were watched over 60 s. The worst is r2: a: WARN for 100 % of the time."
-    )
