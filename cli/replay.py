@@ -229,8 +229,8 @@ def _configurations(arguments: argparse.Namespace, attached: Optional[YamlFile])
             raise ConfigError("no thresholds.yaml is installed; expected --thresholds FILE")
         configurations = [_read(arguments, os.fspath(first))]
     if arguments.against:
-        name, *second = _read(arguments, arguments.against)
-        configurations.append((f"{name} (2)" if name == configurations[0][0] else name, *second))
+        name, file, section = _read(arguments, arguments.against)
+        configurations.append((f"{name} (2)" if name == configurations[0][0] else name, file, section))
     return configurations
 
 

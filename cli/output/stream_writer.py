@@ -11,8 +11,6 @@ import contextlib
 import errno
 import os
 import select
-import signal
-import termios
 import threading
 from typing import Callable, Generic, Optional, Sequence, TextIO, TypeVar
 
@@ -35,21 +33,17 @@ _GONE = (errno.EPIPE, errno.EIO, errno.EBADF, errno.ENXIO)
 class StreamWriter(Generic[Item]):
     """Renders items as text and writes it."""
 
-    def __init__(
-        self, stream: TextIO, render: Callable[[Sequence[Item], int], str], *, first: str = "", last: str = ""
-    ) -> None:
-        """Prepares a writer; `start` begins writing: `first`, then what `render` returns, at the end `last`.
+    def __init__(self, stream: TextIO, render: Callable[[Sequence[Item], int], str], *, last: str = "") -> None:
+        """Prepares a writer; `start` begins writing: what `render` returns, at the end `last`.
 
         `render` is called in the writer's thread, with new items and with how many were dropped before them.
         """
         self._stream = stream
         self._render = render
-        self._first = first
         self._last = last
         self._file = -1
         self._items: BoundedQueue[Item] = BoundedQueue(MOST_ITEMS)
         self._woken = False
-        self._busy = False
         self._closing = False
         self._changed = threading.Condition()
         self._thread: Optional[threading.Thread] = None
@@ -84,11 +78,6 @@ class StreamWriter(Generic[Item]):
             self._woken = True
             self._changed.notify_all()
 
-    def drain(self, timeout_s: float) -> bool:
-        """Waits until everything so far is written; returns False if the stream is not read in time."""
-        with self._changed:
-            return self._changed.wait_for(lambda: not (self._items or self._woken or self._busy), timeout_s)
-
     def close(self) -> bool:
         """Writes what is left; returns False if the stream is not read."""
         if self._thread is None:
@@ -97,24 +86,17 @@ class StreamWriter(Generic[Item]):
             self._closing = True
             self._changed.notify_all()
         join_unless_blocked(self._thread, self._file, _CLOSE_S)
-        if self._thread.is_alive() and self._stream.isatty():
-            self._resume_terminal()
-            join_unless_blocked(self._thread, self._file, _CLOSE_S)
         self._abandoned = self._thread.is_alive()
         return not self._abandoned
 
     def _run(self) -> None:
-        self._write(self._first)
         while not self.reader_is_gone:
             with self._changed:
-                self._busy = False
-                self._changed.notify_all()
                 self._changed.wait_for(lambda: self._items or self._woken or self._closing, _POLL_S)
                 items = [self._items.pop() for _ in range(len(self._items))]
                 dropped, self._items.dropped = self._items.dropped, 0
                 woken, self._woken = self._woken, False
                 closing = self._closing
-                self._busy = True
             if items or woken:
                 self._write(self._render(tuple(items), dropped))
             elif not closing:
@@ -122,10 +104,6 @@ class StreamWriter(Generic[Item]):
             if closing:
                 self._write(self._last)
                 break
-        with self._changed:
-            self._items.clear()
-            self._woken = self._busy = False
-            self._changed.notify_all()
 
     def _write(self, text: str) -> None:
         """Writes all of a text, however long that takes; gives up when the reader is gone or at the end."""
@@ -152,15 +130,6 @@ class StreamWriter(Generic[Item]):
         elif self._error and not error:
             _write_error("robot-health: the output can be written again")
         self._error = error
-
-    def _resume_terminal(self) -> None:
-        """Ends a pause by Ctrl-S, so that the terminal can be restored."""
-        # A process in the background would be stopped for it.
-        signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGTTOU])
-        with contextlib.suppress(OSError, termios.error):
-            # Linux resumes only what TCOOFF has paused.
-            termios.tcflow(self._stream.fileno(), termios.TCOOFF)
-            termios.tcflow(self._stream.fileno(), termios.TCOON)
 
 
 def _write_error(line: str) -> None:

@@ -1,14 +1,15 @@
 """The live tables: of one robot, a row per signal; of several, a row per robot with its worst signal.
 
-A reason is never cut off: other columns give way, and it continues on further lines. Rows that do not fit are counted.
+A row is one line: what has no room ends with an ellipsis, and bounds and statistics are shown where there is room.
+Rows that do not fit are counted.
 """
 
 from __future__ import annotations
 
 import time
-from typing import Callable, List, Mapping, NamedTuple, Sequence, Union
+from typing import Callable, List, Mapping, NamedTuple, Sequence, Tuple, Union
 
-from rich.console import Console
+from rich.console import Console, Group
 from rich.table import Table
 from rich.text import Text
 
@@ -32,11 +33,10 @@ UNKNOWN_STATES = ("waiting", "unreachable")
 
 _STATISTICS = ("mean", "min", "max")
 _NOTHING = "no signal is watched: run `robot-health init`"
-_GAP = 2
-"""Blanks between columns."""
-_NARROWEST_NAME = 10
 _UNLIMITED = 10_000
 """A width in which every table has room."""
+_OTHER_LINES = 4
+"""Title, heads, the line that counts what is not shown, and one for alerts."""
 _DAY_S = 86_400.0
 
 Escape = Callable[[str], str]
@@ -72,88 +72,58 @@ def _reason(status: Status) -> str:
     return with_hint(f"{status.message}{outlook}", status.hint) + affects
 
 
-class Row(NamedTuple):
-    """A row of a table."""
-
-    cells: Sequence[Union[str, Text]]
-    """Of the first columns."""
-    reason: str
-    more: Sequence[str] = ()
-    """Of further columns, which are shown where there is room."""
-
-
 class View(NamedTuple):
     """What is shown of one robot or of several, read at one moment."""
 
     title: Text
-    head: Row
-    rows: Sequence[Row]
-    """In the order in which they are shown. There may be none: then nothing is watched."""
-    ranks: Sequence[int]
-    """The rank of each row, and of what there is beyond them: the greatest are shown where there is no room for all."""
+    heads: Sequence[str]
+    columns: int
+    """How many columns are shown where there is no room for all."""
+    rows: Sequence[Tuple[int, Sequence[Union[str, Text]]]]
+    """Rank and cells of each, in the order in which they are shown. There may be none: then nothing is watched."""
+    further: Sequence[int] = ()
+    """The ranks of what has no row."""
 
 
-def draw(view: View, console: Console, room: int, shown: Escape) -> None:
-    """Writes a table of at most `room` lines, and of at least one row; of its rows the worst.
+def drawn(view: View, console: Console, shown: Escape) -> Group:
+    """Returns the title and the table, which fit on the terminal: of the rows the worst, and at least one.
 
     `shown` is for texts from outside.
     """
+    width, height = console.size
+    view.title.no_wrap, view.title.overflow = True, "ellipsis"
     if not view.rows:
-        console.print(Text(_NOTHING))
-        return
-    order = sorted(range(len(view.rows)), key=lambda at: -view.ranks[at])
-    count, height = min(len(order), room), room + 1
-    while height > room:
-        table = _table(view, sorted(order[:count]), console, shown)
-        hidden = [rank for at, rank in enumerate(view.ranks) if at not in order[:count]]
-        height = len(console.render_lines(table)) + bool(hidden)
-        if count == 1:
+        return Group(view.title, Text(_NOTHING))
+    room = max(1, height - _OTHER_LINES)
+    places = sorted(range(len(view.rows)), key=lambda at: -view.rows[at][0])
+    for columns in (len(view.heads), view.columns):
+        table = Table(*view.heads[:columns], box=None, padding=(0, 2, 0, 0), pad_edge=False, header_style="bold")
+        for at in sorted(places[:room]):
+            texts = (Text(shown(cell)) if isinstance(cell, str) else cell for cell in view.rows[at][1][:columns])
+            table.add_row(*(Text("", no_wrap=True, overflow="ellipsis").append(text) for text in texts))
+        if console.measure(table, options=console.options.update(width=_UNLIMITED)).maximum <= width:
             break
-        count = max(1, min(count - 1, count * room // height))
-    console.print(table)
-    if hidden:
-        text = Text(f"and {len(hidden):,} more: {rank_counts(hidden)}", style="dim")
-        console.print(text, no_wrap=True, overflow="ellipsis")
-
-
-def _table(view: View, places: Sequence[int], console: Console, shown: Escape) -> Table:
-    """Returns the table of some of the rows, with as many of the further columns as there is room for."""
-    widest_name = max(_NARROWEST_NAME, 2 * console.width // (3 * len(view.head.cells)))
-    further = [at for at in range(len(view.head.more)) if any(row.more[at] for row in view.rows)]
-    for more in (further[:count] for count in range(len(further), -1, -1)):
-        table = Table(box=None, padding=(0, _GAP, 0, 0), pad_edge=False, header_style="bold")
-        for head in view.head.cells:
-            table.add_column(head, no_wrap=True, max_width=widest_name)
-        table.add_column(view.head.reason, overflow="fold")
-        for at in more:
-            table.add_column(view.head.more[at], no_wrap=True)
-        for row in (view.rows[at] for at in places):
-            cells = (*row.cells, row.reason, *(row.more[at] for at in more))
-            table.add_row(*(Text(shown(cell)) if isinstance(cell, str) else cell for cell in cells))
-        if console.measure(table, options=console.options.update(width=_UNLIMITED)).maximum <= console.width:
-            break
-    return table
+    hidden = [*(view.rows[at][0] for at in places[room:]), *view.further]
+    more = [Text(f"and {len(hidden):,} more: {rank_counts(hidden)}", style="dim")] if hidden else []
+    return Group(view.title, table, *more)
 
 
 def robot_view(robot: str, signals: Sequence[Status], configs: Mapping[str, SignalConfig], shown: Escape) -> View:
     """Returns what is shown of one robot, with a row for each of its signals. A link that is up takes no line."""
     names = {status.name for status in signals}
-    # Effects are counted at their cause.
-    listed = [each for each in signals if each.cause not in names and (each.name != LINK or rank(each) > 0)]
-    rows = []
-    for status in listed:
+    rows: List[Tuple[int, Sequence[Union[str, Text]]]] = []
+    for status in signals:
+        # Effects are counted at their cause.
+        if status.cause in names or (status.name == LINK and rank(status) == 0):
+            continue
         bounds = bounds_text(configs[status.name]) if status.name in configs else ""
-        statistics = (_statistic(status, name) for name in _STATISTICS)
-        rows.append(Row((status.name, level_text(status)), _reason(status), (bounds, *statistics)))
+        # Those of arrivals mean nothing.
+        values = {} if status.values.get("statistic") in OF_ARRIVALS else status.values
+        statistics = (values.get(name, "") for name in _STATISTICS)
+        rows.append((rank(status), (status.name, level_text(status), _reason(status), bounds, *statistics)))
     title = Text(shown(robot), style="bold").append(" is ", style="not bold")
     title.append(level_text(max(signals, key=rank)) if rows else Text("not watched", style=_STYLE_OF_UNKNOWN))
-    head = Row(("signal", "level"), "value", ("bounds", *_STATISTICS))
-    return View(title, head, rows, list(map(rank, listed)))
-
-
-def _statistic(status: Status, name: str) -> str:
-    """Returns a statistic of the values; empty if there is none, or the values mean nothing."""
-    return "" if status.values.get("statistic") in OF_ARRIVALS else status.values.get(name, "")
+    return View(title, ("signal", "level", "value", "bounds", *_STATISTICS), 3, rows)
 
 
 def fleet_view(fleet: Monitors, lines: int, shown: Escape) -> View:
@@ -167,7 +137,7 @@ def fleet_view(fleet: Monitors, lines: int, shown: Escape) -> View:
     ]
     worst = [max(of_robot.values(), default=1) for of_robot in levels]
     order = sorted(range(len(systems)), key=lambda index: -worst[index])
-    rows: List[Row] = []
+    rows: List[Tuple[int, Sequence[Union[str, Text]]]] = []
     for index in order[:lines]:
         system, of_robot = systems[index], levels[index]
         # Effects are counted at their cause.
@@ -176,25 +146,25 @@ def fleet_view(fleet: Monitors, lines: int, shown: Escape) -> View:
         names = sorted((each for each in of_robot if each not in effects), key=lambda each: -of_robot[each])
         name, *others = names or [""]
         status = system.announcements.status(name) if worst[index] else None
+        cells: Sequence[Union[str, Text]] = (Text("waiting", _STYLE_OF_UNKNOWN), "", "no connection yet")
         if status is not None:
             more = sum(of_robot[each] > 1 for each in others)
             reason = f"{name} {_reason(status)}" + (f" (+ {more} more)" if more else "")
-            rows.append(Row((system.robot, level_text(status), _since_text(status)), reason))
-        elif worst[index]:
-            rows.append(Row((system.robot, Text("waiting", _STYLE_OF_UNKNOWN), ""), "no connection yet"))
-        else:
+            cells = level_text(status), _since_text(status), reason
+        elif not worst[index]:
             main = map(system.announcements.status, system.monitor.config.main_signals)
             values = ", ".join(f"{each.name} {each.message}" for each in main if each is not None)
-            rows.append(Row((system.robot, Text("OK", STYLE_OF_LEVEL[Level.OK]), ""), values))
+            cells = Text("OK", STYLE_OF_LEVEL[Level.OK]), "", values
+        rows.append((worst[index], (system.robot, *cells)))
     ranks = [worst[index] for index in order]
     title = Text(f"{len(systems)} robots", style="bold")
     if ranks and ranks[0] > 0:
-        title.append(f", worst: {shown(systems[order[0]].robot)} ", style="not bold").append(rows[0].cells[1])
+        title.append(f", worst: {shown(systems[order[0]].robot)} ", style="not bold").append(rows[0][1][1])
     title.append(f"   {rank_counts(ranks)}", style="not bold")
     silenced = sum(system.announcements.count_silenced() for system in systems)
     if silenced:
         title.append(f"   {silenced} silenced", style="not bold")
-    return View(title, Row(("robot", "level", "since"), "reason"), rows, ranks)
+    return View(title, ("robot", "level", "since", "reason"), 4, rows, ranks[lines:])
 
 
 def _since_text(status: Status) -> str:
