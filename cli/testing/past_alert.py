@@ -13,8 +13,6 @@ from itertools import groupby
 from statistics import median
 from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple, Union
 
-import yaml
-
 from ...core.config.kept_settings import read_kept, settings_of
 from ...core.config.monitor_config import MonitorConfig, load_config
 from ...core.config.signal_config import LINK, LINK_CONFIG, OF_ARRIVALS, SignalConfig, template_name
@@ -203,6 +201,8 @@ def _readable_number(value: float) -> float:
 
 
 def _text_of(alert: PastAlert, test: ThresholdTest, thresholds: Optional[str]) -> str:
+    import yaml  # --help needs no library
+
     tree = {
         "thresholds": thresholds or {"signals": alert.settings},
         "tests": [
