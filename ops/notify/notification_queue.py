@@ -208,13 +208,6 @@ class NotificationQueue:
             connection.executemany(f"DELETE FROM {table} WHERE target = ?", unknown)
         self.reconcile(connection)
 
-    def assume_sent(self, connection: Connection) -> None:
-        """Takes every open alert as one that may have been sent: it is sent again, and its end in any case."""
-        for alert in _open_alerts(connection):
-            for name, target in self.targets.items():
-                if self._wants(target, alert.transition_json):
-                    _store_notified(connection, name, alert)
-
     def note(self, connection: Connection, transition: Transition, alert_id: int, wall_s: float) -> None:
         """Queues a transition for the targets that it concerns, as it is stored, at a time in s since 1970."""
         # Stored with the alert: after a restart it is unknown until battery_sensor has said so again.

@@ -59,7 +59,6 @@ class Notifier:
         self._start(targets)
         history.on_record.append(self._note)
         history.on_second.append(self._follow)
-        history.on_lost.append(self._prepare_again)
         self._follow()
 
     def use_targets(self, targets: Sequence[TargetSettings]) -> str:
@@ -137,12 +136,6 @@ class Notifier:
             # Behind the alert: the threads of the targets compete for the processor.
             self._history.submit(Job(lambda connection: self._wake()), is_urgent=True)
 
-    def _prepare_again(self, connection: Connection, lost: Sequence[str]) -> None:
-        """A new database was begun without some tables of the old one."""
-        if "notified" in lost:
-            self._queue.assume_sent(connection)
-        self._is_up_to_date = False
-
     def _wake(self) -> None:
         for name, caller in tuple(self._callers.items()):
             if self._queue.waiting[name]:
@@ -156,7 +149,6 @@ class Notifier:
     def _catch_up(self, connection: Connection, targets: Optional[Sequence[TargetSettings]] = None) -> None:
         """Queues what the targets do not know yet; `targets`: those of another configuration."""
         watched = self._watched
-        self._history.state.keep_lines(connection)
         self._queue.prepare(connection, targets)
         if watched is not None:
             self._queue.end_unwatched(connection, watched, self._history.wall_s())

@@ -18,7 +18,6 @@ from .silences import (
     Silence,
     add_silence,
     expire_silence,
-    insert_silence,
     limit_to_durations,
     read_silences,
     resolve_alert,
@@ -55,7 +54,6 @@ class Silences:
         self._causes: Dict[str, Mapping[str, str]] = {}
         history.on_record.append(self._note_transition)
         history.on_second.append(self._follow)
-        history.on_lost.append(self._restore)
         try:
             history.run(self._limit, _TIMEOUT_S)
         except ServiceError as error:
@@ -127,12 +125,6 @@ class Silences:
                 self._limit(connection)
         else:
             self._faults.clear(_CLOCK_FAULT)
-
-    def _restore(self, connection: Connection, lost: Sequence[str]) -> None:
-        """Stores the last known silences in a new database, if those of the old one could not be read."""
-        if "silences" in lost or "silenced_alerts" in lost:
-            for silence in self._active:
-                insert_silence(connection, silence, silence.id)
 
     def _limit(self, connection: Connection) -> None:
         """Limits silences that were made in the future to their duration, with one line."""

@@ -19,7 +19,7 @@ import time
 from collections import deque
 from dataclasses import dataclass
 from sqlite3 import Connection
-from typing import Any, Callable, Deque, Generic, List, Optional, Sequence, TypeVar
+from typing import Any, Callable, Deque, Generic, List, Optional, TypeVar
 
 from ...core.values.errors import ConfigError, ServiceError
 from ...core.values.faults import Faults
@@ -29,7 +29,7 @@ from ...runtime.threads import MonotonicEvent, StepThread
 from ..configuration import HistorySettings
 from . import samples, schema
 from .database_file import DatabaseFile, is_damage, is_file_error, reading, reason, set_aside
-from .present_state import PresentState
+from .present_state import PresentRun
 from .retention import AgeClock, Retention
 from .rows import CheckedConnection
 
@@ -95,16 +95,13 @@ class Database:
         self._max_memory_bytes = (
             _MEMORY_BYTES if settings is None else min(_MEMORY_BYTES, _EMPTY_BYTES + 0.5 * self._log_bytes)
         )
-        self.state = PresentState(wall_time_s)
-        """What a new database begins with."""
+        self.present_run = PresentRun(wall_time_s)
         self.on_second: List[Callable[[Connection], object]] = []
         """Called about once a second by the writer's thread, outside of a transaction."""
-        self.on_lost: List[Callable[[Connection, Sequence[str]], object]] = []
-        """Called inside the transaction that begins a new database, with the tables of the present state that could
-        not be read."""
         self._file: Optional[DatabaseFile] = None
         self._memory: Optional[Connection] = None
         self._is_copy = False
+        self._data_version = 0
         self._backoff = Backoff(_FIRST_RETRY_S, _LAST_RETRY_S)
         self._next_retry_s = 0.0
         self._retention: Optional[Retention] = None
@@ -294,13 +291,19 @@ class Database:
         if self._file is not None:
             self._check_file(self._file)
         connection = self.connection
+        if self._file is not None:
+            (version,) = connection.execute("PRAGMA data_version").fetchone()
+            if version != self._data_version:  # another process has written something
+                with schema.transaction(connection):
+                    schema.mirror_shared(connection)
+                self._data_version = version
         self._report_skipped(connection)
-        self.state.note_alive(connection)
+        self.present_run.note_alive(connection)
         for hook in self.on_second:
             hook(connection)
         if now_s >= self._old_at_s:
             with schema.transaction(connection):
-                is_more = self._used_retention.delete_old(self.state.run_id, self._age_s(), self._keep_s)
+                is_more = self._used_retention.delete_old(self.present_run.id, self._age_s(), self._keep_s)
             self._old_at_s = 0.0 if is_more else now_s + _RETENTION_PERIOD_S
 
     def _limit_size(self) -> bool:
@@ -311,7 +314,7 @@ class Database:
         if now_s < self._surplus_at_s or not self._used_retention.is_due():
             return False
         with schema.transaction(self.connection):
-            is_done = not self._used_retention.delete_surplus(self.state.run_id, self._age_s())
+            is_done = not self._used_retention.delete_surplus(self.present_run.id, self._age_s())
         if is_done:
             self._surplus_at_s = now_s + _PERIOD_S  # everything that is left has to stay
             return False
@@ -325,7 +328,7 @@ class Database:
         """Closes the database; what is in memory is stored in the file if that is possible now."""
         if self._backoff.is_failing:
             self._open_file()
-        self._care(lambda: self.state.note_alive(self.connection, has_stopped=True))
+        self._care(lambda: self.present_run.note_alive(self.connection, has_stopped=True))
         if self._file is not None:
             self._file.close()
         if self._memory is not None:
@@ -358,6 +361,7 @@ class Database:
             if self._memory is None:
                 try:
                     with reading(path) as source:
+                        schema.mirror(source)
                         self._use_memory(source)
                 except ConfigError:
                     self._use_memory(None)
@@ -377,9 +381,10 @@ class Database:
             altered = schema.altered_error(connection)
             if altered is not None:
                 raise altered
+            schema.mirror(connection)
             with schema.transaction(connection):
                 if self._memory is None:
-                    self._age_clock = AgeClock(self.state.begin(connection))
+                    self._age_clock = AgeClock(self.present_run.begin(connection))
                 else:
                     self._move_from_memory(self._memory, connection)
         except BaseException:
@@ -413,14 +418,11 @@ class Database:
         """Goes on in memory, with what can be read of `source`."""
         memory = schema.in_memory(CheckedConnection)
         with schema.transaction(memory):
-            unreadable = schema.LIVE_TABLES if source is None else schema.copy_state(source, memory)
-            self._is_copy = not unreadable
-            if unreadable and self.file is not None:
+            self._is_copy = source is not None
+            is_numbered = source is not None and schema.copy_state(source, memory)
+            if not is_numbered and self.file is not None:
                 schema.number_from(memory, int(self.wall_s() * 1000.0))  # larger than any number in the file
-            self.state.write(memory, unreadable)
-            if unreadable:
-                for hook in self.on_lost:
-                    hook(memory, unreadable)
+            self.present_run.write(memory)
         self._memory, self._retention = memory, None
 
     def _retry_later(self, problem: str) -> None:
@@ -435,7 +437,8 @@ class Database:
                 samples.store(connection, samples.read(memory))
             elif table != "robot_levels":  # which follow from the samples
                 schema.copy_table(memory, connection, table)
-        self.state.continue_numbers(connection)
+        for table, number in memory.execute("SELECT name, seq FROM sqlite_sequence"):
+            schema.number_from(connection, number, table)
 
     @property
     def _used_retention(self) -> Retention:

@@ -24,6 +24,7 @@ from ...core.values.model import Transition
 from ..configuration import HistorySettings
 from .database import PART, Database, Job
 from .database_file import is_file_error
+from .present_state import alert_of, note_transition, write_states
 from .queries import read_states
 from .rows import INSERT_TRANSITION, pack_samples, transition_row
 from .samples import StoredSamples, store
@@ -84,7 +85,7 @@ class History(Database):
 
     def of_robot(self, robot: str) -> RobotHistory:
         """Returns the history of one robot, for its AlertSystem: the only one until that is closed."""
-        self.put(lambda connection: self.state.begin_watch(connection, robot))
+        self.put(lambda connection: self.present_run.begin_watch(connection, robot))
         return RobotHistory(self, robot)
 
     def put_samples(self, rows: Iterable[StoredSamples]) -> None:
@@ -108,13 +109,13 @@ class History(Database):
         self, connection: Connection, row: Sequence[Any], samples: bytes, transition: Transition, wall_s: float
     ) -> None:
         """Stores a transition, by its row and its packed samples. Call inside a transaction."""
-        began = self.state.alert_of(transition)
+        began = alert_of(connection, transition)
         number = connection.execute(INSERT_TRANSITION, (*row[:-1], began or None)).lastrowid or 0
         connection.execute("INSERT INTO evidence VALUES (?, ?)", (number, samples))
         if self._retention is not None:
             self._retention.note_transition(row[1], row[2])
-        self.state.note_transition(connection, number, began, transition, wall_s)
-        self.state.note_alive(connection)
+        note_transition(connection, number, began, transition, wall_s)
+        self.present_run.note_alive(connection)
         for hook in self.on_record:
             # Their mistakes do not affect the transition.
             connection.execute("SAVEPOINT hook")
@@ -179,7 +180,7 @@ class RobotHistory:
 
             def insert(connection: Connection) -> None:
                 history.store(connection, row, samples, transition, wall_s)
-                history.state.write_states(connection, self._robot, state)
+                write_states(connection, self._robot, state)
 
             job = Job(insert)
             history.check_progress()
@@ -243,7 +244,7 @@ class RobotHistory:
 
     def close(self) -> None:
         """Stores that the robot is no longer watched. Not needed at the end of the process."""
-        self._history.put(lambda connection: self._history.state.end_watch(connection, self._robot))
+        self._history.put(lambda connection: self._history.present_run.end_watch(connection, self._robot))
 
     def _read(self, function: Callable[[Connection], Result]) -> Optional[Result]:
         try:
@@ -263,7 +264,7 @@ class RobotHistory:
                 with self._lock:
                     if self._open_save is waiting:
                         self._open_save = None
-                self._history.state.write_states(connection, self._robot, waiting)
+                write_states(connection, self._robot, waiting)
 
             # Also if many jobs are waiting: between two transitions there is one such job per robot at most.
             self._history.submit(Job(write), is_urgent=True)

@@ -126,7 +126,7 @@ CREATE TABLE open_alerts (
     begun_s REAL NOT NULL,
     at_s REAL NOT NULL,                  -- of its present level
     fingerprint TEXT NOT NULL,
-    transition_json TEXT NOT NULL,       -- empty: there are no notifications yet
+    transition_json TEXT NOT NULL,
     silenced_s REAL NOT NULL DEFAULT 0,  -- for how long it has been silenced
     silenced_from_s REAL,                -- since when it has been silenced now
     PRIMARY KEY (robot, signal)
@@ -309,23 +309,58 @@ def in_memory(factory: Type[Connection] = Connection) -> Connection:
     return connection
 
 
-def copy_state(source: Connection, target: Connection) -> Sequence[str]:
-    """Copies the tables of the present state, and the last number of each; returns those that could not be read."""
-    unreadable = []
-    for table in ("sqlite_sequence", *LIVE_TABLES):
-        try:
-            copy_table(source, target, table)
-        except sqlite3.Error:  # what could be read is there
-            unreadable.append(table)
-    return unreadable
+def mirror(connection: Connection) -> None:
+    """Copies the tables of the present state into memory, and keeps the copies up to date with what is written.
+
+    They last as long as the connection, whatever happens to the file: see `copy_state`. What other processes write is
+    copied by `mirror_shared`.
+    """
+    connection.execute("PRAGMA temp_store = MEMORY")
+    for table in LIVE_TABLES:
+        columns = connection.execute(f"PRAGMA main.table_info({table})").fetchall()
+        keys = ", ".join(row[1] for row in columns if row[5])
+        connection.execute(f"CREATE TEMP TABLE mirrored_{table} AS SELECT * FROM main.{table}")
+        connection.execute(f"CREATE UNIQUE INDEX temp.key_of_{table} ON mirrored_{table} ({keys})")
+        delete = f"DELETE FROM mirrored_{table} WHERE ({keys}) ="
+        insert = f"INSERT INTO mirrored_{table} VALUES ({_of('NEW', ', '.join(row[1] for row in columns))});"
+        for event, row, further in (("INSERT", "NEW", insert), ("UPDATE", "OLD", insert), ("DELETE", "OLD", "")):
+            connection.execute(
+                f"CREATE TEMP TRIGGER {event}_{table} AFTER {event} ON main.{table} "
+                f"BEGIN {delete} ({_of(row, keys)}); {further} END"
+            )
 
 
-def copy_table(source: Connection, target: Connection, table: str) -> None:
-    """Copies the rows of a table; those that the target refuses are left out."""
+def _of(row: str, columns: str) -> str:
+    return f"{row}.{columns}".replace(", ", f", {row}.")
+
+
+def mirror_shared(connection: Connection) -> None:
+    """Copies the tables that other processes write into memory again, for `mirror`. Call inside a transaction."""
+    for table in SHARED_TABLES:
+        connection.execute(f"DELETE FROM mirrored_{table}")
+        connection.execute(f"INSERT INTO mirrored_{table} SELECT * FROM main.{table}")
+
+
+def copy_state(source: Connection, target: Connection) -> bool:
+    """Copies the present state as `mirror` has it, and the last number of each table.
+
+    Returns False if the numbers cannot be read any more.
+    """
+    for table in LIVE_TABLES:
+        copy_table(source, target, table, f"mirrored_{table}")
+    try:
+        copy_table(source, target, "sqlite_sequence")
+    except sqlite3.Error:
+        return False
+    return True
+
+
+def copy_table(source: Connection, target: Connection, table: str, original: str = "") -> None:
+    """Copies the rows of a table, or of an `original` with the same columns; those that it refuses are left out."""
     names = [row[1] for row in target.execute(f"PRAGMA table_info({table})")]
     columns = ", ".join(names)
     insert = f"INSERT OR REPLACE INTO {table} ({columns}) VALUES ({', '.join('?' * len(names))})"
-    for row in source.execute(f"SELECT {columns} FROM {table}"):
+    for row in source.execute(f"SELECT {columns} FROM {original or table}"):
         try:
             target.execute(insert, row)
         except sqlite3.IntegrityError:

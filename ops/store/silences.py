@@ -228,7 +228,13 @@ def add_silence(
         )
         if not silence.alerts:
             raise ConfigError(f"no open alert matches {text}")
-    number = insert_silence(connection, silence, None)
+    columns = Silence._fields[1:-1]
+    insert = f"INSERT INTO silences ({', '.join(columns)}) VALUES ({', '.join('?' * len(columns))})"
+    number = connection.execute(insert, silence[1:-1]).lastrowid or 0
+    connection.executemany(
+        "INSERT INTO silenced_alerts (silence_id, robot, signal) VALUES (?, ?, ?)",
+        [(number, *alert) for alert in sorted(silence.alerts)],
+    )
     # Ended ones are kept for `list`, in a bounded number.
     oldest = number - _MOST_KEPT
     ended = "id <= ? AND (ended_s IS NOT NULL OR until_s <= ?)"
@@ -237,20 +243,6 @@ def add_silence(
     )
     connection.execute(f"DELETE FROM silences WHERE {ended}", (oldest, now_s))
     return silence._replace(id=number)
-
-
-def insert_silence(connection: Connection, silence: Silence, number: Optional[int]) -> int:
-    """Inserts a silence that has not ended, under a number or a new one (None); returns its number."""
-    columns = ", ".join(Silence._fields[:-1])
-    number = connection.execute(
-        f"INSERT OR REPLACE INTO silences ({columns}) VALUES ({', '.join('?' * 13)})", (number, *silence[1:-1])
-    ).lastrowid
-    assert number is not None
-    connection.executemany(
-        "INSERT OR REPLACE INTO silenced_alerts (silence_id, robot, signal) VALUES (?, ?, ?)",
-        [(number, *alert) for alert in sorted(silence.alerts)],
-    )
-    return number
 
 
 def _check_texts(reason: str, author: str) -> None:

@@ -687,18 +687,6 @@ def test_an_odd_row_stops_no_other_notification(table: str, column: str, odd: st
     assert bench.queue.waiting["chat"] == 0
 
 
-def test_what_is_unknown_after_a_loss_is_sent_again_and_its_end_in_any_case() -> None:
-    bench = Bench()
-    bench.change("WARN")
-    bench.change("WARN", signal="cpu")
-    bench.deliver()
-    bench.connection.execute("DELETE FROM notified")  # a new database was begun
-    bench.queue.assume_sent(bench.connection)
-    bench.change("OK", "WARN", signal="cpu")
-    bench.queue.prepare(bench.connection)
-    assert bench.deliver() == [("cpu", "resolved", "WARN"), ("battery", "WARN", "WARN")]
-
-
 @pytest.mark.parametrize(
     ("name", "value"),
     [

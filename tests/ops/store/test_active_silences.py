@@ -215,6 +215,19 @@ def test_known_silences_stay_in_force_when_their_table_is_altered(
     assert history.read(read_silences) == [limited, resolving]
 
 
+def test_a_silence_of_another_process_stays_in_force_when_its_table_is_dropped(tmp_path: Path, clock: Clock) -> None:
+    history = History(HistorySettings(str(tmp_path / "history.db")), wall_time_s=clock)
+    silences = Silences(history)
+    on_file(history, lambda file: add_silence(file, parse_matchers("robot=r3"), clock.now_s, for_s=60.0))
+    query = "SELECT matchers FROM mirrored_silences"
+    wait_for(lambda: history.run(lambda connection: connection.execute(query).fetchall()) == [("robot=r3",)])
+    on_file(history, lambda file: file.execute("DROP TABLE silences"))
+    wait_for(lambda: "history file" in history.faults.current())
+    assert silences.silence_of("r3", "link") is not None
+    assert [silence.matchers for silence in history.read(read_silences)] == ["robot=r3"]
+    history.close()
+
+
 def test_many_silences_and_robots_cost_little(silences: Silences) -> None:
     numbers: List[int] = [silences.add(parse_matchers(f"robot=r{number}"), for_s=60.0).id for number in range(100)]
     found = [silences.silence_of(f"r{number}", "link") for _ in range(50) for number in range(200)]

@@ -202,16 +202,18 @@ def test_a_driver_that_renames_itself_leaves_nothing_in_memory(history: History)
         robot.record(transition(0, Level.OK, from_level=Level.STALE, signal=name), {}, [])
         if number % 500 == 499:  # on a busy machine, too many would wait
             history.run(lambda connection: None, 60.0)
-    state = history.state
-    assert (len(state._states), len(state._alerts)) == (0, 0)
+    for table in ("signal_states", "open_alerts"):
+        query = f"SELECT count(*) FROM mirrored_{table}"
+        assert history.run(lambda connection, query=query: connection.execute(query).fetchone()) == (0,)  # type: ignore[misc]
     assert len(robot._evidence_until_s) <= 1_000
 
 
 def test_only_the_first_caller_waits_while_the_disk_hangs(history: History, monkeypatch: pytest.MonkeyPatch) -> None:
-    proceed, waited = threading.Event(), []
+    has_begun, proceed, waited = threading.Event(), threading.Event(), []
     monkeypatch.setattr(history_module, "COMMIT_TIMEOUT_S", 0.05)
     monkeypatch.setattr(history, "wait", lambda job, timeout_s: waited.append(timeout_s))
-    history.put(lambda connection: proceed.wait(60.0))
+    history.put(lambda connection: has_begun.set() or proceed.wait(60.0))  # type: ignore[func-returns-value]
+    assert has_begun.wait(60.0)
     while history.busy_s < 0.05:
         pass
     history.of_robot("r1").record(low_battery(), {}, [])

@@ -1,88 +1,64 @@
-"""What a new database begins with, whatever became of the old one."""
+"""The present run in each database, and the open alerts."""
 
 from __future__ import annotations
 
 import json
-from contextlib import closing
-from pathlib import Path
-from typing import Sequence
 
-from harness.histories import opened, transition
+from harness.histories import transition
 
-from robot_health_monitor.core import Level
+from robot_health_monitor.core import Level, Status
 from robot_health_monitor.ops.store import schema
-from robot_health_monitor.ops.store.present_state import PresentState
+from robot_health_monitor.ops.store.present_state import PresentRun, alert_of, note_transition, write_states
 
 
-def watching() -> PresentState:
-    """Returns the state of a run that watches r1: a WARN that became an ERROR, and a state."""
+def test_a_new_database_has_the_run_and_the_robots_that_are_watched() -> None:
+    run = PresentRun(lambda: 1000.0)
+    old, new = schema.in_memory(), schema.in_memory()
+    run.begin(old)
+    for robot in ("r0", "r1"):
+        run.begin_watch(old, robot)
+    run.end_watch(old, "r0")
+    run.write(new)
+    queries = ("SELECT id, started_s, alive_s, stopped_s FROM runs", "SELECT id, run_id, robot, stopped_s FROM watches")
+    found = [new.execute(query).fetchall() for query in queries]
+    assert found == [[(1, 1000.0, 1000.0, None)], [(2, 1, "r1", None)]]
+
+
+def test_an_alert_keeps_its_number_and_its_begin_until_it_begins_again() -> None:
     connection = schema.in_memory()
-    state = PresentState(lambda: 1000.0)
-    state.begin(connection)
-    state.begin_watch(connection, "r0")
-    state.begin_watch(connection, "r1")
-    state.end_watch(connection, "r0")
-    state.write_states(connection, "r1", {"fan": '{"level": 2}', "gone": "{}"})
-    for number, before, after in ((7, Level.OK, Level.WARN), (9, Level.WARN, Level.ERROR)):
+    query = "SELECT alert_id, transition_id, level, begun_s, at_s FROM open_alerts"
+    steps = (
+        (Level.OK, Level.WARN, (7, 7, Level.WARN, 1007.0, 1007.0)),
+        (Level.WARN, Level.ERROR, (7, 8, Level.ERROR, 1007.0, 1008.0)),
+        (Level.ERROR, Level.OK, None),
+        (Level.OK, Level.STALE, (10, 10, Level.STALE, 1010.0, 1010.0)),
+        (Level.OK, Level.WARN, (11, 11, Level.WARN, 1011.0, 1011.0)),  # its end is missing
+    )
+    for number, (before, after, expected) in enumerate(steps, 7):
         event = transition(number, after, from_level=before)
-        state.note_transition(connection, number, state.alert_of(event), event, 1000.0 + number)
-    return state
+        note_transition(connection, number, alert_of(connection, event), event, 1000.0 + number)
+        assert connection.execute(query).fetchone() == expected
 
 
-def written(state: PresentState, unreadable: Sequence[str]) -> object:
-    """Returns what is in a new database: runs, watched robots, states, open alerts, and the next number."""
+def test_an_open_alert_has_the_json_that_notifications_need() -> None:
     connection = schema.in_memory()
-    state.write(connection, unreadable)
-    queries = (
-        "SELECT started_s FROM runs", "SELECT robot FROM watches", "SELECT robot, signal, state FROM signal_states",
-        "SELECT signal, alert_id, transition_id, level, begun_s, at_s FROM open_alerts",
-        "SELECT seq FROM sqlite_sequence WHERE name = 'transitions'",
-    )  # fmt: skip
-    return [connection.execute(query).fetchall() for query in queries]
+    status = Status("fan", Level.WARN, "", "r1", {}, what_to_do="clean it")
+    note_transition(connection, 5, 0, transition(signal="fan", value=15.0, status=status), 1000.0)
+    line = json.loads(connection.execute("SELECT transition_json FROM open_alerts").fetchone()[0])
+    expected = {"signal": "fan", "alert_id": 5, "to_level": "WARN", "value": 15.0, "what_to_do": "clean it"}
+    assert {name: line[name] for name in expected} == expected
 
 
-def test_a_new_database_has_the_run_its_robots_states_and_open_alerts() -> None:
-    run = [[(1000.0,)], [("r1",)], [("r1", "fan", '{"level": 2}')]]
-    alert = ("battery_level", 7, 9, int(Level.ERROR), 1007.0, 1009.0)
-    assert written(watching(), ["open_alerts"]) == [*run, [alert], [(9,)]]
-    assert written(watching(), []) == [*run, [], [(9,)]]  # those of the old database were copied
-
-
-def test_an_alert_that_begins_again_has_a_new_number() -> None:
-    state, connection = watching(), schema.in_memory()
-    for number, before, after in ((10, Level.ERROR, Level.OK), (11, Level.OK, Level.STALE)):
-        event = transition(number, after, from_level=before)
-        began = state.alert_of(event)
-        assert began == (7 if after is Level.OK else 0)
-        state.note_transition(connection, number, began, event, 1000.0 + number)
-    query = "SELECT alert_id, begun_s FROM open_alerts"
-    assert connection.execute(query).fetchall() == [(11, 1011.0)]
-
-
-def test_the_json_of_open_alerts_is_stored_once_something_needs_it(tmp_path: Path) -> None:
-    file, query = tmp_path / "history.db", "SELECT signal, transition_json FROM open_alerts ORDER BY signal"
-    with closing(opened(file)) as history:
-        robot = history.of_robot("r1")
-        robot.record_configuration({"fan": {"what_to_do": "clean it"}})
-        robot.record(transition(signal="fan", value=15.0), {}, ())
-        assert history.run(lambda connection: connection.execute(query).fetchall()) == [("fan", "")]
-    with closing(opened(file)) as history:
-        history.of_robot("r1").record(transition(signal="link"), {}, ())
-        history.run(history.state.keep_lines)
-        history.of_robot("r1").record(transition(signal="motor"), {}, ())
-        lines = {
-            signal: json.loads(line)
-            for signal, line in history.run(lambda connection: connection.execute(query).fetchall())
-        }
-    found = [(line["signal"], line["alert_id"], line["to_level"], line["value"]) for line in lines.values()]
-    expected = [(name, number, "WARN", 15.0) for number, name in enumerate(("fan", "link", "motor"), 1)]
-    assert found == expected  # fan is of the run before
-    assert lines["fan"].pop("what_to_do") == "clean it"
-    assert lines["fan"].keys() == lines["motor"].keys()
+def test_an_empty_state_deletes_the_one_that_is_stored() -> None:
+    connection = schema.in_memory()
+    write_states(connection, "r1", {"fan": '{"level": 1}', "gone": '{"level": 2}'})
+    write_states(connection, "r1", {"fan": '{"level": 2}', "gone": "{}"})
+    query = "SELECT robot, signal, state FROM signal_states"
+    assert connection.execute(query).fetchall() == [("r1", "fan", '{"level": 2}')]
 
 
 def test_a_run_continues_from_the_latest_time_that_is_known() -> None:
     connection = schema.in_memory()
     connection.execute("INSERT INTO runs (started_s, alive_s, version) VALUES (1.0, 500.0, '1')")
-    assert PresentState(lambda: 1000.0).begin(connection) == 500.0
-    assert PresentState(lambda: 300.0).begin(connection) == 300.0  # the wall clock was set back
+    assert PresentRun(lambda: 1000.0).begin(connection) == 500.0
+    assert PresentRun(lambda: 300.0).begin(connection) == 300.0  # the wall clock was set back

@@ -119,17 +119,26 @@ def database() -> sqlite3.Connection:
     return connection
 
 
-def test_a_table_that_cannot_be_read_does_not_keep_the_others_from_being_copied() -> None:
+def test_the_present_state_outlasts_the_tables_of_the_file() -> None:
     source, target = database(), database()
-    source.execute("INSERT INTO signal_states (robot, signal, state) VALUES ('r1', 'a', '1')")
-    source.execute("DROP TABLE notifications")
-    source.execute("ALTER TABLE notified RENAME COLUMN level TO other")
-    add = "INSERT INTO silences (id, matchers, reason, author, created_s, until_resolved) VALUES (7, '', '', '', 1, 0)"
-    source.execute(add)
-    assert schema.copy_state(source, target) == ["notified", "notifications"]
-    assert target.execute("SELECT state FROM signal_states").fetchall() == [("1",)]
-    assert target.execute("SELECT id FROM silences").fetchall() == [(7,)]
-    assert target.execute("SELECT seq FROM sqlite_sequence WHERE name = 'silences'").fetchall() == [(7,)]
+    store = "INSERT INTO signal_states VALUES ('r1', ?, ?)"
+    source.execute(store, ("a", "1"))
+    schema.mirror(source)
+    source.execute(store, ("b", "2"))
+    source.execute(f"{store} ON CONFLICT (robot, signal) DO UPDATE SET state = excluded.state", ("a", "3"))
+    source.execute("INSERT OR REPLACE INTO signal_states VALUES ('r1', 'b', '4')")
+    source.execute(store, ("c", "5"))
+    source.execute("DELETE FROM signal_states WHERE signal = 'c'")
+    with pytest.raises(sqlite3.OperationalError, match="no such table: missing"):
+        run(source, "DELETE FROM signal_states", "DELETE FROM missing")
+    source.execute("INSERT INTO resets VALUES (10, 1.0, 'r1')")
+    for table in schema.LIVE_TABLES:
+        source.execute(f"DROP TABLE {table}")
+    assert schema.copy_state(source, target)
+    assert target.execute("SELECT robot, signal, state FROM signal_states").fetchall() == [
+        ("r1", "a", "3"), ("r1", "b", "4"),
+    ]  # fmt: skip
+    assert target.execute("SELECT seq FROM sqlite_sequence WHERE name = 'resets'").fetchall() == [(10,)]
 
 
 def test_a_row_that_the_tables_do_not_allow_is_left_out() -> None:
