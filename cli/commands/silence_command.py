@@ -169,7 +169,7 @@ def _expire(connection: sqlite3.Connection, arguments: argparse.Namespace, now_s
 def _state(each: Silence, now_s: float) -> str:
     if not each.is_active(now_s):
         return f"ended {time_text(each.end_s(now_s))}" + (f" by {each.ended_by}" if each.ended_by else "")
-    return each.end_text(time_text) + ("" if each.in_force(now_s) else "; not in force now")
+    return each.end_text + ("" if each.in_force(now_s) else "; not in force now")
 
 
 def _open_text(alerts: Sequence[Alert]) -> str:

@@ -166,7 +166,7 @@ def _silence_text(event: SilenceEvent) -> str:
     author, reason = _author_and_reason(event)
     text = f"silence {silence.id} {event.kind}{f' by {author}' if author else ''}: {silence.matchers}"
     if event.kind == "added":
-        text += f", {silence.end_text(time_text)}"
+        text += f", {silence.end_text}"
     return f"{text} ({reason})" if reason else text
 
 

@@ -10,7 +10,6 @@ from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, TypeV
 from ...core.values.errors import ServiceError
 from ...core.values.formatting import count_text, printable
 from ...core.values.model import Level, Transition
-from . import schema
 from .history import History
 from .matchers import Matcher
 from .silences import (
@@ -46,16 +45,15 @@ class Silences:
         self._faults = history.faults
         self._wall_time_s = history.wall_s
         self._lock = threading.Lock()
-        self._active: Sequence[Silence] = ()
-        self._found: Dict[Alert, Optional[Silence]] = {}
-        self._set_s = self._next_change_s = -math.inf
         self._stored: Sequence[Silence] = ()
-        """As they were read last: one that is not active now may be so once the wall clock is set."""
+        """Those that had not ended when they were read last, each second."""
+        self._covering: Dict[Alert, Sequence[Silence]] = {}
+        """Those of `_stored` that apply to an alert, of alerts that were asked for."""
         self._causes: Dict[str, Mapping[str, str]] = {}
         history.on_record.append(self._note_transition)
         history.on_second.append(self._follow)
         try:
-            history.run(self._limit, _TIMEOUT_S)
+            history.run(self._follow, _TIMEOUT_S)
         except ServiceError as error:
             self._faults.report(_FAULT, f"cannot be read: {error}", Level.WARN)
 
@@ -65,8 +63,6 @@ class Silences:
 
     def silence_of(self, robot: str, signal: str) -> Optional[Silence]:
         """Returns the silence of an alert, else of its cause; of several the one that ends last. None: not silenced."""
-        if not self._active:
-            return None
         silence, causes, seen = self._silence_of(robot, signal), self._causes.get(robot, {}), {signal}
         while silence is None and causes.get(signal, signal) not in seen:
             signal = causes[signal]
@@ -75,37 +71,33 @@ class Silences:
         return silence
 
     def _silence_of(self, robot: str, signal: str) -> Optional[Silence]:
-        now_s = self._wall_time_s()
         with self._lock:
-            if not self._set_s <= now_s < self._next_change_s:
-                self._set_active(now_s)
+            if not self._stored:
+                return None
             key = printable(robot), printable(signal)
-            if key not in self._found:
-                if len(self._found) >= _MOST_CACHED:
-                    self._found.clear()
-                covering = [each for each in self._active if each.covers(*key) and each.in_force(now_s)]
-                self._found[key] = max(
-                    covering, key=lambda each: math.inf if each.until_s is None else each.until_s, default=None
-                )
-            silence = self._found[key]
-        return silence.seen_at(now_s) if silence is not None and silence.is_active(now_s) else None
+            if key not in self._covering:
+                if len(self._covering) >= _MOST_CACHED:
+                    self._covering.clear()
+                self._covering[key] = [each for each in self._stored if each.covers(*key)]
+            covering = self._covering[key]
+        now_s = self._wall_time_s()
+        in_force = [each.seen_at(now_s) for each in covering if each.in_force(now_s)]
+        return max(in_force, key=lambda each: math.inf if each.until_s is None else each.until_s, default=None)
 
     def active(self) -> List[Silence]:
         """Returns the active silences, oldest first; those that recur need not be in force."""
         now_s = self._wall_time_s()
-        return [silence.seen_at(now_s) for silence in self._active if silence.is_active(now_s)]
+        return [silence.seen_at(now_s) for silence in self._stored if silence.is_active(now_s)]
 
     def look(self, connection: Connection) -> None:
         """Reads the silences, which another process may have changed: call before a notification is sent.
 
         Call with the history's connection inside a transaction, in which another process cannot add a silence.
         """
-        now_s = self._wall_time_s()
-        silences = read_silences(connection, active_at_s=now_s)
+        silences = read_silences(connection, active_at_s=self._wall_time_s())
         with self._lock:
             if silences != self._stored:
-                self._stored = silences
-                self._set_active(now_s)
+                self._stored, self._covering = silences, {}
         self._faults.clear(_FAULT)
 
     def add(self, matchers: Sequence[Matcher], **options: Any) -> Silence:
@@ -117,22 +109,15 @@ class Silences:
         return self._change(lambda connection, now_s: expire_silence(connection, number, now_s, **texts))
 
     def _follow(self, connection: Connection) -> None:
-        """Looks whether others changed the silences, or the wall clock was set."""
+        """Reads the silences, and limits those that were made in the future to their duration, with one line."""
         now_s = self._wall_time_s()
-        self.look(connection)  # also if nothing but the clock has changed
-        if any(each.is_in_future(now_s) for each in self._stored):
-            with schema.transaction(connection):
-                self._limit(connection)
-        else:
-            self._faults.clear(_CLOCK_FAULT)
-
-    def _limit(self, connection: Connection) -> None:
-        """Limits silences that were made in the future to their duration, with one line."""
-        noticed = limit_to_durations(connection, self._wall_time_s())
+        noticed = limit_to_durations(connection, now_s)
+        self.look(connection)
         if noticed:
             text = f"{count_text(noticed, 'silence')} made in the future: each ends after its duration from now on"
             self._faults.report(_CLOCK_FAULT, text, Level.WARN)
-        self.look(connection)
+        elif not any(each.is_in_future(now_s) for each in self._stored):
+            self._faults.clear(_CLOCK_FAULT)
 
     def _change(self, change: Callable[[Connection, float], Changed]) -> Changed:
         """Changes the stored silences in a transaction, with the present time in s since 1970."""
@@ -144,13 +129,6 @@ class Silences:
             return changed
 
         return self._history.run(change_and_read, _TIMEOUT_S)
-
-    def _set_active(self, now_s: float) -> None:
-        """Call with the lock held."""
-        self._active = tuple(silence for silence in self._stored if silence.is_active(now_s))
-        self._found = {}
-        self._set_s = now_s
-        self._next_change_s = min((silence.change_s(now_s) for silence in self._active), default=math.inf)
 
     def _note_transition(self, connection: Connection, alert_id: int, transition: Transition, wall_s: float) -> None:
         """Ends silences whose last alert has resolved; runs in the transaction that stores the transition."""

@@ -97,7 +97,7 @@ class Database:
         )
         self.present_run = PresentRun(wall_time_s)
         self.on_second: List[Callable[[Connection], object]] = []
-        """Called about once a second by the writer's thread, outside of a transaction."""
+        """Called about once a second by the writer's thread, in a transaction."""
         self._file: Optional[DatabaseFile] = None
         self._memory: Optional[Connection] = None
         self._is_copy = False
@@ -298,9 +298,10 @@ class Database:
                     schema.mirror_shared(connection)
                 self._data_version = version
         self._report_skipped(connection)
-        self.present_run.note_alive(connection)
-        for hook in self.on_second:
-            hook(connection)
+        with schema.transaction(connection):
+            self.present_run.note_alive(connection)
+            for hook in self.on_second:
+                hook(connection)
         if now_s >= self._old_at_s:
             with schema.transaction(connection):
                 is_more = self._used_retention.delete_old(self.present_run.id, self._age_s(), self._keep_s)

@@ -16,7 +16,7 @@ DAYS = ("mon", "tue", "wed", "thu", "fri", "sat", "sun")
 
 _RULE = re.compile(r"(?:(?P<days>[a-z,-]+) +)?(?P<begin>\d\d:\d\d)-(?P<end>\d\d:\d\d)\Z", re.ASCII)
 _ZONES = "/zoneinfo/"
-_MINUTE = timedelta(minutes=1)
+_MINUTE, _DAY = timedelta(minutes=1), timedelta(days=1)
 
 
 @dataclass(frozen=True)
@@ -37,26 +37,17 @@ class Recurrence:
     def __str__(self) -> str:
         return f"every {self.text} ({self.zone})"
 
-    def state_at(self, wall_s: float) -> Tuple[bool, float]:
-        """Returns whether it contains a time, and until when that is so at least, both in s since 1970."""
-        zone = zone_of(self.zone)
-        today = datetime.fromtimestamp(wall_s, zone).replace(hour=0, minute=0, second=0, microsecond=0, tzinfo=None)
-        begins_s = []
-        for number in range(-1, 9):
-            day = today + timedelta(days=number)
-            if day.weekday() not in self.days:
-                continue
-            begin_s = _moment_s(day, self.begin, zone)
-            end_s = _moment_s(day + timedelta(days=int(self.end <= self.begin)), self.end, zone)
-            if begin_s <= wall_s < end_s:
-                return True, end_s
-            if begin_s > wall_s:
-                begins_s.append(begin_s)
-        return False, min(begins_s)
-
     def contains(self, wall_s: float) -> bool:
         """Returns whether it contains a time in s since 1970."""
-        return self.state_at(wall_s)[0]
+        zone = zone_of(self.zone)
+        today = datetime.fromtimestamp(wall_s, zone).replace(hour=0, minute=0, second=0, microsecond=0, tzinfo=None)
+        for day in (today - _DAY, today):
+            end_day = day + _DAY if self.end <= self.begin else day
+            if day.weekday() in self.days and (
+                _moment_s(day, self.begin, zone) <= wall_s < _moment_s(end_day, self.end, zone)
+            ):
+                return True
+        return False
 
 
 @lru_cache(maxsize=2000)

@@ -7,21 +7,17 @@ the history.
 
 from __future__ import annotations
 
-import math
 import re
 from sqlite3 import Connection
 from typing import (
     Any,
-    Callable,
     Dict,
     FrozenSet,
     List,
     NamedTuple,
     Optional,
     Sequence,
-    Set,
     Tuple,
-    get_type_hints,
 )
 
 from ...core.values.errors import ConfigError
@@ -32,7 +28,7 @@ from ...runtime.times import iso_time, local_time
 from .matchers import Matcher, matchers_text, parse_matchers
 from .queries import number_range
 from .recurrence import Recurrence, parse_recurrence
-from .rows import select, skip
+from .rows import records, select, skip
 
 MOST_ACTIVE = 1000
 """Largest number of active silences."""
@@ -77,8 +73,14 @@ class Silence(NamedTuple):
     """When it is in force, while it is active; empty: all the time."""
     timezone: str = ""
     """The time zone of `every`."""
-    alerts: FrozenSet[Alert] = frozenset()
-    """For a silence until they resolve: the alerts that are still open."""
+    open_alerts: str = ""
+    """For a silence until they resolve: robot and signal of each alert that is still open, a line each."""
+
+    @property
+    def alerts(self) -> FrozenSet[Alert]:
+        """The alerts of `open_alerts`."""
+        lines = self.open_alerts.split("\n")
+        return frozenset(zip(lines[::2], lines[1::2]))
 
     @property
     def rule(self) -> Optional[Recurrence]:
@@ -93,21 +95,6 @@ class Silence(NamedTuple):
     def in_force(self, now_s: float) -> bool:
         """Returns whether it suppresses notifications at a time."""
         return self.is_active(now_s) and (self.rule is None or self.rule.contains(now_s))
-
-    def change_s(self, now_s: float) -> float:
-        """Returns when an active silence comes into force, ends or expires next; infinity if that is open."""
-        until_s = self.seen_at(now_s).until_s
-        return min(
-            math.inf if until_s is None else until_s, math.inf if self.rule is None else self.rule.state_at(now_s)[1]
-        )
-
-    def was_in_force(self, from_s: float, to_s: float, now_s: float) -> bool:
-        """Returns whether it was in force at some time of a span, of which the end does not count."""
-        begin_s, end_s = max(from_s, self.created_s), min(to_s, self.end_s(now_s))
-        if begin_s >= end_s or self.rule is None:
-            return begin_s < end_s
-        is_in_force, change_s = self.rule.state_at(begin_s)
-        return is_in_force or change_s < end_s
 
     def end_s(self, now_s: float) -> float:
         """Returns when it ended or expired; `now_s` if it is active."""
@@ -139,8 +126,9 @@ class Silence(NamedTuple):
         """Returns whether the name of a robot or a signal fulfils the matchers of that label."""
         return all(matcher.matches(name) for matcher in parse_matchers(self.matchers) if matcher.label == label)
 
-    def end_text(self, time_text: Callable[[float], str]) -> str:
-        """Returns when it ends, with a function that writes times: `until 2026-11-22 06:00 UTC or resolved`.
+    @property
+    def end_text(self) -> str:
+        """When it ends: `until 2026-11-22 06:00 UTC or resolved`.
 
         One that recurs: `every mon-fri 22:00-06:00 (Europe/Berlin)`, and when it ends.
         """
@@ -151,8 +139,7 @@ class Silence(NamedTuple):
     @property
     def text(self) -> str:
         """The reason and the end, in one line: `fan is being replaced (until 2026-11-22 06:00 UTC)`."""
-        end = self.end_text(time_text)
-        return f"{self.reason} ({end})" if self.reason else end
+        return f"{self.reason} ({self.end_text})" if self.reason else self.end_text
 
 
 def parse_duration_s(text: str) -> float:
@@ -177,6 +164,13 @@ def _check_duration(seconds: float) -> None:
 def time_text(wall_s: float) -> str:
     """Returns a time in the local time zone, with the zone's name."""
     return local_time(wall_s, "%Y-%m-%d %H:%M %Z")
+
+
+_COLUMNS = Silence._fields[:-1]
+_OPEN_ALERTS = """(
+    SELECT coalesce(group_concat(robot || char(10) || signal, char(10)), '') FROM silenced_alerts
+    WHERE silence_id = silences.id AND resolved_s IS NULL
+)"""
 
 
 def add_silence(
@@ -223,25 +217,20 @@ def add_silence(
     rule = ("", "") if every is None else (every.text, every.zone)
     silence = Silence(0, text, reason, author, now_s, until_s, until_resolved, None, None, "", "", *rule)
     if until_resolved:
-        silence = silence._replace(
-            alerts=frozenset(filter(lambda alert: silence.matches(*alert), open_alerts(connection)))
-        )
-        if not silence.alerts:
+        matching = [name for alert in open_alerts(connection) if silence.matches(*alert) for name in alert]
+        silence = silence._replace(open_alerts="\n".join(matching))
+        if not matching:
             raise ConfigError(f"no open alert matches {text}")
-    columns = Silence._fields[1:-1]
-    insert = f"INSERT INTO silences ({', '.join(columns)}) VALUES ({', '.join('?' * len(columns))})"
+    insert = f"INSERT INTO silences ({', '.join(_COLUMNS[1:])}) VALUES ({', '.join('?' * len(_COLUMNS[1:]))})"
     number = connection.execute(insert, silence[1:-1]).lastrowid or 0
     connection.executemany(
         "INSERT INTO silenced_alerts (silence_id, robot, signal) VALUES (?, ?, ?)",
-        [(number, *alert) for alert in sorted(silence.alerts)],
+        [(number, *alert) for alert in silence.alerts],
     )
     # Ended ones are kept for `list`, in a bounded number.
-    oldest = number - _MOST_KEPT
     ended = "id <= ? AND (ended_s IS NOT NULL OR until_s <= ?)"
-    connection.execute(
-        f"DELETE FROM silenced_alerts WHERE silence_id IN (SELECT id FROM silences WHERE {ended})", (oldest, now_s)
-    )
-    connection.execute(f"DELETE FROM silences WHERE {ended}", (oldest, now_s))
+    connection.execute(f"DELETE FROM silences WHERE {ended}", (number - _MOST_KEPT, now_s))
+    connection.execute("DELETE FROM silenced_alerts WHERE silence_id NOT IN (SELECT id FROM silences)")
     return silence._replace(id=number)
 
 
@@ -270,26 +259,18 @@ def expire_silence(connection: Connection, number: int, now_s: float, *, reason:
 
 def read_silences(connection: Connection, active_at_s: Optional[float] = None) -> List[Silence]:
     """Returns the silences, oldest first: those that are active at a time in s since 1970, or all."""
-    condition, values = "1", []
-    if active_at_s is not None:
-        condition, values = "ended_s IS NULL AND (until_s IS NULL OR until_s > ?)", [active_at_s]
-    query = f"SELECT {', '.join(Silence._fields[:-1])} FROM silences WHERE {condition} ORDER BY id"
-    rows = select(connection, "silences", [*get_type_hints(Silence).values()][:-1], query, values)
-    alerts: Dict[int, Set[Alert]] = {}
-    query = "SELECT silence_id, robot, signal FROM silenced_alerts WHERE resolved_s IS NULL"
-    for number, *alert in select(connection, "silenced_alerts", (int, str, str), query):
-        alerts.setdefault(number, set()).add((alert[0], alert[1]))
+    tail = "WHERE ? IS NULL OR (ended_s IS NULL AND (until_s IS NULL OR until_s > ?)) ORDER BY id"
+    columns = f"{', '.join(_COLUMNS)}, {_OPEN_ALERTS}"
     silences = []
-    for row in rows:
+    for row in records(connection, "silences", Silence, tail, (active_at_s, active_at_s), columns):
         try:
-            parse_matchers(row[1])
-            if row[-2]:
-                parse_recurrence(*row[-2:])
+            parse_matchers(row.matchers)
+            row.rule  # noqa: B018 - it may not be one
         except ConfigError:  # of a newer version, or edited by hand
-            skip(connection, "silences", row[0])
+            skip(connection, "silences", row.id)
         else:
-            shown = [printable(value) if isinstance(value, str) else value for value in row]
-            silences.append(Silence._make([*shown, frozenset(alerts.get(row[0], ()))]))
+            shown = [printable(value) if isinstance(value, str) else value for value in row[:-1]]
+            silences.append(Silence._make([*shown, row.open_alerts]))
     return silences
 
 
@@ -353,26 +334,23 @@ def silence_events(
 
     `robot` and `signal`: of silences that apply to these only; `*` and `?` work as in file names.
     """
-    found = []
-    given = [(label, name) for label, name in (("robot", robot), ("signal", signal)) if name is not None]
-    asked = [(label, _names(connection, label, name)) for label, name in given]
+    asked = {"robot": robot, "signal": signal}
+    names = {label: _names(connection, label, given) for label, given in asked.items() if given is not None}
+    events = []
     for stored in read_silences(connection):
         silence = stored.seen_at(now_s)
-        if not all(any(silence.allows(label, name) for name in names) for label, names in asked):
-            continue
-        found.append(SilenceEvent(silence.created_s, "added", silence))
-        if not silence.is_active(now_s):
-            kind = "expired" if silence.ended_s is None else "ended"
-            found.append(SilenceEvent(silence.end_s(now_s), kind, silence))
-    return sorted((event for event in found if event.wall_s >= since_s), key=lambda event: event.wall_s)
+        if all(any(silence.allows(label, name) for name in names[label]) for label in names):
+            events.append(SilenceEvent(silence.created_s, "added", silence))
+            if not silence.is_active(now_s):
+                kind = "expired" if silence.ended_s is None else "ended"
+                events.append(SilenceEvent(silence.end_s(now_s), kind, silence))
+    return sorted((event for event in events if event.wall_s >= since_s), key=lambda event: event.wall_s)
 
 
 def _names(connection: Connection, label: str, given: str) -> List[str]:
-    """Returns the names of robots or signals that a filter means."""
-    if "*" not in given and "?" not in given:
-        return [given]
+    """Returns the names of robots or signals that a filter means: itself, and those that are known and match."""
     known = select(connection, "signal_states", (str,), f"SELECT DISTINCT {label} FROM signal_states")
-    return [name for (name,) in known if matches_pattern(name, given)]
+    return [given, *(name for (name,) in known if matches_pattern(name, given))]
 
 
 def silenced_transitions(connection: Connection, silence: Silence, now_s: float) -> int:

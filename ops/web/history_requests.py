@@ -155,13 +155,13 @@ def _transition(connection: Connection, number: int) -> StoredTransition:
 
 
 def _silences_at(connection: Connection, alert: StoredTransition, now_s: float) -> List[Json]:
-    """Returns the silences that were in force at some time of an alert, its acknowledgement among them."""
+    """Returns the silences that were active at some time of an alert, its acknowledgement among them."""
     ended_s = queries.ended_s(connection, alert)
     until_s = math.inf if ended_s is None else ended_s
     return [
-        silence_json(silence, now_s)
-        for silence in read_silences(connection)
-        if silence.matches(alert.robot, alert.signal) and silence.was_in_force(alert.wall_s, until_s, now_s)
+        silence_json(each, now_s)
+        for each in read_silences(connection)
+        if each.matches(alert.robot, alert.signal) and each.created_s < until_s and each.end_s(now_s) > alert.wall_s
     ]
 
 

@@ -67,7 +67,7 @@ def test_the_text_gives_reason_and_end(monkeypatch: pytest.MonkeyPatch) -> None:
     until_s = NOON_S + 3600.0
     timed = Silence(1, "robot=r3", "fan is being replaced", "ana", NOON_S, until_s)
     assert timed.text.startswith("fan is being replaced (until 2025-11-22 ")
-    acknowledged = Silence(1, "robot=r3", "", "", NOON_S, until_resolved=True, alerts=frozenset({("r3", "link")}))
+    acknowledged = Silence(1, "robot=r3", "", "", NOON_S, until_resolved=True, open_alerts="r3\nlink")
     assert acknowledged.text == "until resolved"
 
 
