@@ -144,7 +144,7 @@ class Notifier:
     def _follow(self, connection: Optional[Connection] = None) -> None:
         """Queues what a change of silences or robots causes; called each second."""
         if self._queue.targets and (not self._is_up_to_date or self._queue.is_reconciliation_due()):
-            self._history.submit(Job(self._catch_up, is_foreign=True))
+            self._history.submit(Job(self._catch_up))
 
     def _catch_up(self, connection: Connection, targets: Optional[Sequence[TargetSettings]] = None) -> None:
         """Queues what the targets do not know yet; `targets`: those of another configuration."""

@@ -53,6 +53,7 @@ _MEMORY_BYTES = 16e6
 _EMPTY_BYTES = 120_000
 """Of a database without rows: each table takes a page or two."""
 _LOG_BYTES = 8e6
+_READERS_S = 1.0  # how long a log that must not grow any more may be in use
 _JOB_BYTES = 200e3  # that a transaction adds at most
 _FIRST_RETRY_S, _LAST_RETRY_S = 5.0, 60.0
 _RETENTION_PERIOD_S = 60.0
@@ -64,8 +65,6 @@ class Job(Generic[Result]):
     """A function to run in the writer's thread, inside a transaction; again if the database has to be replaced."""
 
     function: Callable[[Connection], Result]
-    is_foreign: bool = False
-    """Whether it is a function of another module, whose errors go to the caller."""
     event: Optional[MonotonicEvent] = None
     """Set when it is done, if something waits for that."""
     is_done: bool = False
@@ -153,7 +152,7 @@ class Database:
             ServiceError: the database failed, or did not answer in time.
         """
         self.check_progress()
-        job = Job(function, is_foreign=True)
+        job = Job(function)
         if not self.submit(job):
             raise ServiceError("history: too many requests are waiting, or it is closed")
         if not self.wait(job, timeout_s):
@@ -197,10 +196,9 @@ class Database:
     @property
     def connection(self) -> Connection:
         """The connection, in autocommit mode."""
-        if self._file is not None:
-            return self._file.connection
-        assert self._memory is not None
-        return self._memory
+        connection = self._memory if self._file is None else self._file.connection
+        assert connection is not None
+        return connection
 
     def _step(self) -> float:
         """Runs what waits, or what is due once a second; returns the time until the next call, in s."""
@@ -236,10 +234,8 @@ class Database:
                     job.result = job.function(self.connection)
             except Exception as error:
                 job.error = error
-                if self._handle(error, not job.is_foreign):
+                if self._handle(error):
                     continue
-            else:
-                self._note_committed()
             break
         if job.error is not None and job.event is None:
             self._report(f"internal error: {type(job.error).__name__}")
@@ -252,24 +248,22 @@ class Database:
         try:
             return step()
         except sqlite3.Error as error:
-            self._handle(error, was_own=True)
+            self._retention = None  # it knows of what was rolled back
+            self._handle(error)
             return None
 
-    def _handle(self, error: BaseException, was_own: bool) -> bool:
+    def _handle(self, error: BaseException) -> bool:
         """Reacts to an error of a transaction, which has been rolled back.
 
-        `was_own`: it came from a statement of this package, not from a function of another module. Returns whether
-        another database is in use now: repeat the transaction.
+        Returns whether another database is in use now: repeat the transaction.
         """
-        if was_own:
-            self._retention = None  # it has counted what was rolled back
         file = self._file
         if file is None:
             return False
         if not is_file_error(error) and isinstance(error, sqlite3.OperationalError):
             with contextlib.suppress(sqlite3.Error):
                 error = schema.altered_error(file.connection) or error
-        if not (is_file_error(error) or (was_own and isinstance(error, sqlite3.Error))):
+        if not is_file_error(error):
             return False
         self._leave(file)
         if is_damage(error):
@@ -277,11 +271,6 @@ class Database:
         else:
             self._retry_later(f"{self.file}: {error}")
         return True
-
-    def _note_committed(self) -> None:
-        """Something was committed: it is to be flushed to the disk."""
-        if self._file is not None:
-            self._file.note_written()
 
     def _maintain(self) -> None:
         """Does what is due: the time of the last sign of life, retention, another attempt to use the file."""
@@ -319,7 +308,6 @@ class Database:
         if is_done:
             self._surplus_at_s = now_s + _PERIOD_S  # everything that is left has to stay
             return False
-        self._note_committed()
         return True
 
     def _age_s(self) -> float:
@@ -449,12 +437,13 @@ class Database:
         return self._retention
 
     def _shorten_log(self, file: DatabaseFile) -> None:
-        """Empties the log if it has become too long although its thread copies it; else raises OperationalError."""
-        if file.log_bytes() > self._max_log_bytes:
-            file.empty_log()
-            if file.log_bytes() > self._max_log_bytes:
+        """Copies the log if it has become too long although its thread does; else raises OperationalError."""
+        until_s = time.monotonic() + _READERS_S
+        while file.log_bytes() > self._max_log_bytes:
+            if time.monotonic() > until_s:
                 problem = "its log is locked: another program keeps reading it, or the disk does not respond"
                 raise sqlite3.OperationalError(problem)
+            file.copy_log()
 
     def _report(self, text: str) -> None:
         self.faults.report(PART, text)

@@ -6,7 +6,8 @@ cut loses no more than the last second, and copies the log into the file when it
 the disk only when the kernel makes it wait.
 
 SQLite starts the log again only when all of it has been copied and no reader uses it. Under load that never happens by
-itself: then the thread makes the writer wait while it copies the last few pages.
+itself: the thread makes the writer wait while it copies the last few pages. If the log grows faster, the writer copies
+it itself.
 """
 
 from __future__ import annotations
@@ -17,7 +18,6 @@ import fcntl
 import os
 import sqlite3
 import stat
-import threading
 import time
 from datetime import timezone
 from pathlib import Path
@@ -41,7 +41,6 @@ _BUSY_S = 3.0  # how long to wait for another process that writes, such as `robo
 _READ_BUSY_S = 2.0
 _PAGE_BYTES = 512  # an alert changes a few hundred bytes in each of several pages, which are written as a whole
 _READERS_S = 0.02  # how long the writer may have to wait for readers of the log
-_MOST_READERS_S = 1.0  # the same for a log that must not grow any more
 _SQLITE_MAGIC = b"SQLite format 3\0"
 _MAX_ASIDE = 100
 
@@ -82,10 +81,8 @@ class DatabaseFile:
         self.path = os.path.realpath(path)
         self.problem = ""
         """Why the latest flush to the disk failed; empty: it did not."""
-        self._log_bytes = self._wake_bytes = log_bytes
-        self._is_flush_wanted = True
+        self._log_bytes = log_bytes
         self._flush_began_s: Optional[float] = None
-        self._copying = threading.Lock()
         _require_history_or_nothing(self.path)
         os.makedirs(os.path.dirname(self.path), exist_ok=True)
         with contextlib.ExitStack() as on_error:
@@ -121,26 +118,17 @@ class DatabaseFile:
         began_s = self._flush_began_s
         return 0.0 if began_s is None else time.monotonic() - began_s
 
-    def note_written(self) -> None:
-        """Requests that everything written so far is flushed to the disk; call after each transaction."""
-        self._is_flush_wanted = True
-        size = self.log_bytes()
-        if size < self._log_bytes:
-            self._wake_bytes = self._log_bytes
-        elif size >= self._wake_bytes:
-            self._thread.wake()
-
     def log_bytes(self) -> int:
         """Returns the size of the log, in bytes."""
         return _log_bytes(self.path)
 
-    def empty_log(self) -> None:
-        """Copies the log into the file and empties it; waits for the disk and for readers, at most 1 s for each."""
-        if self._copying.acquire(timeout=_MOST_READERS_S):  # SQLite itself waits for no other checkpoint
-            try:
-                _empty_log(self.connection, _MOST_READERS_S)
-            finally:
-                self._copying.release()
+    def copy_log(self) -> None:
+        """Copies the log into the file, and empties it if no reader uses it."""
+        # A connection of its own: the writer goes on while all but the last few pages are copied.
+        uri = f"file:{quote(self.path)}?mode=rw"
+        with contextlib.closing(sqlite3.connect(uri, uri=True, timeout=_READERS_S, isolation_level=None)) as connection:
+            for mode in ("PASSIVE", "TRUNCATE"):
+                connection.execute(f"PRAGMA wal_checkpoint({mode})").fetchone()
 
     def is_in_place(self) -> bool:
         """Whether the path still leads to the open file, also through links, and the log is still beside it."""
@@ -157,42 +145,24 @@ class DatabaseFile:
             os.close(lock)
 
     def _sync(self) -> float:
-        """Flushes what was written since the last call; returns the time until the next one, in s."""
-        if self._is_flush_wanted:
-            self._flush_began_s = time.monotonic()
-            try:
-                self._flush()
-                self.problem = ""
-            finally:
-                self._flush_began_s = None
+        """Flushes what was written since the last call, and copies a long log; returns the time until the next one."""
+        self._flush_began_s = time.monotonic()
+        try:
+            with contextlib.suppress(FileNotFoundError):
+                log = os.open(f"{self.path}-wal", os.O_RDONLY | os.O_CLOEXEC)
+                try:
+                    os.fdatasync(log)
+                finally:
+                    os.close(log)  # SQLite holds no locks on it; closing the database file here would release them
+            if self.log_bytes() >= self._log_bytes:
+                self.copy_log()
+            self.problem = ""
+        finally:
+            self._flush_began_s = None
         return SYNC_PERIOD_S
 
     def _note_problem(self, error: Exception) -> None:
         self.problem = getattr(error, "strerror", None) or str(error)
-
-    def _flush(self) -> None:
-        self._is_flush_wanted = False  # what is written from now on is flushed next time
-        try:
-            log = os.open(f"{self.path}-wal", os.O_RDONLY | os.O_CLOEXEC)
-        except FileNotFoundError:
-            return
-        try:
-            os.fdatasync(log)
-        finally:
-            os.close(log)  # SQLite holds no locks on this file; closing the database file here would release them
-        size = self.log_bytes()
-        if size >= self._log_bytes:
-            self._wake_bytes = size + self._log_bytes
-            with self._copying:
-                self._copy_log()
-
-    def _copy_log(self) -> None:
-        """Copies the log into the file. The writer goes on meanwhile, and begins the log anew if all was copied."""
-        uri = f"file:{quote(self.path)}?mode=rw"
-        with contextlib.closing(sqlite3.connect(uri, uri=True, timeout=0.0, isolation_level=None)) as connection:
-            _, pages, copied = connection.execute("PRAGMA wal_checkpoint(PASSIVE)").fetchone()
-            if pages != copied:
-                _empty_log(connection, _READERS_S)
 
 
 def lock_path(path: str) -> str:
@@ -345,13 +315,3 @@ def _log_bytes(path: str) -> int:
         return os.stat(f"{path}-wal").st_size
     except OSError:
         return 0
-
-
-def _empty_log(connection: sqlite3.Connection, timeout_s: float) -> None:
-    """Copies the whole log into the file and empties it; does nothing if it is still being read after the timeout."""
-    busy_ms = connection.execute("PRAGMA busy_timeout").fetchone()[0]
-    connection.execute(f"PRAGMA busy_timeout = {int(timeout_s * 1000.0)}")
-    try:
-        connection.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()
-    finally:
-        connection.execute(f"PRAGMA busy_timeout = {busy_ms}")

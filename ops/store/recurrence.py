@@ -6,9 +6,9 @@ import importlib
 import os
 import re
 from dataclasses import dataclass
-from datetime import datetime, timedelta, timezone, tzinfo
+from datetime import date, datetime, time, timedelta, timezone, tzinfo
 from functools import lru_cache
-from typing import FrozenSet, Optional, Tuple
+from typing import FrozenSet, Optional
 
 from ...core.values.errors import ConfigError
 
@@ -29,10 +29,9 @@ class Recurrence:
     """Name of the time zone, such as `Europe/Berlin`."""
     days: FrozenSet[int]
     """The days on which it begins; 0 is Monday."""
-    begin: Tuple[int, int]
-    """Hour and minute."""
-    end: Tuple[int, int]
-    """Hour and minute, of the next day if it is not after `begin`."""
+    begin: time
+    end: time
+    """On the next day if it is not after `begin`."""
 
     def __str__(self) -> str:
         return f"every {self.text} ({self.zone})"
@@ -40,7 +39,7 @@ class Recurrence:
     def contains(self, wall_s: float) -> bool:
         """Returns whether it contains a time in s since 1970."""
         zone = zone_of(self.zone)
-        today = datetime.fromtimestamp(wall_s, zone).replace(hour=0, minute=0, second=0, microsecond=0, tzinfo=None)
+        today = datetime.fromtimestamp(wall_s, zone).date()
         for day in (today - _DAY, today):
             end_day = day + _DAY if self.end <= self.begin else day
             if day.weekday() in self.days and (
@@ -112,16 +111,16 @@ def _days(text: str) -> FrozenSet[int]:
     return frozenset(found)
 
 
-def _time(text: str) -> Tuple[int, int]:
-    hour, minute = int(text[:2]), int(text[3:])
-    if hour > 23 or minute > 59:
-        raise ConfigError(f"expected a time from 00:00 to 23:59, got {text}")
-    return hour, minute
+def _time(text: str) -> time:
+    try:
+        return datetime.strptime(text, "%H:%M").time()
+    except ValueError:
+        raise ConfigError(f"expected a time from 00:00 to 23:59, got {text}") from None
 
 
-def _moment_s(day: datetime, time: Tuple[int, int], zone: tzinfo) -> float:
+def _moment_s(day: date, at: time, zone: tzinfo) -> float:
     """Returns a local time in s since 1970: of an ambiguous one the first, else the next one that exists."""
-    local = day.replace(hour=time[0], minute=time[1])
+    local = datetime.combine(day, at)
     while True:
         moment_s = local.replace(tzinfo=zone).timestamp()
         if datetime.fromtimestamp(moment_s, zone).replace(tzinfo=None) == local:

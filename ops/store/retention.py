@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter
+from itertools import islice
 from sqlite3 import Connection
 from typing import Callable, List, Optional, Tuple
 
@@ -17,7 +18,6 @@ from .samples import SampleUpkeep
 from .schema import INDEX_STEP, INDEXED
 
 _MAX_ROWS = 200  # per call and table
-_MAX_CHOSEN = 5000  # at a time
 _MAX_PAGES = 1000  # given back to the file system per call
 _NEARLY = 1 / 2
 _UNUSED_BYTES = 256_000  # unused pages that are kept for the next entries
@@ -84,8 +84,8 @@ class Retention:
         self._max_bytes = max_bytes
         self._counts: Optional[Counter[Tuple[str, str]]] = None
         """Transitions per robot and configured signal: a robot can choose any number of names of elements."""
-        self._chosen: _Rows = []
-        self._chosen_until = 0
+        self._deleted_until = 0
+        """The transitions of frequent signals up to this number were deleted."""
         self._samples = SampleUpkeep(connection)
 
     @property
@@ -117,8 +117,6 @@ class Retention:
         query = f"SELECT id, robot, signal FROM transitions WHERE id < ? AND wall_s < ? {_NOT_OPEN} ORDER BY id LIMIT ?"
         values = ((indexed or 0) + INDEX_STEP, before_s, _MAX_ROWS)
         deleted = self._delete(self._connection.execute(query, values).fetchall())
-        if deleted:
-            self._chosen = []
         for table, is_old, is_past, _ in _OTHERS:
             deleted += self._delete_others(table, f"{is_old} AND {is_past}", run_id, before_s)
         return self._samples.merge_old(before_s, now_s) or deleted > 0
@@ -134,40 +132,30 @@ class Retention:
         return True
 
     def _delete_most_frequent(self, run_id: int) -> bool:
-        if not self._chosen:
-            if self._delete_most_frequent_others(run_id):
-                return True
-            self._choose()
-        rows = self._chosen[-_MAX_ROWS:]
-        del self._chosen[-_MAX_ROWS:]
-        deleted = self._delete(rows)
-        if not deleted:  # what is open needs all the space: it stays, without its samples
-            query = f"SELECT transition_id FROM evidence ORDER BY transition_id LIMIT {_MAX_ROWS}"
-            deleted = self._connection.execute(f"DELETE FROM evidence WHERE transition_id IN ({query})").rowcount
-        return deleted > 0
+        """Deletes some of the oldest transitions of the signals that have most of them.
 
-    def _choose(self) -> None:
-        """Chooses a twentieth of the entries: the oldest of the signals that have most of them.
-
-        Signals that have nearly as many as the largest count as equal, and lose their entries by age. Then neighbours
-        are deleted together, and share the pages that have to be written.
+        Signals that have half as many as the largest count as equal, and lose their entries by age. Then neighbours are
+        deleted together, and share the pages that have to be written.
         """
+        if self._delete_most_frequent_others(run_id):
+            return True
         counts = self._stored.copy()
-        wanted = min(max(sum(counts.values()) // 20, _MAX_ROWS), _MAX_CHOSEN)
         least = _NEARLY * max(counts.values(), default=0)
-        query = f"SELECT id, robot, signal FROM transitions WHERE id > ? {_NOT_OPEN} ORDER BY id LIMIT ?"
-        chosen: _Rows = []
-        while len(chosen) < wanted:
-            rows = self._connection.execute(query, (self._chosen_until, _MAX_ROWS)).fetchall()
-            for row in rows:
-                name = row[1], _template(row[2])
-                if counts[name] >= least:
-                    counts[name] -= 1
-                    chosen.append(row)
-            self._chosen_until = rows[-1][0] if rows else 0
-            if not rows:
-                break
-        self._chosen = chosen[::-1]
+
+        def is_chosen(row: Tuple[int, str, str]) -> bool:
+            name = row[1], _template(row[2])
+            counts[name] -= 1
+            return counts[name] >= least - 1
+
+        query = f"SELECT id, robot, signal FROM transitions WHERE id > ? {_NOT_OPEN} ORDER BY id"
+        for from_id in (self._deleted_until, 0):
+            rows = list(islice(filter(is_chosen, self._connection.execute(query, (from_id,))), _MAX_ROWS))
+            if rows:
+                self._deleted_until = rows[-1][0]
+                return self._delete(rows) > 0
+        # What is open needs all the space: it stays, without its samples.
+        query = f"SELECT transition_id FROM evidence ORDER BY transition_id LIMIT {_MAX_ROWS}"
+        return self._connection.execute(f"DELETE FROM evidence WHERE transition_id IN ({query})").rowcount > 0
 
     def _delete_most_frequent_others(self, run_id: int) -> int:
         """Deletes rows of the other tables that have more of them than any signal has transitions."""

@@ -75,8 +75,8 @@ def test_silences_are_part_of_the_history(silenced: Path, capsys: pytest.Capture
     lines = output(capsys, silenced).splitlines()
     day = "2023-11-14 22:1"
     assert [line for line in lines if "silence" in line] == [
-        f"{day}3:30 +0000 silence 1 added by ana: robot=r1,signal=battery*, until 2023-11-15 00:13:30 +0000 (fan)",
-        f"{day}3:50 +0000 silence 2 added by =ben: robot=r2, until 2023-11-14 22:14:20 +0000",
+        f"{day}3:30 +0000 silence 1 added by ana: robot=r1,signal=battery*, until 2023-11-15 00:13 UTC (fan)",
+        f"{day}3:50 +0000 silence 2 added by =ben: robot=r2, until 2023-11-14 22:14 UTC",
         f"{day}4:00 +0000 silence 1 ended by eve: robot=r1,signal=battery* (fan works)",
         f"{day}4:20 +0000 silence 2 expired: robot=r2",
         f"{day}4:52 +0000 silence 3 added: signal=cpu*, until resolved (known)",
@@ -101,7 +101,7 @@ def test_silences_in_json(silenced: Path, capsys: pytest.CaptureFixture[str]) ->
         "id": 1, "time": "2023-11-14T22:13:30.000Z", "event": "silence added",
         "matchers": "robot=r1,signal=battery*", "author": "ana", "reason": "fan",
         "until": "2023-11-15T00:13:30.000Z", "until_resolved": False,
-        "text": "silence 1 added by ana: robot=r1,signal=battery*, until 2023-11-15 00:13:30 +0000 (fan)",
+        "text": "silence 1 added by ana: robot=r1,signal=battery*, until 2023-11-15 00:13 UTC (fan)",
     }  # fmt: skip
     assert (ended["event"], ended["author"], ended["reason"]) == ("silence ended", "eve", "fan works")
     assert (expired["event"], expired["author"], expired["reason"]) == ("silence expired", "", "")

@@ -149,7 +149,7 @@ def test_alerts_have_their_notes_and_the_rest_is_listed(night: Path, capsys: pyt
     assert events == [
         ("22:13:20", "monitor started (X)"),
         ("22:13:20", "r1: configuraX in force"),
-        ("22:18:30", "silence 1 added by ben: robot=r1, until 2023-11-14 22:18:50 +0000 (charging)"),
+        ("22:18:30", "silence 1 added by ben: robot=r1, until 2023-11-14 22:18 UTC (charging)"),
         ("22:18:50", "silence 1 expired: robot=r1"),
         ("22:20:00", "monitor stopped"),
         ("22:20:00", "no monitor ran for 100 s"),
