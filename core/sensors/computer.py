@@ -199,19 +199,10 @@ def read_bytes(path: str, most: int = MOST_BYTES) -> bytes:
         os.close(file)
 
 
-def read_line(path: str) -> bytes:
-    """Returns the content of a file that the kernel gives at once; raises OSError."""
-    file = os.open(path, os.O_RDONLY)
-    try:
-        return os.read(file, 4096)
-    finally:
-        os.close(file)
-
-
 def read_text(*parts: str) -> Optional[str]:
     """Returns the content of a small file below folders, None if it cannot be read."""
     try:
-        return read_line(os.path.join(*parts)).decode("utf-8", "replace").strip()
+        return read_bytes(os.path.join(*parts)).decode("utf-8", "replace").strip()
     except OSError:
         return None
 

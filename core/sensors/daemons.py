@@ -1,23 +1,20 @@
 """What the daemons of this computer know, as sources: chrony, systemd-timesyncd and systemd.
 
-Protocol of chrony: its command port (candm.h, version 6). On D-Bus, systemd's busctl asks. A daemon may hang:
-everything here is called with `Computer.ask`.
+Their own tools ask them: chronyc, and systemd's busctl on D-Bus. A daemon may hang: everything here is called with
+`Computer.ask`.
 """
 
 from __future__ import annotations
 
 import os
-import socket
-import struct
 import subprocess
-from typing import List, NamedTuple, Optional, Tuple
+from typing import List, NamedTuple, Optional
 
 from ..values.formatting import printable
 from .computer import HostPaths
 from .source import NoSuchSensor, SensorError
 
 _TIMEOUT_S = 2.0
-_CHRONY = "127.0.0.1", 323
 
 
 class Clock(NamedTuple):
@@ -30,12 +27,12 @@ class Clock(NamedTuple):
 
 def read_clock(paths: HostPaths) -> Clock:
     """Returns what chrony knows, else systemd-timesyncd; raises SensorError. May hang."""
-    found = read_chrony(_CHRONY) if paths.run == "/run" else None
+    found = read_chrony() if paths.run == "/run" else None
     if found is not None:
         return found
     folder = os.path.join(paths.run, "systemd", "timesync")
     if not os.path.isdir(folder):
-        raise NoSuchSensor(f"no time daemon: chrony does not answer on {_CHRONY[1]}/udp, and there is no {folder}")
+        raise NoSuchSensor(f"no time daemon: chronyc reaches none, and there is no {folder}")
     return Clock(os.path.exists(os.path.join(folder, "synchronized")), _timesyncd_offset_ms(paths))
 
 
@@ -46,31 +43,29 @@ def clock_offset_ms(clock: Clock) -> float:
     return clock.offset_ms
 
 
-def read_chrony(address: Tuple[str, int]) -> Optional[Clock]:
-    """Returns what chronyd knows; None if none answers."""
-    request = struct.pack("!BBBBHHIII", 6, 1, 0, 0, 33, 0, 1, 0, 0).ljust(108, b"\0")  # as long as the answer
+def read_chrony(*options: str) -> Optional[Clock]:
+    """Returns what chronyd knows, as chronyc prints it in CSV: the offset is the fifth field. None if none answers."""
     try:
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client:
-            client.settimeout(_TIMEOUT_S)
-            client.connect(address)
-            client.send(request)
-            answer = client.recv(1024)
-    except OSError:
+        done = _run("chronyc", "-n", "-c", *options, "tracking")
+    except (OSError, subprocess.TimeoutExpired):
         return None
-    if len(answer) < 104 or struct.unpack_from("!BBxxHHH", answer) != (6, 2, 33, 5, 0):
+    fields = done.stdout.strip().split(",")
+    if done.returncode or len(fields) < 14:
         return None
-    leap, correction = struct.unpack_from("!H12xI", answer, 28 + 26)
-    if leap == 3:  # not synchronised
-        return Clock(False, None)
-    return Clock(True, 1000.0 * _chrony_float(correction))
+    is_synchronized = fields[-1] != "Not synchronised"
+    return Clock(is_synchronized, 1000.0 * float(fields[4]) if is_synchronized else None)
 
 
-def _chrony_float(bits: int) -> float:
-    """Returns a number of chrony's: 7 bits of exponent and 25 of coefficient, both with signs."""
-    exponent, coefficient = bits >> 25, bits & 0x1FFFFFF
-    exponent -= 128 if exponent >= 64 else 0
-    coefficient -= 1 << 25 if coefficient >= 1 << 24 else 0
-    return float(coefficient * 2.0 ** (exponent - 25))
+def _run(*command: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        command,
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        timeout=2.0 * _TIMEOUT_S,
+        check=False,
+        encoding="utf-8",
+        errors="replace",
+    )
 
 
 def _timesyncd_offset_ms(paths: HostPaths) -> Optional[float]:
@@ -102,16 +97,10 @@ def read_property(paths: HostPaths, service: str, name: str) -> List[str]:
     options = [f"--address=unix:path={address}", "--auto-start=no", f"--timeout={_TIMEOUT_S:g}"]
     names = [service, "/" + service.replace(".", "/"), f"{service}.Manager", name]
     try:
-        done = subprocess.run(
-            ["busctl", *options, "get-property", *names],
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            timeout=2.0 * _TIMEOUT_S,
-            check=False,
-        )
+        done = _run("busctl", *options, "get-property", *names)
     except FileNotFoundError:
         raise NoSuchSensor("no systemd: busctl is not installed") from None
     if done.returncode:
-        text = printable(done.stderr.decode("utf-8", "replace").strip()[:200])
+        text = printable(done.stderr.strip()[:200])
         raise NoSuchSensor(f"{service} is not there: {text or 'no reason given'}")
-    return done.stdout.decode("utf-8", "replace").split()
+    return done.stdout.split()

@@ -20,7 +20,7 @@ from typing import Any, Callable, Dict, FrozenSet, List, Mapping, NamedTuple, Op
 from weakref import WeakSet
 
 from ..values.patterns import matches_pattern
-from .computer import Computer, HostPaths, load_psutil, read_line
+from .computer import Computer, HostPaths, load_psutil, read_bytes
 from .source import NotMeasuredYet, SensorError
 
 MOST_MATCHES = 200
@@ -139,7 +139,7 @@ class Processes:
     def scan(self, paths: HostPaths) -> Processes:
         """Lists the processes, and reads those that sources have selected."""
         psutil = load_psutil(paths)
-        now_s = float(read_line(f"{paths.proc}/uptime").split()[0])
+        now_s = float(read_bytes(f"{paths.proc}/uptime").split()[0])
         pids = set(psutil.pids())
         stats = {pid: read_stat(paths, pid) for pid in self._selected()}
         since_s = now_s if self._known else now_s - 2.0 * YOUNG_S
@@ -208,7 +208,7 @@ def read_stat(paths: HostPaths, pid: int) -> Optional[Stat]:
     """Returns what proc(5) has in `stat`, None of a process that has ended. Psutil takes several times as long."""
     with suppress(Exception):  # as above
         # The name, in parentheses, may contain anything.
-        fields = read_line(f"{paths.proc}/{pid}/stat").rpartition(b")")[2].split()
+        fields = read_bytes(f"{paths.proc}/{pid}/stat").rpartition(b")")[2].split()
         if fields[0] not in (b"Z", b"X"):
             return Stat(int(fields[19]), (int(fields[11]) + int(fields[12])) / _TICKS_PER_S)
     return None

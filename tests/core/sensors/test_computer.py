@@ -14,7 +14,6 @@ from robot_health_monitor.core.sensors.computer import (
     HostPaths,
     read_bytes,
     read_float,
-    read_line,
     read_text,
     sorted_paths,
 )
@@ -140,7 +139,6 @@ def test_a_file_that_comes_in_parts_is_read_to_its_end_and_not_beyond(tmp_path: 
     large = tmp_path / "large"
     large.write_bytes(b"y" * 100_000)
     assert len(read_bytes(str(large), 70_000)) == 70_000
-    assert len(read_line(str(large))) == 4096
     with pytest.raises(FileNotFoundError):
         read_bytes(str(tmp_path / "missing"))
 
