@@ -18,7 +18,7 @@ from ...core.messages.standard_messages import definition
 from ...core.port.middleware import NodeInfo, ServedMiddleware
 from ...core.proposal.candidates import Candidates, Topic
 from ...core.proposal.nodes import Nodes
-from ...core.proposal.proposal import Proposal, Proposed
+from ...core.proposal.proposal import Proposed, propose
 from ...core.proposal.suggestion import LEAST_RANGE_S, Signal
 from ...core.proposal.thresholds_file import thresholds_text
 from ...core.values.errors import ConfigError, LinkError, ServiceError
@@ -82,10 +82,10 @@ def run(arguments: argparse.Namespace, interrupts: Interrupts) -> None:
     namespace = arguments.namespace.strip("/")
     watched = _Watched(arguments.against, namespace) if arguments.against else None
     candidates = Candidates(namespace, watched.names if watched else (), ages_of_bulk=not arguments.url)
-    proposal, nodes, progress = Proposal(candidates), Nodes(), ProgressLine()
+    nodes, progress = Nodes(), ProgressLine()
 
     def heard() -> str:
-        return f"{count_text(len(candidates.topics), 'topic')}, {count_text(proposal.samples, 'message')}"
+        return f"{count_text(len(candidates.topics), 'topic')}, {count_text(candidates.samples, 'message')}"
 
     def show(listened_s: float) -> None:
         progress.show(f"listening: {listened_s:.0f} of {arguments.seconds:g} s, {heard()}; Ctrl-C to end")
@@ -93,19 +93,19 @@ def run(arguments: argparse.Namespace, interrupts: Interrupts) -> None:
     name, opened = _choose_robot(arguments, interrupts)
     try:
         with opened as robot:
-            listened_s = _listen(robot, proposal, nodes, arguments.seconds, interrupts, show)
+            listened_s = _listen(robot, candidates, nodes, arguments.seconds, interrupts, show)
     finally:
         progress.clear()
-    proposed, needed_s = proposal.result(), proposal.needed_s()
+    proposed, needed_s = propose(candidates), candidates.needed_s
     lasted = duration_text(listened_s)
     if not proposed.signals:
         reasons = [f"{topic}: {reason}" for topic, reason in sorted(proposed.not_watched.items())]
         more = f" ({list_text(reasons, 5)})" if reasons else ""
         longer_s = max(_USUAL_S, needed_s)
-        if proposal.samples and longer_s > listened_s:
+        if candidates.samples and longer_s > listened_s:
             more += f"; --seconds {longer_s:.0f} listens longer"
         raise ServiceError(f"nothing to watch on {name}: {heard()} in {lasted}{more}")
-    nodes.add_to(proposed, proposal)
+    nodes.add_to(proposed, candidates)
     if watched is not None:
         watched.remove_from(proposed)
         if not proposed.signals:
@@ -168,7 +168,7 @@ def choose_ros(wanted: str) -> str:
 
 def _listen(
     robot: _Robot,
-    proposal: Proposal,
+    candidates: Candidates,
     nodes: Nodes,
     wanted_s: float,
     interrupts: Interrupts,
@@ -181,13 +181,13 @@ def _listen(
     start_s: Optional[float] = None
 
     def take(topics: List[Topic], graph: Graph) -> None:
-        proposal.candidates.add(topics)
-        proposal.listen(robot.node, {each.topic for each in topics})
+        candidates.add(topics)
+        candidates.listen(robot.node, {each.topic for each in topics})
         nodes.take(graph)
 
     try:
         while True:
-            looked = robot.look(proposal.candidates.topics)
+            looked = robot.look(candidates.topics)
             if start_s is None:
                 start_s = time.monotonic()
                 robot.run(partial(nodes.begin, robot.node))

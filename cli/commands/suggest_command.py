@@ -18,7 +18,7 @@ from ...core.config.monitor_config import Section, read_monitor
 from ...core.config.signal_config import BOUNDS, template_name
 from ...core.config.yaml_file import read_yaml
 from ...core.proposal.candidates import Candidates, Topic
-from ...core.proposal.proposal import Proposal, Proposed
+from ...core.proposal.proposal import Proposed, propose
 from ...core.proposal.suggestion import Signal
 from ...core.proposal.thresholds_file import thresholds_text
 from ...core.values.errors import ConfigError, ServiceError
@@ -141,11 +141,11 @@ class _Study:
         return self._text({})
 
     def _text(self, others: Mapping[str, Any]) -> str:
-        proposal = Proposal(self._candidates)
+        candidates = self._candidates
         with self._played() as player:
-            player.on_gap.append(lambda begin_s, end_s: proposal.begin_recording())
-            proposal.listen(player.node("survey", {}), {channel.topic for channel in self._channels})
-        proposed, alerts = self._replayed(proposal)
+            player.on_gap.append(lambda begin_s, end_s: candidates.begin_recording())
+            candidates.listen(player.node("survey", {}), {channel.topic for channel in self._channels})
+        proposed, alerts = self._replayed()
         hours = duration_text(self._duration_s)
         if self._duration_s >= 3600.0:
             hours = f"{self._duration_s / 3600.0:.1f} h"
@@ -161,14 +161,14 @@ class _Study:
             signal.alerts = {key: f"{number} in {hours}" for key, number in numbers.items() if number}
         return thresholds_text(heading, others, proposed)
 
-    def _replayed(self, proposal: Proposal) -> Tuple[Proposed, _Alerts]:
+    def _replayed(self) -> Tuple[Proposed, _Alerts]:
         """Returns what is proposed after a replay of the first proposal, and its alerts."""
-        trial = proposal.result()
+        trial = propose(self._candidates)
         if not trial.signals:
             reasons = [f"{topic}: {reason}" for topic, reason in sorted(trial.not_watched.items())]
             raise ConfigError(f"nothing to watch: {list_text(reasons, 5)}")
         alerts = self._replay(_watched(trial))
-        proposed = proposal.result(alerts.longest_s)
+        proposed = propose(self._candidates, alerts.longest_s)
         if _watched(proposed) != _watched(trial):
             alerts = self._replay(_watched(proposed))
         return proposed, alerts

@@ -5,13 +5,30 @@ from __future__ import annotations
 import re
 from functools import lru_cache
 from itertools import islice
-from typing import Any, Counter, Dict, Iterable, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple
+from typing import (
+    Any,
+    Container,
+    Counter,
+    Dict,
+    Iterable,
+    Iterator,
+    List,
+    Mapping,
+    NamedTuple,
+    Optional,
+    Sequence,
+    Set,
+    Tuple,
+)
 
-from ..config.signal_config import LINK
+from ..config.signal_config import LINK, read_signal
+from ..judge.attachments import TICKS
 from ..messages.definitions import NUMBERS, SEQUENCE, TEXTS, Definitions, Field
-from ..values.elements import NAME_ARRAYS, TIME_TYPES
+from ..port.middleware import Middleware
+from ..values.elements import ARRAY_TYPE, NAME_ARRAYS, OWN_TOPICS, TIME_TYPES, is_own_status
+from ..values.errors import ConfigError
 from ..values.goals import STATUS_TOPICS, STATUS_TYPES
-from .suggestion import NO_RULES, Rules, Signal
+from .suggestion import Rules, Signal
 
 OF_MIDDLEWARE = "a topic of the middleware"
 """Why topics that every robot has are not watched."""
@@ -22,7 +39,7 @@ MOST_FIELDS = 100
 _TOO_MANY = f"more than {MOST_SIGNALS} signals"
 
 _LONGEST_NAME = 200
-"""Letters of a signal's name; YAML allows 1,024 in a key."""
+"""Letters of a signal's name, without a number at its end; YAML allows 1,024 in a key."""
 _MOST_WALKED = 2_000
 _ARRIVALS = ("rate", "statuses", "action", "log")
 _NUMBER = 2
@@ -67,31 +84,18 @@ geometry_msgs/Wrench force.xyz=N torque.xyz=Nm
 FRACTIONS = ((_BATTERY, "percentage"), ("sensor_msgs/RelativeHumidity", "relative_humidity"))
 """Fields that are 0 to 1 by definition, shown in %."""
 
-_AGE = "rule: at most 1 s late"
-AGE_RULES: Rules = {
-    "warn_above": (1.0, _AGE),
-    "for_s": (3.0, "a stamp that stands still, not one late message"),
-}
-_CHARGE_RULES: Rules = {
-    "warn_below": (20.0, "rule: the default thresholds.yaml"),
-    "error_below": (10.0, "rule: the default thresholds.yaml"),
-    "hysteresis": (2.0, "rule: the default thresholds.yaml"),
-    "for_s": (5.0, "a sag under load is no alert"),
-}
-_TEMPERATURE_RULES: Rules = {
-    "warn_above": (80.0, "rule: the default thresholds.yaml"),
-    "error_above": (95.0, "rule: the default thresholds.yaml"),
-    "hysteresis": (2.0, "rule: the default thresholds.yaml"),
-}
-_SPREAD_RULES: Rules = {
-    "warn_above": (0.12, "rule: 3 % of a cell's 4 V"),
-    "error_above": (0.2, "rule: 5 % of a cell's 4 V"),
-    "for_s": (10.0, "a sag under load is no alert"),
-}
+AGE_RULES = Rules("at most 1 s late, not one message alone", {"warn_above": 1.0, "for_s": 3.0})
+_SPREAD_RULES = Rules(
+    "3 % and 5 % of a cell's 4 V, longer than a sag under load",
+    {"warn_above": 0.12, "error_above": 0.2, "for_s": 10.0},
+)
+_DEFAULT = "the default thresholds.yaml"
 _RULES = {
-    (_BATTERY, "percentage"): _CHARGE_RULES,
     (_BATTERY, "cell_voltage"): _SPREAD_RULES,
-    (_TEMPERATURE, "temperature"): _TEMPERATURE_RULES,
+    (_BATTERY, "percentage"): Rules(
+        _DEFAULT, {"warn_below": 20.0, "error_below": 10.0, "hysteresis": 2.0, "for_s": 5.0}
+    ),
+    (_TEMPERATURE, "temperature"): Rules(_DEFAULT, {"warn_above": 80.0, "error_above": 95.0, "hysteresis": 2.0}),
 }
 
 
@@ -118,9 +122,7 @@ class Names:
         """Returns the name for a topic or a field, which no other one has."""
         if words in self._names:
             return self._names[words]
-        ending = "".join(f"_{word}" for word in words[1:])[:_LONGEST_NAME]
-        text = words[0].strip("/")[: _LONGEST_NAME - len(ending)] + ending
-        name = re.sub(r"[^A-Za-z0-9_]", "_", text)
+        name = re.sub(r"[^A-Za-z0-9_]", "_", "_".join((words[0].strip("/"), *words[1:])))[:_LONGEST_NAME]
         if not name or name[0].isdigit() or name == LINK:
             name = f"_{name}"
         unique, number = name, 1
@@ -132,7 +134,10 @@ class Names:
 
 
 class Candidates:
-    """The signals that topics can have: at most `MOST_SIGNALS` of arrivals and rules, and as many numbers."""
+    """The signals that topics can have, which are listened to, in recordings and on live robots alike.
+
+    At most `MOST_SIGNALS` of arrivals and rules, and as many numbers. Signals of kind `given` may be put in `signals`.
+    """
 
     def __init__(self, namespace: str = "", taken: Iterable[str] = (), *, ages_of_bulk: bool = True) -> None:
         """Starts without topics.
@@ -149,6 +154,8 @@ class Candidates:
         self.not_watched: Dict[str, str] = {}
         """Why topics are not looked at, by their names."""
         self.fields: Fields = {}
+        self.own_topics: Set[str] = {TICKS}
+        """Topics that this package's nodes publish, as their statuses say: a monitor is not watched by itself."""
         self._counts: Counter[object] = Counter()
         """Numbers by their topics, all numbers (True), and all other signals (False)."""
         self._ages_of_bulk = ages_of_bulk
@@ -183,6 +190,52 @@ class Candidates:
             else:
                 self.fields[signal.topic, signal.given["field"]] = _TOO_MANY
 
+    def begin_recording(self) -> None:
+        """Ends the previous recording: the time up to the next one is no gap."""
+        for signal in self.signals.values():
+            signal.measured.begin_recording()
+
+    def listen(self, node: Middleware, topics: Container[str]) -> None:
+        """Subscribes to topics, by their absolute names; a signal that cannot be subscribed is left out."""
+        for name, signal in list(self.signals.items()):
+            if signal.topic in topics and signal.kind != "action":
+                try:
+                    # A candidate is listened to by a node in any namespace.
+                    place = {} if signal.kind == "given" else {"topic": signal.topic}
+                    signal.measured.config = read_signal(name, {**signal.given, **place})
+                    signal.measured.listen(node)
+                    if signal.kind == "statuses":
+                        node.subscribe(signal.topic, ARRAY_TYPE, self._note_own_topics)
+                except ConfigError as error:
+                    if signal.kind == "given":
+                        raise
+                    del self.signals[name]
+                    self.fields[signal.topic, signal.given["field"]] = error.problem
+
+    @property
+    def samples(self) -> int:
+        """Messages that were heard until now."""
+        return sum(each.measured.samples for each in self.signals.values() if each.kind in ("rate", "statuses"))
+
+    @property
+    def needed_s(self) -> float:
+        """How long to listen, in s, so that all numbers that came have enough samples for bounds; 0 if they have."""
+        measured = [each.measured for each in self.signals.values() if each.kind in ("number", "elements")]
+        parts = [part for each in measured for part in (each, *each.elements.values())]
+        return max((each.needed_s for each in parts), default=0.0)
+
+    @property
+    def statuses(self) -> List[Tuple[str, str]]:
+        """The drivers' statuses that are watched: the name of a signal, and the name of the status."""
+        signals = [each for each in self.signals.values() if each.kind == "statuses"]
+        return [(each.name, status) for each in signals for status in each.measured.elements]
+
+    def _note_own_topics(self, message: Any, now_s: float) -> None:
+        for status in message["status"]:
+            values = {pair["key"]: pair["value"] for pair in status["values"]}
+            if OWN_TOPICS in values and is_own_status(status["name"], values):
+                self.own_topics.update(values[OWN_TOPICS].split(", "))
+
     def _of_topic(self, topic: Topic) -> Iterator[Signal]:
         """Yields the signals of one topic, and notes its other fields."""
         only = self._only_signal(topic)
@@ -213,7 +266,7 @@ class Candidates:
     def _numbers(self, topic: Topic, path: str, field: Field, unit: str) -> Iterator[Signal]:
         """Yields the signals of a number or of an array of numbers."""
         words = () if path == "data" else (path,)
-        rules = _RULES.get((topic.type_name, path), NO_RULES)
+        rules = _RULES.get((topic.type_name, path))
         if field.size is None:
             yield self._signal(topic, "number", path, *words, rules=rules, unit=unit)
         elif rules is _SPREAD_RULES:
@@ -223,7 +276,7 @@ class Candidates:
                 yield self._signal(topic, "number", f"{path}[*]", *words, reduce, reduce=reduce, unit=unit)
 
     def _signal(
-        self, topic: Topic, kind: str, field: str, *words: str, rules: Rules = NO_RULES, **settings: str
+        self, topic: Topic, kind: str, field: str, *words: str, rules: Optional[Rules] = None, **settings: str
     ) -> Signal:
         short = relative(topic.topic, self.namespace)
         short = topic.topic if short[0].isdigit() else short  # `2d` is no name

@@ -10,8 +10,8 @@ from ..port.graph import Counts, Unread, Wanted
 from ..port.middleware import Middleware, NodeInfo
 from ..values.errors import ConfigError, ServiceError
 from ..values.formatting import list_text
-from .candidates import relative
-from .proposal import PUBLISHED_HERE, Proposal, Proposed
+from .candidates import Candidates, relative
+from .proposal import PUBLISHED_HERE, Proposed
 from .suggestion import Setting, Signal
 
 _GET_STATE = "/get_state"
@@ -60,9 +60,9 @@ class Nodes:
                 wanted.append(("lifecycle", name))
             self._wanted += tuple(each for each in wanted if each not in self._wanted)
 
-    def add_to(self, proposed: Proposed, proposal: Proposal) -> None:
+    def add_to(self, proposed: Proposed, candidates: Candidates) -> None:
         """Adds the nodes to what is proposed, and what depends on what where the names make that certain."""
-        own = {node for topic in proposal.own_topics for node in self._publishers.get(topic, ())}
+        own = {node for topic in candidates.own_topics for node in self._publishers.get(topic, ())}
         watched: Dict[str, List[Signal]] = {}
         for signal in tuple(proposed.signals):
             if signal.kind == "log":  # which every node publishes
@@ -71,7 +71,7 @@ class Nodes:
                     proposed.not_watched[signal.topic] = PUBLISHED_HERE
             elif not signal.is_shown_only:
                 watched.setdefault(signal.topic, []).append(signal)
-        statuses = self._statuses(proposal)
+        statuses = self._statuses(candidates)
         others: List[str] = []
         for node in sorted(name for key, name in self._wanted if key == "node" and name not in own):
             published = [topic for topic in watched if node in self._publishers.get(topic, ())]
@@ -85,8 +85,8 @@ class Nodes:
             elif reason:
                 proposed.not_watched[f"{key} {node}"] = reason
             else:
-                short = relative(node, proposal.candidates.namespace)
-                signal = Signal(proposal.candidates.names.of(short, key), f"{key} {node}", "node", {key: short})
+                short = relative(node, candidates.namespace)
+                signal = Signal(candidates.names.of(short, key), f"{key} {node}", "node", {key: short})
                 signal.note = (
                     f"publishes {list_text(published, most=5)}" if published else "a lifecycle node that is active"
                 )
@@ -98,10 +98,10 @@ class Nodes:
         if self.problem:
             proposed.not_watched["nodes"] = self.problem
 
-    def _statuses(self, proposal: Proposal) -> Mapping[str, List[str]]:
+    def _statuses(self, candidates: Candidates) -> Mapping[str, List[str]]:
         """Returns the signals of the statuses of each node, by whose name they begin: `laser: scan` of `/laser`."""
         statuses: Dict[str, List[str]] = {}
-        for template, status in proposal.statuses:
+        for template, status in candidates.statuses:
             driver = status.partition(":")[0].strip().lstrip("/")
             nodes = {node for _, node in self._wanted if driver in (node.lstrip("/"), node.rpartition("/")[2])}
             name = f"{template}[{status}]"

@@ -5,19 +5,16 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from itertools import groupby
-from typing import Any, Container, Dict, Iterable, Iterator, List, Mapping, Set, Tuple
+from typing import Dict, Iterable, Iterator, List, Mapping
 
 from ..config.signal_config import BOUNDS, read_signal
-from ..judge.attachments import TICKS
-from ..port.middleware import Middleware
-from ..values.elements import ARRAY_TYPE, OWN_TOPICS, is_own_status
 from ..values.errors import ConfigError
 from ..values.field_path import element_path
 from ..values.formatting import duration_text, list_text
 from ..values.model import Level
 from .candidates import AGE_RULES, FRACTIONS, OF_MIDDLEWARE, Candidates, Fields
 from .measured import MOST_ELEMENTS, Measured
-from .suggestion import LEAST_RANGE_S, MOST_IRREGULAR, Setting, Signal, rounded, suggest
+from .suggestion import LEAST_RANGE_S, MOST_IRREGULAR, Setting, Signal, rounded, staleness, suggest
 
 ORDER = (*BOUNDS, "hysteresis", "for_s", "stale_after_s", "depends_on")
 """Keys that are proposed, in the order in which they are written."""
@@ -29,6 +26,8 @@ EARLIEST_S = 0.001
 
 PUBLISHED_HERE = "published by this monitor"
 """Why the topics of this package's own nodes are not watched."""
+_SILENT = {"rate": "no message", "statuses": "no status"}
+"""Why a topic is not watched whose first signal has no sample, by its kind."""
 LEAST_ERRORS = 5
 """Smallest bound of errors in the log within a minute."""
 _MORE_ELEMENTS = f"more than {MOST_ELEMENTS} elements: the others are left out"
@@ -48,112 +47,61 @@ class Proposed:
     fields: Fields = field(default_factory=dict)
 
 
-class Proposal:
-    """Listens to signals, and proposes what to watch. Serves recordings and live robots alike."""
+def propose(candidates: Candidates, longest_s: Mapping[str, float] = {}) -> Proposed:
+    """Returns what is proposed of candidates that were listened to.
 
-    def __init__(self, candidates: Candidates) -> None:
-        """Hears nothing yet; candidates may be added later, and are signals of kind `given`, too."""
-        self.candidates = candidates
-        self.own_topics: Set[str] = {TICKS}
-        """Topics that this package's nodes publish, as their statuses say: a monitor is not watched by itself."""
-
-    def begin_recording(self) -> None:
-        """Ends the previous recording: the time up to the next one is no gap."""
-        for signal in self.candidates.signals.values():
-            signal.measured.begin_recording()
-
-    def listen(self, node: Middleware, topics: Container[str]) -> None:
-        """Subscribes to topics of candidates, by their absolute names; one that cannot be subscribed is left out."""
-        for name, signal in list(self.candidates.signals.items()):
-            if signal.topic in topics and signal.kind != "action":
-                try:
-                    # A candidate is listened to by a node in any namespace.
-                    place = {} if signal.kind == "given" else {"topic": signal.topic}
-                    signal.measured.config = read_signal(name, {**signal.given, **place})
-                    signal.measured.listen(node)
-                    if signal.kind == "statuses":
-                        node.subscribe(signal.topic, ARRAY_TYPE, self._note_own_topics)
-                except ConfigError as error:
-                    if signal.kind == "given":
-                        raise
-                    del self.candidates.signals[name]
-                    self.candidates.fields[signal.topic, signal.given["field"]] = error.problem
-
-    @property
-    def samples(self) -> int:
-        """Messages that were heard until now."""
-        signals = self.candidates.signals.values()
-        return sum(each.measured.samples for each in signals if each.kind in ("rate", "statuses"))
-
-    def needed_s(self) -> float:
-        """Returns how long to listen, in s, so that all numbers that came have enough samples for bounds; 0 if so."""
-        signals = self.candidates.signals.values()
-        measured = [each.measured for each in signals if each.kind in ("number", "elements")]
-        parts = [part for each in measured for part in (each, *each.elements.values())]
-        return max((each.needed_s for each in parts), default=0.0)
-
-    def result(self, longest_s: Mapping[str, float] = {}) -> Proposed:
-        """Returns what is proposed; `longest_s` has the longest healthy excursion of signals, as `suggest` takes it."""
-        candidates = self.candidates
-        proposed = Proposed([], dict(candidates.not_watched), dict(candidates.fields))
-        every = sorted(candidates.signals.values(), key=lambda each: "" if each.kind == "given" else each.topic)
-        for topic, group in groupby(every, key=lambda each: each.topic):
-            of_topic = list(group)
-            first = of_topic[0]
-            reason = PUBLISHED_HERE if topic in self.own_topics and first.kind != "given" else ""
-            if first.kind in ("rate", "statuses") and not first.measured.samples:
-                reason = reason or ("no message" if first.kind == "rate" else "no status")
-            if reason:
-                proposed.not_watched[topic] = reason
-                continue
+    `longest_s` has the longest healthy excursion of signals, as `suggest` takes it.
+    """
+    proposed = Proposed([], dict(candidates.not_watched), dict(candidates.fields))
+    every = sorted(candidates.signals.values(), key=lambda each: "" if each.kind == "given" else each.topic)
+    lasted_s = max((each.measured.duration_s for each in every), default=0.0)
+    for topic, group in groupby(every, key=lambda each: each.topic):
+        of_topic = list(group)
+        first = of_topic[0]
+        if topic in candidates.own_topics and first.kind != "given":
+            proposed.not_watched[topic] = PUBLISHED_HERE
+        elif first.kind in _SILENT and not first.measured.samples:
+            proposed.not_watched[topic] = _SILENT[first.kind]
+        else:
             for signal in of_topic:
-                for each in self._signals(signal, longest_s):
+                for each in _signals(signal, candidates, longest_s, lasted_s):
                     _sort_in(each, proposed)
-        proposed.fields = {key: why for key, why in proposed.fields.items() if key[0] not in proposed.not_watched}
-        if all(signal.kind == "log" for signal in proposed.signals):
-            proposed.not_watched.update((signal.topic, OF_MIDDLEWARE) for signal in proposed.signals)
-            proposed.signals = []  # a log alone is no robot
-        return proposed
+    proposed.fields = {key: why for key, why in proposed.fields.items() if key[0] not in proposed.not_watched}
+    if all(signal.kind == "log" for signal in proposed.signals):
+        proposed.not_watched.update((signal.topic, OF_MIDDLEWARE) for signal in proposed.signals)
+        proposed.signals = []  # a log alone is no robot
+    return proposed
 
-    @property
-    def statuses(self) -> List[Tuple[str, str]]:
-        """The drivers' statuses that are watched: the name of a signal, and the name of the status."""
-        signals = [each for each in self.candidates.signals.values() if each.kind == "statuses"]
-        return [(each.name, status) for each in signals for status in each.measured.elements]
 
-    def _note_own_topics(self, message: Any, now_s: float) -> None:
-        for status in message["status"]:
-            values = {pair["key"]: pair["value"] for pair in status["values"]}
-            if OWN_TOPICS in values and is_own_status(status["name"], values):
-                self.own_topics.update(values[OWN_TOPICS].split(", "))
-
-    def _signals(self, candidate: Signal, longest_s: Mapping[str, float]) -> Iterator[Signal]:
-        """Yields a candidate, or one for each of its elements, with the settings that are proposed."""
-        if (candidate.given.get("type"), candidate.given.get("field")) in FRACTIONS and candidate.kind == "number":
-            _as_percentage(candidate)
-        signal, measured = candidate.copy(), candidate.measured
-        if signal.kind == "action":
-            signal.note = "goals that ended"
-            why = "a guess: more than half of the goals of the last 20 min were aborted"
-            signal.seen["warn_above"] = Setting(0.5, why)
-            yield signal
-        elif signal.kind == "log":
-            _add_errors(signal, max(each.measured.duration_s for each in self.candidates.signals.values()))
-            yield signal
-        elif signal.kind == "statuses":
-            _add_statuses(signal)
-            yield signal
-        elif signal.kind in ("elements", "frames"):
-            if measured.is_cut:
-                yield candidate.copy(kind="elements", left_out=[_MORE_ELEMENTS])
-            for element, found in measured.elements.items():
-                given = {**signal.given, "field": element_path(signal.given["field"], element)}
-                name = self.candidates.names.of(signal.name, element)
-                yield _suggested(candidate.copy(name=name, given=given, measured=found), longest_s)
-        elif measured.samples:
-            yield _suggested(signal, longest_s)
-        elif signal.kind == "given":
-            yield candidate.copy(note="no message: unchanged")
+def _signals(
+    candidate: Signal, candidates: Candidates, longest_s: Mapping[str, float], lasted_s: float
+) -> Iterator[Signal]:
+    """Yields a candidate, or one for each of its elements, with the settings that are proposed."""
+    if (candidate.given.get("type"), candidate.given.get("field")) in FRACTIONS and candidate.kind == "number":
+        _as_percentage(candidate)
+    signal, measured = candidate.copy(), candidate.measured
+    if signal.kind == "action":
+        signal.note = "goals that ended"
+        why = "a guess: more than half of the goals of the last 20 min were aborted"
+        signal.seen["warn_above"] = Setting(0.5, why)
+        yield signal
+    elif signal.kind == "log":
+        _add_errors(signal, lasted_s)
+        yield signal
+    elif signal.kind == "statuses":
+        _add_statuses(signal)
+        yield signal
+    elif signal.kind in ("elements", "frames"):
+        if measured.is_cut:
+            yield candidate.copy(kind="elements", left_out=[_MORE_ELEMENTS])
+        for element, found in measured.elements.items():
+            given = {**signal.given, "field": element_path(signal.given["field"], element)}
+            name = candidates.names.of(signal.name, element)
+            yield _suggested(candidate.copy(name=name, given=given, measured=found), longest_s)
+    elif measured.samples:
+        yield _suggested(signal, longest_s)
+    elif signal.kind == "given":
+        yield candidate.copy(note="no message: unchanged")
 
 
 def _sort_in(signal: Signal, proposed: Proposed) -> None:
@@ -219,11 +167,8 @@ def _add_errors(signal: Signal, lasted_s: float) -> None:
 
 def _add_statuses(signal: Signal) -> None:
     """Adds what all statuses of drivers have in common: the longest time that one of them needs."""
-    stale_s, elements = 5.0, signal.measured.elements
-    for each in elements.values():
-        of_status = signal.copy(measured=each)
-        suggest(of_status)
-        stale_s = max(stale_s, of_status.settings.get("stale_after_s", 0.0))
+    elements = signal.measured.elements
+    stale_s = max([5.0, *(staleness(each.gaps).value for each in elements.values())])
     seen = "1 status" if len(elements) == 1 else f"{len(elements):,} statuses"
     signal.proposed["stale_after_s"] = Setting(stale_s, f"{seen} seen, each with its own level and message")
     alerting = [name for name, each in sorted(elements.items()) if each.values.max > Level.OK]

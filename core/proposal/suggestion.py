@@ -39,11 +39,12 @@ _LOWEST = {"%": 0.0, "K": 0.0, "Hz": 0.0, "degC": -273.15}
 _HIGHEST = {"%": 100.0}
 
 
-Rules = Mapping[str, Tuple[float, str]]
-"""Keys of a signal whose values do not depend on what was seen: value, and the rule that it comes from."""
+class Rules(NamedTuple):
+    """Settings of a signal that do not depend on what was seen."""
 
-
-NO_RULES: Rules = {}
+    why: str
+    """Where they come from."""
+    settings: Mapping[str, float]
 
 
 class Setting(NamedTuple):
@@ -65,7 +66,7 @@ class Signal:
     `node`; `given` was configured before, and stays."""
     given: Dict[str, Any]
     """Settings that say what it is; all settings of one that was configured before."""
-    rules: Rules = field(default_factory=dict)
+    rules: Optional[Rules] = None
     measured: Measured = field(default_factory=Measured)
     proposed: Dict[str, Setting] = field(default_factory=dict)
     """The proposed keys of thresholds.yaml."""
@@ -106,12 +107,13 @@ def suggest(signal: Signal, longest_excursion_s: Optional[float] = None) -> None
     """
     if signal.measured.config.statistic == "frequency_hz":
         _add_rate_bounds(signal)
-    elif signal.rules:
-        _add_rules(signal)
+    elif signal.rules is not None:
+        _add_rules(signal, signal.rules)
     else:
         _add_range(signal, longest_excursion_s)
-    if not signal.rules or signal.measured.values.count:
-        _add_staleness(signal)
+    is_known = signal.measured.config.statistic == "count"  # without samples
+    if not is_known and (signal.rules is None or signal.measured.values.count):
+        signal.proposed["stale_after_s"] = staleness(signal.measured.gaps)
 
 
 def _add_range(signal: Signal, longest_excursion_s: Optional[float]) -> None:
@@ -161,17 +163,17 @@ def _add_rate_bounds(signal: Signal) -> None:
     signal.proposed["warn_above"] = Setting(high, f"highest {measured.text(highest)}; {why}")
 
 
-def _add_rules(signal: Signal) -> None:
+def _add_rules(signal: Signal, rules: Rules) -> None:
     """Adds the settings that are rules; bounds that a healthy robot was beyond are only shown."""
     measured, values = signal.measured, signal.measured.values
     if not values.count:
         signal.left_out.append(f"not measured: {count_text(measured.samples, 'sample')}, none valid")
         return
     spread = f"seen {measured.text(values.min)} to {measured.text(values.max)}"
-    for key, (value, why) in signal.rules.items():
-        is_low, is_bound = key.endswith("below"), key.endswith(("below", "above"))
-        beyond = is_bound and (values.min <= value if is_low else values.max >= value)
-        (signal.seen if beyond else signal.proposed)[key] = Setting(value, f"{why}; {spread}" if is_bound else why)
+    for key, value in rules.settings.items():
+        beyond = values.min <= value if key.endswith("below") else values.max >= value
+        chosen = signal.seen if beyond and key in BOUNDS else signal.proposed
+        chosen[key] = Setting(value, f"rule: {rules.why}" + (f"; {spread}" if key in BOUNDS else ""))
     if not signal.has_bounds:
         signal.proposed = {}
         signal.left_out.append(f"no bounds: {spread}")
@@ -243,18 +245,14 @@ def _add_hysteresis(signal: Signal) -> None:
         signal.proposed["hysteresis"] = Setting(hysteresis, evidence)
 
 
-def _add_staleness(signal: Signal) -> None:
-    gaps = signal.measured.gaps
-    if signal.measured.config.statistic == "count":
-        return  # it is known without samples
+def staleness(gaps: Quantiles) -> Setting:
+    """Returns the `stale_after_s` of a signal from the times between its samples."""
     if gaps.count < LEAST_GAPS:
-        evidence = f"0: never; {count_text(gaps.count, 'gap')} between samples, expected at least {LEAST_GAPS}"
-        signal.proposed["stale_after_s"] = Setting(0.0, evidence)
-        return
+        few = f"{count_text(gaps.count, 'gap')} between samples, expected at least {LEAST_GAPS}"
+        return Setting(0.0, f"0: never; {few}")
     median = gaps.quantile(0.5)
     stale_s = max(1.0, rounded(max(2.0 * gaps.max, 5.0 * median), math.ceil))
-    evidence = f"longest gap {duration_text(gaps.max)}, median {duration_text(median)}"
-    signal.proposed["stale_after_s"] = Setting(stale_s, evidence)
+    return Setting(stale_s, f"longest gap {duration_text(gaps.max)}, median {duration_text(median)}")
 
 
 def rounded(value: float, rounding: Callable[[float], int]) -> float:

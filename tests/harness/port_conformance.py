@@ -30,7 +30,7 @@ from robot_health_monitor.core.nodes import Aggregator, AlertSystem, BatterySens
 from robot_health_monitor.core.nodes.outlets import Event, Outlet
 from robot_health_monitor.core.port.middleware import Middleware, Severity
 from robot_health_monitor.core.proposal.candidates import Candidates, Topic
-from robot_health_monitor.core.proposal.proposal import Proposal
+from robot_health_monitor.core.proposal.proposal import propose
 from robot_health_monitor.core.values.errors import ConfigError, MessageError
 from robot_health_monitor.core.values.field_path import ABSENT
 from robot_health_monitor.core.values.model import Transition
@@ -930,17 +930,16 @@ class PortConformance:
         candidates = Candidates()
         candidates.add(Topic(topic, FLOAT32, None) for topic in (*robots, *own))
         candidates.add([Topic("/diagnostics", DIAGNOSTICS, None)])
-        proposal = Proposal(candidates)
-        proposal.listen(harness.node("init"), ["/diagnostics"])
+        candidates.listen(harness.node("init"), ["/diagnostics"])
 
         def known() -> bool:
             harness.publish("/diagnostics", DIAGNOSTICS, {"status": [STATUS]})
             harness.set_time(sensor.now_s() + 1.0)
-            return proposal.own_topics >= set(own)
+            return candidates.own_topics >= set(own)
 
         harness.wait_until(known)
-        assert proposal.own_topics == {TICKS, *own}
-        not_watched = proposal.result().not_watched
+        assert candidates.own_topics == {TICKS, *own}
+        not_watched = propose(candidates).not_watched
         assert [topic for topic, why in not_watched.items() if why == "published by this monitor"] == sorted(own)
 
     def test_nodes_hear_one_another(self, harness: Harness) -> None:

@@ -141,7 +141,7 @@ def test_names_are_valid_and_unique() -> None:
     topics = ["/a/b", "/a_b", "/link", "/a_b_2", f"/{'q' * 5000}"]
     found = signals(listed([topic(each, "std_msgs/Float32") for each in topics]))
     names = [each.name for each in found if each.kind == "number"]
-    assert names == ["a_b", "a_b_2", "a_b_2_2", "_link", "q" * 200]
+    assert names == ["a_b", "a_b_2", "a_b_2_2", "_link", f"{'q' * 200}_2"]
     assert len({each.name for each in found}) == len(found)
 
 

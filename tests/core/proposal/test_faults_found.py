@@ -16,7 +16,7 @@ from robot_health_monitor.core.nodes.outlets import Event
 from robot_health_monitor.core.port.local import LocalBus
 from robot_health_monitor.core.proposal.candidates import Candidates, Topic
 from robot_health_monitor.core.proposal.nodes import Nodes
-from robot_health_monitor.core.proposal.proposal import Proposal
+from robot_health_monitor.core.proposal.proposal import propose
 from robot_health_monitor.core.proposal.thresholds_file import thresholds_text
 from robot_health_monitor.core.values.model import Level, Transition
 
@@ -30,22 +30,22 @@ Lines = List[Tuple[str, str]]
 def listened(lasts_s: float) -> Tuple[LocalBus, WholeRobot, str]:
     """Returns the robot and the proposed file after some virtual time."""
     bus = LocalBus(wall_time_s=lambda: 1.7e9 + bus.now_s)
-    robot, proposal, nodes = WholeRobot(bus.node("robot")), Proposal(Candidates()), Nodes()
+    robot, candidates, nodes = WholeRobot(bus.node("robot")), Candidates(), Nodes()
     send_frames(bus.node("localization"), {"odom": 0.02, "base_link": -0.5}, ())
     send_log(bus.node("talkative"))
     bus.node("planner").advertise_service(
         "/planner/get_state", "lifecycle_msgs/GetState", lambda request: {"current_state": {"id": 3}}
     )
     for topic, type_name in bus.graph().topics.items():
-        proposal.candidates.add([Topic(topic, type_name, parse_definition(type_name, definition(type_name), "msg"))])
+        candidates.add([Topic(topic, type_name, parse_definition(type_name, definition(type_name), "msg"))])
     nodes.take(bus.graph().nodes)
     listener = bus.node("init")
     nodes.begin(listener)
-    proposal.listen(listener, proposal.candidates.topics)
+    candidates.listen(listener, candidates.topics)
     bus.run_until(lasts_s)
     listener.close()
-    proposed = proposal.result()
-    nodes.add_to(proposed, proposal)
+    proposed = propose(candidates)
+    nodes.add_to(proposed, candidates)
     return bus, robot, thresholds_text(["Test."], {}, proposed)
 
 

@@ -15,7 +15,7 @@ from robot_health_monitor.core.port.local import LocalBus, LocalMiddleware
 from robot_health_monitor.core.port.middleware import NodeInfo
 from robot_health_monitor.core.proposal.candidates import Candidates, Topic
 from robot_health_monitor.core.proposal.nodes import Nodes
-from robot_health_monitor.core.proposal.proposal import Proposal, Proposed
+from robot_health_monitor.core.proposal.proposal import Proposed, propose
 from robot_health_monitor.core.proposal.thresholds_file import thresholds_text
 from robot_health_monitor.core.values.model import Transition
 
@@ -42,21 +42,19 @@ def driver(bus: LocalBus, name: str, *topics: str, statuses: Sequence[str] = ())
 
 def listened(bus: LocalBus, namespace: str = "", lasts_s: float = 60.0) -> Proposed:
     """Returns what is proposed after listening."""
-    proposal, nodes, listener = Proposal(Candidates(namespace)), Nodes(), bus.node("listener")
+    candidates, nodes, listener = Candidates(namespace), Nodes(), bus.node("listener")
     nodes.begin(listener)
     end_s = bus.now_s + lasts_s
     while bus.now_s < end_s:
         graph = bus.graph()
-        new = {topic: kind for topic, kind in graph.topics.items() if topic not in proposal.candidates.topics}
-        proposal.candidates.add(
-            Topic(name, kind, parse_definition(kind, definition(kind), "msg")) for name, kind in new.items()
-        )
-        proposal.listen(listener, new)
+        new = {topic: kind for topic, kind in graph.topics.items() if topic not in candidates.topics}
+        candidates.add(Topic(name, kind, parse_definition(kind, definition(kind), "msg")) for name, kind in new.items())
+        candidates.listen(listener, new)
         nodes.take({name: info for name, info in graph.nodes.items() if name != "/listener"})
         bus.run_until(bus.now_s + 2.0)
     listener.close()
-    proposed = proposal.result()
-    nodes.add_to(proposed, proposal)
+    proposed = propose(candidates)
+    nodes.add_to(proposed, candidates)
     return proposed
 
 
@@ -222,7 +220,7 @@ def test_where_the_graph_is_not_known_the_file_says_so(bus: LocalBus) -> None:
     driver(bus, "laser", "scan")
     proposed = listened(bus)
     proposed.signals = [each for each in proposed.signals if "node" not in each.given]
-    nodes.add_to(proposed, Proposal(Candidates()))
+    nodes.add_to(proposed, Candidates())
     assert proposed.not_watched["nodes"] == "the robot's graph is not known here"
 
 

@@ -10,7 +10,7 @@ from robot_health_monitor.core.messages.standard_messages import definition
 from robot_health_monitor.core.nodes import AlertSystem
 from robot_health_monitor.core.port.local import LocalBus
 from robot_health_monitor.core.proposal.candidates import Candidates, Topic
-from robot_health_monitor.core.proposal.proposal import Proposal, Proposed
+from robot_health_monitor.core.proposal.proposal import Proposed, propose
 from robot_health_monitor.core.proposal.suggestion import Signal
 from robot_health_monitor.core.proposal.thresholds_file import thresholds_text
 
@@ -18,13 +18,13 @@ Publisher = Tuple[str, str, float, Callable[[float], Any]]
 """Topic, type, rate in Hz, and the message at a time in s."""
 
 
-def propose(publishers: List[Publisher], lasts_s: float = 60.0) -> Proposed:
-    return proposal_of(publishers, lasts_s).result()
+def proposed_of(publishers: List[Publisher], lasts_s: float = 60.0) -> Proposed:
+    return propose(heard(publishers, lasts_s))
 
 
-def proposal_of(publishers: List[Publisher], lasts_s: float) -> Proposal:
+def heard(publishers: List[Publisher], lasts_s: float) -> Candidates:
     bus = LocalBus(wall_time_s=lambda: 1.7e9 + bus.now_s)
-    robot, proposal = bus.node("robot"), Proposal(Candidates())
+    robot, candidates = bus.node("robot"), Candidates()
     for topic, type_name, rate_hz, message in publishers:
         robot.advertise(topic, type_name)
 
@@ -32,10 +32,10 @@ def proposal_of(publishers: List[Publisher], lasts_s: float) -> Proposal:
             robot.publish(topic, message(now_s))
 
         robot.create_timer(1.0 / rate_hz, publish)
-        proposal.candidates.add([Topic(topic, type_name, parse_definition(type_name, definition(type_name), "msg"))])
-    proposal.listen(bus.node("survey"), [topic for topic, *_ in publishers])
+        candidates.add([Topic(topic, type_name, parse_definition(type_name, definition(type_name), "msg"))])
+    candidates.listen(bus.node("survey"), [topic for topic, *_ in publishers])
     bus.run_until(lasts_s)
-    return proposal
+    return candidates
 
 
 def by_name(proposed: Proposed) -> Dict[str, Signal]:
@@ -51,7 +51,7 @@ def stamped(age_s: float, **fields: Any) -> Callable[[float], Any]:
 
 
 def test_a_periodic_topic_has_bounds_of_its_rate_and_of_its_silence() -> None:
-    found = by_name(propose([("/a", "std_msgs/String", 10.0, lambda now_s: {})]))["a_rate"]
+    found = by_name(proposed_of([("/a", "std_msgs/String", 10.0, lambda now_s: {})]))["a_rate"]
     assert found.settings == {
         "topic": "a", "type": "std_msgs/String", "field": "", "statistic": "frequency_hz",
         "warn_below": 7.0, "warn_above": 13.0, "stale_after_s": 1.0,
@@ -59,33 +59,33 @@ def test_a_periodic_topic_has_bounds_of_its_rate_and_of_its_silence() -> None:
 
 
 def test_a_topic_that_is_not_periodic_is_listed() -> None:
-    proposed = propose([("/a", "std_msgs/String", 0.1, lambda now_s: {})])
+    proposed = proposed_of([("/a", "std_msgs/String", 0.1, lambda now_s: {})])
     assert proposed.signals == []
     assert proposed.not_watched == {"/a": "only 6 messages in 50 s: a rate needs 20"}
-    assert propose([("/a", "std_msgs/String", 0.001, lambda now_s: {})]).not_watched == {"/a": "no message"}
+    assert proposed_of([("/a", "std_msgs/String", 0.001, lambda now_s: {})]).not_watched == {"/a": "no message"}
 
 
 def test_the_age_of_stamps_is_watched_where_it_is_a_delay() -> None:
     image: Publisher = ("/image", "sensor_msgs/Image", 10.0, stamped(0.05))
-    found = by_name(propose([image]))
+    found = by_name(proposed_of([image]))
     assert set(found) == {"image_rate", "image_age"}
     assert (found["image_age"].settings["warn_above"], found["image_age"].settings["for_s"]) == (1.0, 3.0)
     for age_s, text in ((-0.5, "-0.5 s"), (7200.0, "2 h")):
-        proposed = propose([("/image", "sensor_msgs/Image", 10.0, stamped(age_s))])
+        proposed = proposed_of([("/image", "sensor_msgs/Image", 10.0, stamped(age_s))])
         assert set(by_name(proposed)) == {"image_rate"}
         assert proposed.fields["/image", "header.stamp"].startswith(f"stamps are {text}")
 
 
 def test_a_battery_has_a_charge_in_percent_by_rule_and_a_cell_spread() -> None:
     message = {"percentage": 0.83, "cell_voltage": [4.0, 4.01], "voltage": 24.0}
-    found = by_name(propose([("/b", "sensor_msgs/BatteryState", 2.0, lambda now_s: message)]))
+    found = by_name(proposed_of([("/b", "sensor_msgs/BatteryState", 2.0, lambda now_s: message)]))
     charge, spread = found["b_percentage"].settings, found["b_cell_spread"].settings
     assert (charge["scale"], charge["unit"], charge["warn_below"], charge["error_below"]) == (100.0, "%", 20.0, 10.0)
     assert (spread["reduce"], spread["warn_above"], spread["error_above"]) == ("spread", 0.12, 0.2)
 
 
 def test_a_bound_that_the_robot_is_beyond_is_only_shown() -> None:
-    found = by_name(propose([("/b", "sensor_msgs/BatteryState", 2.0, lambda now_s: {"percentage": 15.0})]))
+    found = by_name(proposed_of([("/b", "sensor_msgs/BatteryState", 2.0, lambda now_s: {"percentage": 15.0})]))
     charge = found["b_percentage"]
     assert (charge.settings["scale"], charge.settings["error_below"]) == (1.0, 10.0)
     assert "warn_below" not in charge.settings
@@ -97,7 +97,7 @@ def test_efforts_are_shown_by_joint_and_watched_after_10_minutes() -> None:
         return {"name": ["left"], "effort": [math.sin(now_s)]}
 
     joints: Publisher = ("/joints", "sensor_msgs/JointState", 5.0, message)
-    short, long = by_name(propose([joints])), by_name(propose([joints], 620.0))
+    short, long = by_name(proposed_of([joints])), by_name(proposed_of([joints], 620.0))
     assert short["joints_effort_left"].is_shown_only
     assert long["joints_effort_left"].settings["field"] == 'effort["left"]'
     assert long["joints_effort_left"].has_bounds
@@ -105,25 +105,25 @@ def test_efforts_are_shown_by_joint_and_watched_after_10_minutes() -> None:
 
 def test_all_statuses_are_watched_by_one_signal() -> None:
     message = {"status": [{"level": 0, "name": "motor"}, {"level": 0, "name": "laser"}]}
-    found = propose([("/diagnostics", "diagnostic_msgs/DiagnosticArray", 1.0, lambda now_s: message)])
+    found = proposed_of([("/diagnostics", "diagnostic_msgs/DiagnosticArray", 1.0, lambda now_s: message)])
     (signal,) = found.signals
     assert signal.settings["field"] == 'status["*"]'
     assert signal.proposed["stale_after_s"].evidence.startswith("2 statuses seen")
     assert signal.note == ""
-    empty = propose([("/diagnostics", "diagnostic_msgs/DiagnosticArray", 1.0, lambda now_s: {})])
+    empty = proposed_of([("/diagnostics", "diagnostic_msgs/DiagnosticArray", 1.0, lambda now_s: {})])
     assert (empty.signals, empty.not_watched) == ([], {"/diagnostics": "no status"})
 
 
 def test_drivers_that_are_not_ok_while_the_robot_is_listened_to_are_named() -> None:
     message = {"status": [{"level": 2, "name": "motor"}, {"level": 0, "name": "laser"}, {"level": 1, "name": "lamp"}]}
-    (signal,) = propose([("/diagnostics", "diagnostic_msgs/DiagnosticArray", 1.0, lambda now_s: message)]).signals
+    (signal,) = proposed_of([("/diagnostics", "diagnostic_msgs/DiagnosticArray", 1.0, lambda now_s: message)]).signals
     assert signal.note == "these were not always OK, and raise alerts: lamp, motor"
 
 
 def test_the_gap_of_a_fast_topic_is_watched_once_it_was_seen_for_10_minutes() -> None:
     fast: Publisher = ("/a", "std_msgs/String", 20.0, lambda now_s: {})
-    assert set(by_name(propose([fast]))) == {"a_rate"}
-    gap = by_name(propose([fast], 620.0))["a_gap"].settings
+    assert set(by_name(proposed_of([fast]))) == {"a_rate"}
+    gap = by_name(proposed_of([fast], 620.0))["a_gap"].settings
     assert (gap["statistic"], gap["warn_above"], gap["stale_after_s"]) == ("largest_gap_s", 0.25, 1.0)
 
 
@@ -131,11 +131,11 @@ def test_how_long_to_listen_is_known_of_what_came_too_rarely() -> None:
     """60 samples of 1 Hz in 59 s: 100 take 100 s, and two minutes are enough."""
     rare: Publisher = ("/a", "std_msgs/Float32", 1.0, lambda now_s: {"data": now_s})
     often: Publisher = ("/b", "std_msgs/Float32", 5.0, lambda now_s: {"data": now_s})
-    proposal = proposal_of([rare, often], 60.0)
-    assert proposal.needed_s() == 120.0
-    reason = proposal.result().fields["/a", "data"]
+    candidates = heard([rare, often], 60.0)
+    assert candidates.needed_s == 120.0
+    reason = propose(candidates).fields["/a", "data"]
     assert reason == "no bounds: only 60 valid samples in 59 s; a range needs 100, which takes about 120 s"
-    assert proposal_of([often], 60.0).needed_s() == proposal_of([rare], 120.0).needed_s() == 0.0
+    assert heard([often], 60.0).needed_s == heard([rare], 120.0).needed_s == 0.0
 
 
 def test_an_array_of_numbers_gets_lines_like_a_number() -> None:
@@ -143,30 +143,30 @@ def test_an_array_of_numbers_gets_lines_like_a_number() -> None:
         return {"data": [math.sin(now_s), 5.0 + math.cos(now_s), 2.0]}
 
     array: Publisher = ("/a", "std_msgs/Float32MultiArray", 5.0, message)
-    found = by_name(propose([array]))
+    found = by_name(proposed_of([array]))
     assert found["a_max"].is_shown_only
     assert found["a_max"].given["field"] == "data[*]"
     assert found["a_max"].seen["warn_above"].value == 6.2  # 6, and 10 % of 4 to 6
-    found = by_name(propose([array], 610.0))
+    found = by_name(proposed_of([array], 610.0))
     assert found["a_min"].settings["warn_below"] < -1.0 < 1.0 < found["a_min"].settings["warn_above"]
 
 
 def test_elements_beyond_the_limit_are_listed() -> None:
     joints = {"name": [f"j{number}" for number in range(70)], "effort": [1.0] * 70}
-    proposed = propose([("/j", "sensor_msgs/JointState", 5.0, lambda now_s: joints)])
+    proposed = proposed_of([("/j", "sensor_msgs/JointState", 5.0, lambda now_s: joints)])
     assert proposed.fields["/j", 'effort["*"]'] == "more than 64 elements: the others are left out"
 
 
 def test_actions_are_shown_and_their_bound_is_a_comment() -> None:
-    proposal = Proposal(Candidates("robot1"))
-    proposal.candidates.add(
+    candidates = Candidates("robot1")
+    candidates.add(
         [
             Topic("/robot1/navigate/_action/status", "action_msgs/GoalStatusArray", None),
             Topic("/robot1/navigate/_action/feedback", "example/Feedback", None),
             Topic("/dock/status", "actionlib_msgs/GoalStatusArray", None),
         ]
     )
-    proposed = proposal.result()
+    proposed = propose(candidates)
     assert thresholds_text([], {}, proposed).splitlines() == [
         "alert_system:",
         "  ros__parameters:",
@@ -191,16 +191,16 @@ def test_actions_are_shown_and_their_bound_is_a_comment() -> None:
 
 
 def test_states_of_goals_on_a_topic_that_is_no_actions_are_a_topic_like_others() -> None:
-    proposal = Proposal(Candidates())
-    proposal.candidates.add([Topic("/goals", "actionlib_msgs/GoalStatusArray", None)])
-    assert proposal.result().not_watched == {"/goals": "no message"}
+    candidates = Candidates()
+    candidates.add([Topic("/goals", "actionlib_msgs/GoalStatusArray", None)])
+    assert propose(candidates).not_watched == {"/goals": "no message"}
 
 
 def test_a_proposed_action_raises_no_alert_in_the_ten_minutes_after() -> None:
     """Not even if its first goals are aborted: the bound is a comment."""
-    proposal = Proposal(Candidates())
-    proposal.candidates.add([Topic("/dock/status", "actionlib_msgs/GoalStatusArray", None)])
-    (signal,) = proposal.result().signals
+    candidates = Candidates()
+    candidates.add([Topic("/dock/status", "actionlib_msgs/GoalStatusArray", None)])
+    (signal,) = propose(candidates).signals
     bus, alerts = LocalBus(), []
     server = bus.node("server")
     server.advertise("/dock/status", "actionlib_msgs/GoalStatusArray")

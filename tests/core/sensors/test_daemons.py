@@ -31,9 +31,7 @@ def machine(tmp_path: Path) -> Machine:
 
 # Chrony: a chronyc that prints what the real one does, and the real one of a real daemon.
 
-TRACKING = (
-    "C0000201,192.0.2.1,3,1700000000.1,{offset},0.000001,0.000002,1.234,0.001,0.02,0.03,0.004,64.2,{leap}"
-)
+TRACKING = "C0000201,192.0.2.1,3,1700000000.1,{offset},0.000001,0.000002,1.234,0.001,0.02,0.03,0.004,64.2,{leap}"
 """As client.c of chrony prints it: the offset is positive if this clock is behind ("slow of NTP time")."""
 
 
