@@ -6,14 +6,14 @@ import math
 from dataclasses import dataclass
 from itertools import islice
 from sqlite3 import Connection
-from typing import Any, Callable, Dict, List, Optional, TypeVar, Union
+from typing import Any, Dict, List, Optional, Sequence, Union
 
 from ...core.config.kept_settings import read_kept, settings_of
 from ...core.config.schema import REQUIRED, Time, declared
 from ...core.config.signal_config import template_name
-from ...core.values.errors import ConfigError, ServiceError
+from ...core.values.errors import ConfigError
 from ...core.values.model import Level
-from ...runtime.http_answers import ApiError, json_bytes
+from ...runtime.http_answers import ApiError
 from ...runtime.times import iso_time
 from ..store import queries, samples
 from ..store.active_silences import Silences
@@ -31,7 +31,6 @@ _MOST_OTHERS = 50
 _CELLS = 96
 """Cells of 15 minutes: 24 hours."""
 
-Result = TypeVar("Result")
 Json = Dict[str, Any]
 
 
@@ -57,6 +56,18 @@ class SamplesQuery:
     from_: Optional[Time] = declared(None)
     to: Optional[Time] = declared(None)
     seconds: Optional[int] = declared(None, "", 1, 86_400)
+
+
+@dataclass(frozen=True)
+class AlertQuery:
+    """Which alert a request asks for."""
+
+    id: str = declared(REQUIRED, any_text=True)
+
+
+@dataclass(frozen=True)
+class LevelsQuery:
+    """A request for the levels of all robots has no parameters."""
 
 
 def _line(default: Any = "", least: Optional[int] = None) -> Any:
@@ -100,51 +111,43 @@ class EndOfSilence:
     author: str = declared("", "", None, 200)
 
 
-def past_alerts(history: History, query: Query) -> Json:
-    """Returns the answer of `/api/history`; raises ServiceError if the history failed or did not answer."""
-
-    def read(connection: Connection) -> Json:
-        since_s = _seconds(query.since)
-        found = list(
-            queries.transitions(
-                connection,
-                robot=query.robot,
-                signal=query.signal,
-                level=query.level,
-                since_s=since_s,
-                before_id=query.before,
-                limit=query.limit + 1,
-                open_only=query.open,
-                newest_first=True,
-            )
-        )
-        gaps = queries.gaps(connection, since_s or 0.0)[-_MOST:]
-        return {
-            "alerts": [_alert(connection, transition) for transition in found[: query.limit]],
-            "more": len(found) > query.limit,
-            "gaps": [{"from": iso_time(gap.from_s), "to": iso_time(gap.to_s)} for gap in gaps],
-        }
-
-    return _read(history, read)
+def past_alerts(connection: Connection, wall_s: float, query: Query) -> Json:
+    """Returns the answer of `/api/history`."""
+    since_s = _seconds(query.since)
+    found = queries.transitions(
+        connection,
+        robot=query.robot,
+        signal=query.signal,
+        level=query.level,
+        since_s=since_s,
+        before_id=query.before,
+        limit=query.limit + 1,
+        open_only=query.open,
+        newest_first=True,
+    )
+    alerts = [_alert(connection, transition) for transition in found]
+    gaps = queries.gaps(connection, since_s or 0.0)[-_MOST:]
+    return {
+        "alerts": alerts[: query.limit],
+        "more": len(alerts) > query.limit,
+        "gaps": [{"from": iso_time(gap.from_s), "to": iso_time(gap.to_s)} for gap in gaps],
+    }
 
 
-def past_alert(history: History, number: int) -> Json:
-    """Returns the answer of `/api/history/ID`, but for what its signal's configuration has; raises as `past_alerts`."""
-
-    def read(connection: Connection) -> Json:
-        transition = _transition(connection, number)
-        samples = queries.evidence(connection, number)
-        begun = queries.transition(connection, transition.alert_id) or transition
-        return {
-            "alert": {**_alert(connection, transition), "effects": begun.effects},
-            "samples": [(round(t, 3), value if value - value == 0.0 else None) for t, value in samples],
-            "trend_per_min": transition.statistics.get("trend_per_min"),
-            "others": [_alert(connection, each) for each in queries.not_ok_at(connection, transition, _MOST_OTHERS)],
-            "silences": _silences_at(connection, transition, history.wall_s()),
-            "thresholds": _thresholds_at(connection, transition),
-        }
-
-    return _read(history, read)
+def past_alert(connection: Connection, wall_s: float, query: AlertQuery) -> Json:
+    """Returns the answer of `/api/history/ID`, but for what its signal's configuration has; raises ApiError."""
+    number = int(query.id) if query.id.isdecimal() and len(query.id) < 19 else 0  # no alert has this id
+    transition = _transition(connection, number)
+    samples = queries.evidence(connection, number)
+    begun = queries.transition(connection, transition.alert_id) or transition
+    return {
+        "alert": {**_alert(connection, transition), "effects": begun.effects},
+        "samples": [(round(t, 3), value if value - value == 0.0 else None) for t, value in samples],
+        "trend_per_min": transition.statistics.get("trend_per_min"),
+        "others": [_alert(connection, each) for each in queries.not_ok_at(connection, transition, _MOST_OTHERS)],
+        "silences": _silences_at(connection, transition, wall_s),
+        "thresholds": _thresholds_at(connection, transition),
+    }
 
 
 def _transition(connection: Connection, number: int) -> StoredTransition:
@@ -174,47 +177,31 @@ def _thresholds_at(connection: Connection, alert: StoredTransition) -> Json:
         return {}
 
 
-def past_samples(history: History, query: SamplesQuery) -> bytes:
-    """Returns the answer of `/api/history/samples`; raises as `past_alerts`."""
+def past_samples(connection: Connection, wall_s: float, query: SamplesQuery) -> Json:
+    """Returns the answer of `/api/history/samples`."""
     since_s, until_s, seconds = _seconds(query.from_), _seconds(query.to), query.seconds
-
-    def read(connection: Connection) -> List[StoredSamples]:
-        if seconds is None:
-            found = samples.read(connection, robot=query.robot, signal=query.signal, since_s=since_s, until_s=until_s)
-            return [*islice(found, _MOST_SAMPLES + 1)]
-        end_s = history.wall_s() if until_s is None else until_s
-        begin_s = end_s - seconds * samples.MOST_COARSE if since_s is None else since_s
-        return samples.read_coarse(connection, query.robot, query.signal, begin_s, end_s, float(seconds))
-
-    found = _read(history, read)
-    is_more = len(found) > _MOST_SAMPLES if seconds is None else len(found) >= samples.MOST_COARSE
-    # One by one: encoding all at once would hold the interpreter's lock, for which the monitor waits.
-    body = b",".join([json_bytes(samples_fields(each)) for each in found[:_MOST_SAMPLES]])
-    return b'{"samples":[' + body + b'],"more":' + json_bytes(is_more) + b"}"
+    found: Sequence[StoredSamples]
+    if seconds is None:
+        every = samples.read(connection, robot=query.robot, signal=query.signal, since_s=since_s, until_s=until_s)
+        found, most = [*islice(every, _MOST_SAMPLES + 1)], _MOST_SAMPLES + 1
+    else:
+        most = samples.MOST_COARSE
+        end_s = wall_s if until_s is None else until_s
+        begin_s = end_s - seconds * most if since_s is None else since_s
+        found = samples.read_coarse(connection, query.robot, query.signal, begin_s, end_s, float(seconds))
+    return {"samples": [samples_fields(each) for each in found[:_MOST_SAMPLES]], "more": len(found) >= most}
 
 
-def past_levels(history: History) -> bytes:
-    """Returns the answer of `/api/history/levels`; raises as `past_alerts`."""
-    wall_s = history.wall_s()
+def past_levels(connection: Connection, wall_s: float) -> Json:
+    """Returns the answer of `/api/history/levels`."""
     begin_s = (wall_s // samples.CELL_S - _CELLS + 1) * samples.CELL_S
     cells: Dict[str, List[str]] = {}
-
-    def read(connection: Connection) -> None:
-        for robot, start_s, level in samples.read_levels(connection, begin_s):
-            number = int((start_s - begin_s) / samples.CELL_S)
-            if number < _CELLS:
-                cells.setdefault(robot, ["-"] * _CELLS)[number] = level.name[0]
-
-    _read(history, read)
-    robots = {robot: "".join(found) for robot, found in cells.items()}
-    return json_bytes({"from": iso_time(begin_s), "seconds": samples.CELL_S, "robots": robots})
-
-
-def _read(history: History, function: Callable[[Connection], Result]) -> Result:
-    try:
-        return history.read(function)
-    except ConfigError as error:  # the file was replaced or damaged: not the fault of the request
-        raise ServiceError(error.problem) from None
+    for robot, start_s, level in samples.read_levels(connection, begin_s):
+        number = int((start_s - begin_s) / samples.CELL_S)
+        if number < _CELLS:
+            cells.setdefault(robot, ["-"] * _CELLS)[number] = level.name[0]
+    robots = {robot: "".join(levels) for robot, levels in cells.items()}
+    return {"from": iso_time(begin_s), "seconds": samples.CELL_S, "robots": robots}
 
 
 def _alert(connection: Connection, transition: StoredTransition) -> Json:

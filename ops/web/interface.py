@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import math
+import time
 from functools import partial
+from sqlite3 import Connection
 from typing import (
     Any,
     Awaitable,
@@ -16,7 +19,6 @@ from typing import (
     Optional,
     Sequence,
     Set,
-    Tuple,
     Type,
     TypeVar,
 )  # fmt: skip
@@ -26,18 +28,21 @@ from aiohttp import web
 from ...core.config.schema import read_record, read_texts
 from ...core.nodes import AlertSystem
 from ...core.nodes.outlets import Event
+from ...core.values.errors import ConfigError, ServiceError
 from ...core.values.faults import Fault
 from ...core.values.model import Level, Transition
 from ...core.values.version import package_version
 from ...runtime.event_loops import ThreadPool
-from ...runtime.http_answers import API_HEADERS, ApiError, json_response
+from ...runtime.http_answers import API_HEADERS, ApiError, json_in_pieces, json_response
 from ...runtime.times import iso_time
 from ..black_box.folder import find_file
 from ..store.active_silences import Silences
 from ..store.history import History
 from ..store.silences import silence_json
 from .history_requests import (  # fmt: skip
+    AlertQuery,
     EndOfSilence,
+    LevelsQuery,
     NewNote,
     NewSilence,
     Query,
@@ -54,7 +59,7 @@ from .history_requests import (  # fmt: skip
 from .metrics import CONTENT_TYPE, PROFILES, Metrics
 from .requests import WITH_TOKEN, WITHOUT_TOKEN, Client, check_same_origin, read_object, serve_page_file
 from .state import NO_PLOT, OwnState, RobotReader, Samples, plot_of
-from .updates import RobotState, State, Updates
+from .updates import RobotState, State, Updates, no_robot
 
 LATEST_TICK_S = 6.0  # largest age of the tick of a healthy monitor: 5 s late
 _MOST_PENDING = 500  # requests that wait for a robot or a disk
@@ -62,8 +67,7 @@ _READ_TIMEOUT_S = 5.0
 _ROBOTS_AT_ONCE = 5  # are read without a pause for others in the same loop
 MOST_READ = 200
 """Robots that an update of the pages reads in turn, besides those that announced something or are plotted."""
-_KEPT_S = 0.2  # how long an answer of `/api/state` serves further requests
-_LEVELS_KEPT_S = 5.0  # likewise of `/api/history/levels`: each is read from many rows
+_LEVELS_KEPT_S = 5.0  # how long the levels of a day, which are read from many rows, serve further requests
 _PAST_AT_ONCE = 1  # requests that read the history: each contends with the monitor for the interpreter
 _MOST_PAST_PENDING = 50
 
@@ -106,14 +110,14 @@ class WebInterface:
         self._history = history
         self._silences = silences
         self._black_boxes = black_boxes
+        self._threads = threads
         # Reading a robot waits for its callbacks, and a history for a disk.
-        self._reading = ThreadPool("web", 4, _MOST_PENDING, _READ_TIMEOUT_S) if threads else None
         self._worker = ThreadPool("web", 8, _MOST_PENDING, _READ_TIMEOUT_S)
         self._past = ThreadPool("web history", _PAST_AT_ONCE, _MOST_PAST_PENDING, _READ_TIMEOUT_S)
         self._readers: Dict[AlertSystem, RobotReader] = {}
-        self._answers: Dict[Tuple[object, ...], asyncio.Future[Any]] = {}
         self._announced: Set[str] = set()
         self._next_read = 0
+        self._levels_until_s = -math.inf
         self._own_state = OwnState(robots, process_faults)
         self._metrics = Metrics(notifications_waiting, history.wall_s, lambda: len(self._own_state.texts()))
         self.updates = Updates(self._read_update, self._read_samples)
@@ -137,22 +141,23 @@ class WebInterface:
         """
         self._client_of = client_of
         self.updates.begin()
-        get, post, history = web.get, web.post, self._history
+        get, post, history, silences = web.get, web.post, self._history, self._silences
+        change = self._worker.run
         return [
-            get("/api/state", self._reading_route(self._get_state)),
-            get("/api/events", self._reading_route(self.updates.serve), allow_head=False),
+            get("/api/state", self._for_clients(self._get_state)),
+            get("/api/events", self._for_clients(self.updates.serve), allow_head=False),
             get("/api/history", self._past_route(Query, past_alerts)),
             get("/api/history/samples", self._past_route(SamplesQuery, past_samples)),
-            get("/api/history/levels", self._reading_route(self._get_past_levels)),
-            get("/api/history/{id}", self._reading_route(self._get_past_alert)),
-            get("/api/black_box/{name}", self._reading_route(self._get_black_box)),
+            get("/api/history/levels", self._past_route(LevelsQuery, self._past_levels)),
+            get("/api/history/{id}", self._past_route(AlertQuery, self._past_alert)),
+            get("/api/black_box/{name}", self._for_clients(self._get_black_box)),
             post("/api/login", self._login),
             post("/api/logout", self._logout),
-            post("/api/silence", self._changing_route(NewSilence, partial(new_silence, history, self._silences))),
-            post("/api/silence/expire", self._changing_route(EndOfSilence, partial(expire_silence, self._silences))),
-            post("/api/note", self._changing_route(NewNote, partial(new_note, history))),
-            post("/api/reset", self._changing_route(Reset, self._reset, self._read)),
-            get("/metrics", self._reading_route(self._get_metrics)),
+            post("/api/silence", self._route(NewSilence, partial(new_silence, history, silences), change)),
+            post("/api/silence/expire", self._route(EndOfSilence, partial(expire_silence, silences), change)),
+            post("/api/note", self._route(NewNote, partial(new_note, history), change)),
+            post("/api/reset", self._route(Reset, self._reset, self._read)),
+            get("/metrics", self._for_clients(self._get_metrics)),
             get("/healthz", self._get_health),
             get("/", serve_page_file),
             get(r"/{name:[\w-]+\.\w+}", serve_page_file),
@@ -161,42 +166,50 @@ class WebInterface:
     def close(self) -> None:
         """Disconnects every page. Call in the server's loop."""
         self.updates.close()
-        for pool in (self._reading, self._worker, self._past):
-            if pool is not None:
-                pool.close()
+        for pool in (self._worker, self._past):
+            pool.close()
 
     # Checks
 
-    def _reading_route(self, handler: Handler) -> Handler:
+    def _for_clients(self, handler: Handler) -> Handler:
+        """Answers a request only if the client has presented the token, or none is required."""
+
         async def handle(request: web.Request) -> web.StreamResponse:
             client = self._client_of(request)
             return await handler(request) if client.admitted else client.refusal()
 
         return handle
 
-    def _past_route(self, schema: Type[Asked], read: Callable[[History, Asked], object]) -> Handler:
-        """Answers a request with what a function reads from the history."""
+    def _route(self, schema: Type[Asked], answer: Callable[[Asked], object], run: Run) -> Handler:
+        """Answers a request with the JSON that a function returns, which `run` calls.
+
+        `schema` is what is asked for, by GET in the address, by POST, which changes something, in the body.
+        """
 
         async def handle(request: web.Request) -> web.StreamResponse:
-            query = read_texts(schema, request.query)
-            return json_response(await self._past.run(read, self._history, query))
-
-        return self._reading_route(handle)
-
-    def _changing_route(
-        self, schema: Type[Asked], change: Callable[[Asked], object], run: Optional[Run] = None
-    ) -> Handler:
-        """Answers a request with what a function returns that changes something, in a worker thread or by `run`."""
-
-        async def handle(request: web.Request) -> web.StreamResponse:
+            if request.method != "POST":
+                query = {**request.query, **request.match_info}
+                return json_response(await run(answer, read_texts(schema, query)))
             check_same_origin(request)
-            answer = await (run or self._worker.run)(change, read_record(schema, await read_object(request)))
-            self._answers.clear()
+            value = await run(answer, read_record(schema, await read_object(request)))
             self._announced.update(robot.robot for robot in self._robots())
             self.updates.note_change()
-            return json_response(answer)
+            return json_response(value)
 
-        return self._reading_route(handle)
+        return self._for_clients(handle)
+
+    def _past_route(self, schema: Type[Asked], read: Callable[[Connection, float, Asked], object]) -> Handler:
+        """Answers a request with what a function reads from the history, by connection, wall time and what is asked."""
+        history = self._history
+
+        def answer(asked: Asked) -> bytes:
+            wall_s = history.wall_s()
+            try:
+                return json_in_pieces(history.read(lambda connection: read(connection, wall_s, asked)))
+            except ConfigError as error:  # the file was replaced or damaged: not the fault of the request
+                raise ServiceError(error.problem) from None
+
+        return self._route(schema, answer, self._past.run)
 
     # Login
 
@@ -213,28 +226,11 @@ class WebInterface:
     # State
 
     async def _get_state(self, request: web.Request) -> web.StreamResponse:
-        robot, window = request.query.get("robot", ""), request.query.get("window", "1") != "0"
-        if robot:
-            self._robot(robot)
-        state = await self._shared_answer(("state", robot, window), partial(self._read_state, robot, window), _KEPT_S)
+        name, window = request.query.get("robot", ""), request.query.get("window", "1") != "0"
+        state = await self._state_of(self._current_readers(name), {}, window)
+        if name and not state.robots:
+            raise no_robot(name)
         return await _streamed(request, state.parts(), "application/json; charset=utf-8")
-
-    async def _shared_answer(
-        self, key: Tuple[object, ...], read: Callable[[], Awaitable[Result]], kept_s: float
-    ) -> Result:
-        """Returns an answer that serves all requests with the same key at the same time, and `kept_s` after it came."""
-        answer = self._answers.get(key)
-        if answer is None:
-            answer = self._answers[key] = asyncio.ensure_future(read())
-
-            def forget() -> None:
-                if self._answers.get(key) is answer:
-                    del self._answers[key]
-
-            loop = asyncio.get_event_loop()
-            answer.add_done_callback(lambda done: loop.call_later(0.0 if done.exception() else kept_s, forget))
-        result: Result = await asyncio.shield(answer)
-        return result
 
     async def _read_update(self, before: Optional[State], plotted: Collection[str]) -> State:
         """Returns the state. What was `before` counts for most robots of a large fleet: to read all costs too much."""
@@ -245,10 +241,6 @@ class WebInterface:
         read = {reader.robot for reader in (readers * 2)[begin : self._next_read]}.union(announced, plotted)
         states = {} if before is None else before.robots
         return await self._state_of(readers, {name: state for name, state in states.items() if name not in read})
-
-    async def _read_state(self, robot: str = "", window: bool = False) -> State:
-        readers = [reader for reader in self._current_readers() if robot in ("", reader.robot)]
-        return await self._state_of(readers, {}, window)
 
     async def _state_of(
         self, readers: Sequence[RobotReader], known: Mapping[str, RobotState], window: bool = False
@@ -270,31 +262,23 @@ class WebInterface:
         }
         return State(common, robots)
 
-    async def _read_samples(self, robot: str, before: Optional[Samples]) -> Optional[Samples]:
-        for reader in self._current_readers():
-            if reader.robot == robot:
-                return await self._read(reader.samples, before)
+    async def _read_samples(self, name: str, before: Optional[Samples]) -> Optional[Samples]:
+        for reader in self._current_readers(name):
+            return await self._read(reader.samples, before)
         return None
 
-    def _current_readers(self) -> List[RobotReader]:
-        """Returns the readers of the robots that are watched now."""
+    def _current_readers(self, name: str = "") -> List[RobotReader]:
+        """Returns the readers of the robots that are watched now, or of the robot of this name."""
         known = self._readers
         self._readers = {
             robot: known.get(robot) or RobotReader(robot, self._own_state, self._history.wall_s)
             for robot in self._robots()
         }
-        return list(self._readers.values())
-
-    def _robot(self, name: str) -> AlertSystem:
-        """Returns the robot of this name; raises ApiError if there is none."""
-        for robot in self._robots():
-            if robot.robot == name:
-                return robot
-        raise ApiError(404, f"there is no robot {name}")
+        return [reader for reader in self._readers.values() if name in ("", reader.robot)]
 
     async def _read(self, function: Callable[..., Result], *arguments: Any) -> Result:
         """Reads robots: in a thread if that may wait."""
-        return function(*arguments) if self._reading is None else await self._reading.run(function, *arguments)
+        return await self._worker.run(function, *arguments) if self._threads else function(*arguments)
 
     async def _read_each(self, items: Iterable[Item], function: Callable[[Item], Result]) -> List[Result]:
         results = []
@@ -305,21 +289,24 @@ class WebInterface:
         return results
 
     def _reset(self, wanted: Reset) -> Json:
-        return {"message": self._robot(wanted.robot).reset()}
+        for robot in self._robots():
+            if robot.robot == wanted.robot:
+                return {"message": robot.reset()}
+        raise no_robot(wanted.robot)
 
     # History
 
-    async def _get_past_levels(self, request: web.Request) -> web.StreamResponse:
-        encode = partial(self._past.run, past_levels, self._history)
-        return json_response(await self._shared_answer(("levels",), encode, _LEVELS_KEPT_S))
+    def _past_levels(self, connection: Connection, wall_s: float, asked: LevelsQuery) -> Json:
+        if time.monotonic() >= self._levels_until_s:
+            self._levels = past_levels(connection, wall_s)
+            self._levels_until_s = time.monotonic() + _LEVELS_KEPT_S
+        return self._levels
 
-    async def _get_past_alert(self, request: web.Request) -> web.StreamResponse:
-        text = request.match_info["id"]
-        number = int(text) if text.isdecimal() and len(text) < 19 else 0  # no alert has this id
-        past = await self._past.run(past_alert, self._history, number)
+    def _past_alert(self, connection: Connection, wall_s: float, asked: AlertQuery) -> Json:
+        past = past_alert(connection, wall_s, asked)
         alert = past["alert"]
         plots = [plot_of(each, alert["signal"]) for each in self._robots() if each.robot == alert["robot"]]
-        return json_response({**(plots or [NO_PLOT])[0], **past})
+        return {**(plots or [NO_PLOT])[0], **past}
 
     async def _get_black_box(self, request: web.Request) -> web.StreamResponse:
         if self._black_boxes is None:

@@ -22,8 +22,6 @@ from ..plot import plot_bounds
 MOST_SAMPLES = 300  # of one signal in an answer
 _OFFSET_TOLERANCE_S = 0.25
 """Wall time and the monitor's time may drift apart by this much before samples get other wall times."""
-_CLOCK_SET_S = 1.0
-"""A wall clock that moved by more against the steady clock was set: levels began at other wall times."""
 
 Json = Dict[str, Any]
 _OwnFault = Tuple[Optional[str], str, Fault]  # robot (None: the process), part, fault
@@ -105,19 +103,15 @@ class RobotReader:
         alert_system: AlertSystem,
         own_state: OwnState,
         wall_time_s: Callable[[], float] = time.time,
-        steady_s: Callable[[], float] = time.monotonic,
     ) -> None:
-        """Reads nothing yet; `wall_time_s` returns seconds since 1970, `steady_s` monotonic seconds."""
+        """Reads nothing yet; `wall_time_s` returns seconds since 1970."""
         self.alert_system = alert_system
         self.robot = alert_system.robot
         self._own_state = own_state
         self._wall_time_s = wall_time_s
-        self._steady_s = steady_s
         self._lock = threading.Lock()
-        self._since: Dict[str, Tuple[float, Optional[str]]] = {}
-        """By signal, since when it has its level: on the monitor's clock, and as it was shown first."""
         self._offset_s = math.nan
-        self._started_s = math.nan  # wall time at 0 of the steady clock
+        """Wall time minus the monitor's clock. Kept while it hardly changes, so that times do not change with it."""
 
     def state(self, *, window: bool) -> Json:
         """Returns the robot's state as in `/api/state`; its samples only with `window`."""
@@ -156,17 +150,12 @@ class RobotReader:
         return [[round(t + self._offset_s, 3), value] for t, value in samples]
 
     def _follow_clock(self, now_s: float) -> None:
-        wall_s = self._wall_time_s()
-        offset_s, started_s = wall_s - now_s, wall_s - self._steady_s()
+        offset_s = self._wall_time_s() - now_s
         if not abs(offset_s - self._offset_s) <= _OFFSET_TOLERANCE_S:  # also the first time
             self._offset_s = offset_s
-        if not abs(started_s - self._started_s) <= _CLOCK_SET_S:
-            self._started_s = started_s
-            self._since.clear()
 
     def _robot(self, monitor: Monitor, judgements: Mapping[str, Judgement], *, window: bool) -> Json:
         signals = {}
-        self._since = {name: self._since_of(name, judgement.since_s) for name, judgement in judgements.items()}
         for name, judgement in judgements.items():
             samples = monitor.shown_samples(name, MOST_SAMPLES) if window else ()
             signals[name] = self._signal(name, judgement, samples)
@@ -186,10 +175,6 @@ class RobotReader:
             "signals": signals,
         }
 
-    def _since_of(self, name: str, since_s: float) -> Tuple[float, Optional[str]]:
-        known = self._since.get(name)
-        return known if known and known[0] == since_s else (since_s, iso_time(since_s + self._offset_s))
-
     def _signal(self, name: str, judgement: Judgement, samples: Sequence[Tuple[float, float]]) -> Json:
         config, forecast = judgement.config, judgement.forecast
         number = converted(config, as_float(judgement.latest)) if judgement.seen else math.nan
@@ -200,7 +185,7 @@ class RobotReader:
             "unit": config.unit,
             "message": wording.reason(judgement),
             "hint": wording.hint(judgement),
-            "since": self._since[name][1],
+            "since": iso_time(judgement.since_s + self._offset_s),
             "silenced": self.alert_system.silence_of(name),
             "bounds": plot_bounds(config),
             "window": self._shown(samples),

@@ -166,7 +166,7 @@ class Updates:
                 self._state = await self._read_state(None, ())
             for robot in page.robots:
                 if robot not in self._state.robots:
-                    raise ApiError(404, f"there is no robot {robot}")
+                    raise no_robot(robot)
             page.send(_RETRY)
             page.send(self._state_event())
             self._make_room()
@@ -240,6 +240,11 @@ class Updates:
             assert self._state is not None
             self._encoded_state = _event("state", *self._state.parts())
         return self._encoded_state
+
+
+def no_robot(name: str) -> ApiError:
+    """Returns what is raised if there is no robot of this name."""
+    return ApiError(404, f"there is no robot {name}")
 
 
 def _event(kind: str, *data: bytes) -> bytes:

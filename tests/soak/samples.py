@@ -176,7 +176,8 @@ class _Run:
         return Figure("file of samples", predicted_mb, size_mb, size_mb, predicted_mb * ALLOWED_SIZE, "MB")
 
     def _read_for_page(self, history: History) -> object:
-        return past_samples(history, SamplesQuery("r1", NAMES[0], seconds=1800))
+        query = SamplesQuery("r1", NAMES[0], seconds=1800)
+        return history.read(lambda connection: past_samples(connection, history.wall_s(), query))
 
     def _time(self, what: str, step: Callable[[], object]) -> Figure:
         limit_s = READ_LIMIT_S if self._hours * HOUR_S >= 30.0 * DAY_S else math.inf

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import sqlite3
 from datetime import datetime, timedelta, timezone
-from typing import Any, Callable, Mapping
+from typing import Mapping
 
 import pytest
 
 pytest.importorskip("aiohttp", reason="aiohttp, which serves the page, is not installed")
 
 from robot_health_monitor.core.config.schema import read_record, read_texts
-from robot_health_monitor.core.values.errors import ConfigError, MessageError, ServiceError
+from robot_health_monitor.core.values.errors import MessageError
 from robot_health_monitor.core.values.model import Level
 from robot_health_monitor.ops.store.active_silences import Silences
 from robot_health_monitor.ops.store.history import History
@@ -22,8 +21,6 @@ from robot_health_monitor.ops.web.history_requests import (
     Query,
     expire_silence,
     new_silence,
-    past_alert,
-    past_alerts,
 )
 
 EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
@@ -60,16 +57,6 @@ def test_every_parameter_is_read() -> None:
 def test_an_invalid_parameter_is_named(given: Mapping[str, str]) -> None:
     with pytest.raises(MessageError, match=f"^{next(iter(given))}: expected"):
         read_texts(Query, given)
-
-
-def test_a_file_that_cannot_be_read_is_not_the_fault_of_the_request() -> None:
-    class Damaged:
-        def read(self, function: Callable[[sqlite3.Connection], Any], timeout_s: float = 1.0) -> Any:
-            raise ConfigError("history.db: file is not a database")
-
-    for request, parameter in ((past_alerts, read_texts(Query, {})), (past_alert, 1)):
-        with pytest.raises(ServiceError, match="file is not a database"):
-            request(Damaged(), parameter)
 
 
 def test_a_silence_is_shown_with_its_times() -> None:

@@ -26,6 +26,7 @@ from robot_health_monitor.ops.store.active_silences import Silences
 from robot_health_monitor.ops.store.history import History
 from robot_health_monitor.ops.store.matchers import parse_matchers
 from robot_health_monitor.ops.store.recurrence import parse_recurrence
+from robot_health_monitor.ops.web.history_requests import past_levels
 from robot_health_monitor.ops.web.requests import WITHOUT_TOKEN, BodyLimit
 from robot_health_monitor.ops.web.updates import State, _event
 from robot_health_monitor.rosbridge.server.access import SESSION_S
@@ -107,24 +108,6 @@ def test_the_state_of_one_robot_and_without_samples() -> None:
         assert await site.get("/api/state?robot=talos") == (404, {"error": "there is no robot talos"})
 
     with_site(use, Robots("atlas", "spot"))
-
-
-def test_requests_at_the_same_time_share_one_answer(monkeypatch: pytest.MonkeyPatch) -> None:
-    async def use(site: Site) -> None:
-        read = site.web._read_state
-        readings: List[str] = []
-
-        async def count(robot: str = "", window: bool = False) -> Any:
-            readings.append(robot)
-            return await read(robot, window)
-
-        monkeypatch.setattr(site.web, "_read_state", count)
-        monkeypatch.setattr("robot_health_monitor.ops.web.interface._KEPT_S", 60.0)
-        answers = await asyncio.gather(*(site.get("/api/state") for _ in range(100)))
-        assert {status for status, _ in answers} == {200}
-        assert readings == [""]
-
-    with_site(use)
 
 
 def test_a_thousand_requests_are_answered() -> None:
@@ -878,11 +861,9 @@ def test_requests_for_the_past_are_read_one_at_a_time_and_only_so_many_wait(tmp_
 
 def test_pages_share_the_levels_of_a_day(tmp_path: Path) -> None:
     robots = Robots(history_file=str(tmp_path / "history.db"))
-    history = robots.history
-    assert history is not None
 
     async def use(site: Site) -> None:
-        with mock.patch.object(history, "read", wraps=history.read) as read:
+        with mock.patch("robot_health_monitor.ops.web.interface.past_levels", wraps=past_levels) as read:
             answers = await asyncio.gather(*(site.get("/api/history/levels") for _ in range(30)))
         assert {status for status, _ in answers} == {200}
         assert read.call_count == 1

@@ -64,22 +64,10 @@ def test_a_link_that_is_down_is_the_cause_and_the_others_are_unreachable() -> No
     assert (signal["level"], signal["state"], signal["value"]) == ("STALE", "unreachable", 19.0)
 
 
-def test_since_does_not_change_with_the_drift_of_simulated_time() -> None:
-    robots = Robots()
-    robots.observe(19.0)
-    steady_s = 7.0
-    state = RobotReader(robots.all[0], OwnState(lambda: robots.all, dict), robots.wall_s, lambda: steady_s)
-    before = state.state(window=False)["since"]
-    for _ in range(60):  # simulated time stands still
-        steady_s += 1.0
-        robots.wall_offset_s += 1.0
-        assert state.state(window=False)["since"] == before
-
-
 def test_a_wall_clock_that_is_set_makes_no_level_older() -> None:
     robots = Robots()
     robots.observe(19.0)
-    state = RobotReader(robots.all[0], OwnState(lambda: robots.all, dict), robots.wall_s, lambda: robots.bus.now_s)
+    state = reader(robots)
     assert state.state(window=False)["since"] == "2026-11-22T05:06:40.000Z"
     robots.at(105.0)
     robots.wall_offset_s += 3600.0  # at 05:06:45, set to 06:06:45
