@@ -43,6 +43,7 @@ from robot_health_monitor.ops.configuration import (
 )
 from robot_health_monitor.ops.store.samples import SAMPLES_FIELDS
 from robot_health_monitor.ops.web import metrics
+from robot_health_monitor.ops.web.history_requests import ALERT_FIELDS
 
 DOCS = Path(__file__).resolve().parent
 ROOT = DOCS.parent
@@ -245,7 +246,6 @@ _MARKS = {
     "robot": {"link", "signals"},
     "signal": {"state", "judged"},
     "silence": {"matchers", "until_resolved"},
-    "alert": {"from_level", "time"},
     "note": {"author", "time"},
 }
 """Keys that tell an object from all others in ops/web and silences.py."""
@@ -260,8 +260,8 @@ def _fields(name: str) -> str:
 
 def fields_sent(name: str) -> List[str]:
     """Returns the keys of an object of the API, from the dictionary in the code that makes it."""
-    if name == "samples":
-        return list(SAMPLES_FIELDS)
+    if name in ("samples", "alert"):
+        return list(SAMPLES_FIELDS if name == "samples" else ALERT_FIELDS)
     found = []
     for file in [*(ROOT / "ops" / "web").glob("*.py"), ROOT / "ops/store/silences.py"]:
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):

@@ -78,15 +78,23 @@ def json_format(type_name: str, definition: str) -> RawFormat:
     return RawFormat("json", root, "jsonschema", json.dumps(schema, separators=(",", ":")), "")
 
 
-def json_bytes(message: Message) -> bytes:
-    """Returns a message in rosbridge's form as JSON: null for NaN and infinities, base64 for bytes.
+def json_text(value: object, *, in_pieces: bool = False) -> str:
+    """Returns a value in rosbridge's form as compact JSON in ASCII: null for NaN and infinities, base64 for bytes.
 
-    Raises MessageError if it contains values that JSON has no type for.
+    Python's encoder holds the interpreter's lock until it has finished; with `in_pieces`, for large values in a
+    background thread, other threads run in between. Raises MessageError for values that JSON has no type for.
     """
+    if in_pieces:
+        return "".join(_ENCODER.iterencode(_with_null(value)))
     try:
-        return _ENCODER.encode(message).encode("ascii")
+        return _ENCODER.encode(value)
     except ValueError:
-        return _ENCODER.encode(_with_null(message)).encode("ascii")
+        return _ENCODER.encode(_with_null(value))
+
+
+def json_bytes(message: Message) -> bytes:
+    """Returns a message as `json_text`."""
+    return json_text(message).encode("ascii")
 
 
 class _Schemas:

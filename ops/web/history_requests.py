@@ -28,6 +28,11 @@ LARGEST_ID = 2**63 - 1
 _MOST = 1000
 _MOST_SAMPLES = 20_000
 _MOST_OTHERS = 50
+ALERT_FIELDS = (
+    "id", "time", "robot", "signal", "from_level", "to_level", "value", "statistic", "bound", "since", "text", "hint",
+    "black_box", "alert_id", "cause", "effects", "repeat", "notes",
+)  # fmt: skip
+"""The keys of an alert; but for a few, which are converted, the fields of `StoredTransition` of the same name."""
 _CELLS = 96
 """Cells of 15 minutes: 24 hours."""
 
@@ -205,26 +210,15 @@ def past_levels(connection: Connection, wall_s: float) -> Json:
 
 
 def _alert(connection: Connection, transition: StoredTransition) -> Json:
-    return {
-        "id": transition.id,
+    converted = {
         "time": iso_time(transition.wall_s),
-        "robot": transition.robot,
-        "signal": transition.signal,
         "from_level": transition.from_level.name,
         "to_level": transition.to_level.name,
-        "value": transition.value,
-        "statistic": transition.statistic,
-        "bound": transition.bound,
         "since": iso_time(transition.wall_s - (transition.now_s - transition.since_s)),
-        "text": transition.text,
-        "hint": transition.hint,
-        "black_box": transition.black_box,
-        "alert_id": transition.alert_id,
         "cause": transition.cause or None,
-        "effects": transition.effects,
-        "repeat": transition.repeat,
         "notes": [_note_json(note) for note in notes_of(connection, transition.id)],
     }
+    return {name: converted[name] if name in converted else getattr(transition, name) for name in ALERT_FIELDS}
 
 
 def _note_json(note: Note) -> Json:

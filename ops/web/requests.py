@@ -7,7 +7,7 @@ import functools
 import hashlib
 import json
 from pathlib import Path
-from typing import Any, Dict, Mapping, NamedTuple, Protocol, Tuple
+from typing import Any, Dict, Mapping, Protocol, Tuple
 
 from aiohttp import web
 
@@ -15,16 +15,11 @@ from ...runtime.http_answers import SECURITY_HEADERS, ApiError
 from ...runtime.origins import is_own_origin
 from ..plot import plot_script, plot_style
 
-
-class BodyLimit(NamedTuple):
-    """What the body of a request may be."""
-
-    most_bytes: int
-    timeout_s: float
-
-
-WITH_TOKEN = BodyLimit(16_384, 10.0)
-WITHOUT_TOKEN = BodyLimit(4096, 5.0)  # of a client that has not presented the token yet
+BodyLimit = Tuple[int, float]
+"""Most bytes of the body of a request, and most seconds until it has come."""
+WITH_TOKEN: BodyLimit = (16_384, 10.0)
+WITHOUT_TOKEN: BodyLimit = (4096, 5.0)
+"""Of a client that has not presented the token yet."""
 
 _PAGE_HEADERS = {
     **SECURITY_HEADERS,
@@ -70,9 +65,10 @@ async def read_object(request: web.Request, limit: BodyLimit = WITH_TOKEN) -> Di
     """Returns the JSON object in a body; raises ApiError if it is none, too large, or does not come in time."""
     if request.content_type != "application/json":
         raise ApiError(415, "expected Content-Type: application/json")
+    most_bytes, timeout_s = limit
     try:
-        await asyncio.wait_for(request.content.readexactly(limit.most_bytes + 1), limit.timeout_s)
-        raise ApiError(413, f"expected a body of at most {limit.most_bytes} bytes")
+        await asyncio.wait_for(request.content.readexactly(most_bytes + 1), timeout_s)
+        raise ApiError(413, f"expected a body of at most {most_bytes} bytes")
     except asyncio.TimeoutError:
         raise ApiError(400, "the body did not come in time") from None
     except asyncio.IncompleteReadError as end:

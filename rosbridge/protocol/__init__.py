@@ -4,11 +4,12 @@ Every WebSocket message is one operation: `read_operation(decode(data, limits))`
 input raises ProtocolError and nothing else.
 """
 
-from .codec import CBOR_PROBLEM, CBOR_SUBPROTOCOL, SUBPROTOCOLS, Wire, decode, encode
+from .codec import CBOR_COMPRESSIONS, CBOR_PROBLEM, CBOR_SUBPROTOCOL, SUBPROTOCOLS, Wire, decode, encode
 from .limits import DEFAULT_LIMITS, Id, Limits, ProtocolError
 from .operations import read_operation
 
 __all__ = [
+    "CBOR_COMPRESSIONS",
     "CBOR_PROBLEM",
     "CBOR_SUBPROTOCOL",
     "DEFAULT_LIMITS",

@@ -1,4 +1,4 @@
-"""The encodings of messages: JSON, CBOR (RFC 8949), and text as a PNG image.
+"""The encodings of messages: JSON and CBOR (RFC 8949).
 
 The CBOR decoder accepts only what rosbridge peers send: the types of JSON, byte strings and typed arrays, all of
 definite length. General CBOR libraries also follow shared references, big numbers and string references, with which a
@@ -11,12 +11,11 @@ from __future__ import annotations
 import base64
 import functools
 import json
-import math
 import re
 import struct
-import zlib
 from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple, Union
 
+from ...core.messages.raw_messages import json_text
 from ...core.values.errors import MessageError
 from ...runtime.libraries import missing_text
 from .limits import DEFAULT_LIMITS, Limits, ProtocolError, shown
@@ -37,6 +36,8 @@ SUBPROTOCOLS: Sequence[str] = () if CBOR_PROBLEM else (CBOR_SUBPROTOCOL,)
 Wire = Union[str, bytes]
 """One WebSocket message: text for JSON, binary for CBOR."""
 
+CBOR_COMPRESSIONS = ("cbor", "cbor-raw")
+"""Compressions of which messages are CBOR; others are JSON. There are no images (`png`)."""
 _JSON_STARTS = (b"{", b" ", b"\t", b"\r", b"\n")
 """First bytes of a JSON object; no CBOR map starts with one of them."""
 _SURROGATE = re.compile(r"\\u[dD][89a-fA-F]")
@@ -104,45 +105,7 @@ def encode(fields: Mapping[str, Any], compression: str = "none", *, is_large: bo
 
     Raises MessageError if a value cannot be encoded. A large one should be encoded in a background thread.
     """
-    if compression in ("cbor", "cbor-raw"):
-        return encode_cbor(fields)
-    text = encode_large_json(fields) if is_large else encode_json(fields)
-    return encode_json({"op": "png", "data": encode_png(text)}) if compression == "png" else text
-
-
-def encode_json(value: object) -> str:
-    """Returns compact JSON, with null for NaN and infinities, base64 for bytes; MessageError: JSON has no such type."""
-    try:
-        return _JSON.encode(value)
-    except ValueError:
-        return _JSON.encode(_without_infinities(value))
-
-
-def encode_large_json(value: object) -> str:
-    """Like `encode_json`, for a background thread: in pieces, so that other threads run in between.
-
-    Otherwise Python's encoder holds the interpreter lock until it has finished.
-    """
-    return "".join(_JSON.iterencode(_without_infinities(value)))
-
-
-def _base64(value: object) -> str:
-    if isinstance(value, (bytes, bytearray, memoryview)):
-        return base64.b64encode(value).decode("ascii")
-    raise MessageError(f"{type(value).__name__} cannot be encoded as JSON")
-
-
-_JSON = json.JSONEncoder(allow_nan=False, separators=(",", ":"), default=_base64)
-
-
-def _without_infinities(value: object) -> object:
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if isinstance(value, dict):
-        return {key: _without_infinities(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_without_infinities(item) for item in value]
-    return value
+    return encode_cbor(fields) if compression in CBOR_COMPRESSIONS else json_text(fields, in_pieces=is_large)
 
 
 _TYPED_ARRAYS = {64: "B", 69: "H", 70: "I", 71: "Q", 72: "b", 77: "h", 78: "i", 79: "q", 85: "f", 86: "d"}
@@ -305,29 +268,3 @@ def serialized_publication(data: bytes) -> Optional[Tuple[str, bytes]]:
     except (ProtocolError, KeyError):
         return None
     return (fields["topic"], fields["msg"]["bytes"]) if fields["op"] == "publish" else None
-
-
-_BYTES_PER_PIXEL = 3
-_COMPRESSION_LEVEL = 1  # the default takes four times as long for a few percent
-
-
-def encode_png(text: str) -> str:
-    """Returns `text` as a base64 PNG file: rosbridge's compression `png`.
-
-    Its UTF-8 bytes, padded with line feeds, are the pixels of an 8-bit RGB image that is about as wide as high. There
-    is no decoder: neither rosbridge servers nor this package's client receive images.
-    """
-    data = text.encode("utf-8")
-    width = max(1, math.isqrt(len(data) // _BYTES_PER_PIXEL))
-    stride = width * _BYTES_PER_PIXEL
-    height = max(1, -(-len(data) // stride))
-    data = data.ljust(stride * height, b"\n")
-    rows = b"".join(b"\0" + data[start : start + stride] for start in range(0, len(data), stride))
-    header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
-    chunks = ((b"IHDR", header), (b"IDAT", zlib.compress(rows, _COMPRESSION_LEVEL)), (b"IEND", b""))
-    file = b"\x89PNG\r\n\x1a\n" + b"".join(_chunk(kind, body) for kind, body in chunks)
-    return base64.b64encode(file).decode("ascii")
-
-
-def _chunk(kind: bytes, body: bytes) -> bytes:
-    return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))

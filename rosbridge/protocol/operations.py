@@ -15,6 +15,7 @@ from ...core.values.errors import MessageError
 from .limits import Id, ProtocolError, shown
 
 COMPRESSIONS = ("none", "png", "cbor", "cbor-raw")
+"""Messages of the compression `png`, which is for slow networks, are sent as with `none`: every client takes both."""
 STATUS_LEVELS = ("none", "error", "warning", "info")
 """Each level includes those before it."""
 _IGNORED = ("status", "auth", "action_result")
@@ -37,10 +38,6 @@ def _name(default: Any = REQUIRED) -> Any:
 
 def _id() -> Any:
     return declared(None, "", None, LONGEST_NAME)
-
-
-def _compression() -> Any:
-    return declared("none", choices=COMPRESSIONS)
 
 
 @dataclass(frozen=True)
@@ -77,7 +74,7 @@ class Subscribe:
     """Minimum time between two messages, in ms."""
     queue_length: int = declared(0, "", 0)
     """Messages to queue under `throttle_rate`; 0: messages in between are dropped."""
-    compression: str = _compression()
+    compression: str = declared("none", choices=COMPRESSIONS)
 
 
 @dataclass(frozen=True)
@@ -95,7 +92,6 @@ class CallService:
     service: str = _name()
     args: Arguments = declared({})
     id: Id = _id()
-    compression: str = _compression()
     timeout: Optional[float] = declared(None, "", 0)
     """Longest wait for the response, in s; the server's default applies if it is None."""
 

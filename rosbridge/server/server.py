@@ -277,9 +277,8 @@ class ServerThread:
 def _refuse(request: web.Request, error: Exception) -> web.Response:
     """Answers a request for which there is no route, or whose handler failed."""
     if isinstance(error, web.HTTPMethodNotAllowed):
-        allowed = sorted(error.allowed_methods)
-        text = f"expected the method {' or '.join(method for method in allowed if method != 'HEAD')}"
-        return json_error(405, text, {"Allow": ",".join(allowed)})
+        allowed = ",".join(sorted(error.allowed_methods))
+        return json_error(405, f"expected the method {allowed}", {"Allow": allowed})
     if isinstance(error, web.HTTPNotFound):
         return json_error(404, f"there is no path {request.path}")
     status = 503 if isinstance(error, ServiceError) else getattr(error, "status", 400)

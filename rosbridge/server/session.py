@@ -6,7 +6,7 @@ import asyncio
 from typing import Any, Dict, Mapping, Optional, Set
 
 from ...core.values.errors import ConfigError, MessageError, ServiceError
-from ..protocol import CBOR_PROBLEM, Id, Wire, decode, encode, operations, read_operation
+from ..protocol import CBOR_COMPRESSIONS, CBOR_PROBLEM, Id, Wire, decode, encode, operations, read_operation
 from .access import matches
 from .rosapi import SERVICES
 from .sending import LARGE_BYTES, ClientQueue, estimated_bytes, frame
@@ -127,7 +127,7 @@ class Session:
         limit = self._limits.subscriptions
         if sum(map(len, self._subscriptions.values())) >= limit and request.id not in requests:
             raise MessageError(f"more than {limit} subscriptions")
-        if CBOR_PROBLEM and request.compression in ("cbor", "cbor-raw"):
+        if CBOR_PROBLEM and request.compression in CBOR_COMPRESSIONS:
             raise MessageError(f"compression {request.compression}: {CBOR_PROBLEM}")
         every = {**requests, request.id: request}
         await self._topics.subscribe(self, request.topic, request.type, merge(every.values(), self._limits))
@@ -179,12 +179,11 @@ class Session:
 
     async def _respond(self, request: operations.CallService, values: object, *, result: bool) -> None:
         response = {"op": "service_response", "service": request.service, "values": values, "result": result}
-        fields, compression = _with_id(response, request.id), self._compression
-        if request.compression == "png":
-            compression = "png"
-        is_large = estimated_bytes(values) > LARGE_BYTES
-        wire = await self._node.codec.run(encode, fields, compression) if is_large else encode(fields, compression)
-        self.put(frame(wire))
+        fields = _with_id(response, request.id)
+        if estimated_bytes(values) > LARGE_BYTES:
+            self.put(frame(await self._node.codec.run(encode, fields, self._compression)))
+        else:
+            self.send(fields)
 
     async def _advertise_service(self, request: operations.AdvertiseService) -> None:
         self._require_room()

@@ -27,7 +27,7 @@ from robot_health_monitor.ops.store.history import History
 from robot_health_monitor.ops.store.matchers import parse_matchers
 from robot_health_monitor.ops.store.recurrence import parse_recurrence
 from robot_health_monitor.ops.web.history_requests import past_levels
-from robot_health_monitor.ops.web.requests import WITHOUT_TOKEN, BodyLimit
+from robot_health_monitor.ops.web.requests import WITHOUT_TOKEN
 from robot_health_monitor.ops.web.updates import State, _event
 from robot_health_monitor.rosbridge.server.access import SESSION_S
 
@@ -229,7 +229,7 @@ def test_a_body_before_the_token_is_small() -> None:
 
 
 def test_half_a_body_before_the_token_is_not_waited_for_long(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("robot_health_monitor.ops.web.interface.WITHOUT_TOKEN", BodyLimit(4096, 0.1))
+    monkeypatch.setattr("robot_health_monitor.ops.web.interface.WITHOUT_TOKEN", (4096, 0.1))
 
     async def use(site: Site) -> None:
         reader, writer = await asyncio.open_connection("127.0.0.1", site.server.port)

@@ -237,7 +237,7 @@ async def test_paths_and_methods_that_do_not_exist_are_refused_in_json(robot: Ro
         for method, path, status, problem, allow in (
             ("GET", "nothing", 404, "there is no path /nothing", None),
             ("DELETE", "a/b/c.html", 404, "there is no path /a/b/c.html", None),
-            ("POST", "known", 405, "expected the method GET", "GET,HEAD"),
+            ("POST", "known", 405, "expected the method GET,HEAD", "GET,HEAD"),
             ("GET", "", 404, "there is no path /", None),
         ):
             async with session.request(method, robot.url + path) as response:

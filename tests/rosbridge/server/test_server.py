@@ -216,13 +216,6 @@ class TestPublishingAndServices:
 
     @staticmethod
     @with_robot(OPEN)
-    async def test_a_response_is_sent_as_png_on_request(robot: Robot) -> None:
-        async with robot.peer() as peer:
-            await peer.send("call_service", service="/rosapi/topics", compression="png")
-            assert (await peer.receive())["op"] == "png"
-
-    @staticmethod
-    @with_robot(OPEN)
     async def test_clients_offer_services_to_one_another(robot: Robot) -> None:
         async with robot.peer() as provider, robot.peer() as caller:
             await provider.send("advertise_service", service="/offered", type="std_srvs/SetBool")
