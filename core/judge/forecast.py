@@ -62,10 +62,10 @@ class ForecastWindow(Window):
 
     def clear(self) -> None:
         """Removes every sample."""
-        super().clear()
         self._older, self._newer = LineSums(), LineSums()
-        self._middle = 0
+        self._middle = self._first = 0
         """Index of the oldest sample of the newer half."""
+        super().clear()
         self._older_count = 0
 
     def add(self, value: float, now_s: float) -> None:
@@ -166,9 +166,9 @@ class ForecastWindow(Window):
         values = self._values[middle:end]
         return len(values), sum(values) / len(values)
 
-    def _flip(self) -> None:
+    def _discard(self) -> None:
         self._middle -= self._first
-        super()._flip()
+        super()._discard()
 
 
 def window_for(config: SignalConfig) -> Window:

@@ -1,63 +1,107 @@
 """Statistics over a sliding window: amortised O(1) per sample, without drift, and read without side effects.
 
-Theory of operation. Subtracting a sample that leaves from a running sum adds rounding errors, and after an infinity or
-a huge outlier the sum is lost. So nothing is ever subtracted. The window is a queue of two parts (Tangwongsan et al.,
-"Low-latency sliding-window aggregation in worst-case constant time", 2017, describe it as two stacks):
+Theory of operation. Times and values are arrays: 16 bytes per sample, where a deque of floats takes 64. Samples that
+have left stay at their start until there are more of them than are left.
 
-    oldest sample                                                     newest sample
-    | front: one aggregate per sample, of it and all newer ones of the front | back: one running aggregate |
+Subtracting a sample that leaves from a running sum of floats adds rounding errors, and after a huge outlier the sum is
+lost. So the sums are exact: every double is a whole multiple of a power of two, and the integers of Python have any
+number of digits. A sample that leaves leaves no trace, nothing overflows, and a mean is rounded once.
 
-A new sample updates the back's aggregate. A sample that leaves drops its aggregate from the front. When the front is
-empty, the whole back becomes the new front, in one pass. Each sample takes part in one such pass. The statistics
-combine the front's current aggregate with the back's.
+The smallest and the largest value come from a queue of candidates: a sample joins it once, and removes those before it
+that it makes superfluous. (Lemire, "Streaming maximum-minimum filter using no more than three comparisons per element",
+2006.)
 
-Times and values are arrays: 16 bytes per sample, where a deque of floats takes 64. Samples that have left stay at their
-start until the front is empty.
-
-Aggregates are computed when a statistic is read, which most signals need once per second or never. The results do not
-depend on when that is: which samples are the front follows from the samples alone.
-
-An aggregate holds minimum, maximum, and the sums of the distances, and squared distances, to a reference: a sample
-that belongs to the aggregate, so that the sums lose few digits. Where squares would overflow, distances are scaled.
+Sums and candidates are brought up to date when a statistic is read, which most signals need once per second or never.
+The results do not depend on when that is.
 """
 
 from __future__ import annotations
 
 import math
-import sys
+import operator
 from array import array
 from bisect import bisect_right
-from dataclasses import dataclass
-from itertools import accumulate
-from operator import mul
-from typing import Callable, Dict, List, Mapping, Optional, Sequence, Tuple
-
-from .least_squares import LineSums
+from collections import deque
+from typing import Callable, Deque, Dict, List, Mapping, Optional, Sequence, Tuple
 
 Samples = Sequence[Tuple[float, float]]
 """(time in seconds, value), oldest first."""
 
-_LARGEST = sys.float_info.max
-_LARGEST_DISTANCE = 1e150
-"""A million squares of it are still a double."""
-_SCALE = 2.0**-600
-"""Makes the distance between any two doubles smaller than `_LARGEST_DISTANCE`."""
 _TIME_TOLERANCE_S = 1e-6
 LEAST_OF_LINE = 3
 """Samples that a rate needs."""
+_DIGITS = 53
+"""Binary digits of a double."""
+_MANTISSA = 2.0**_DIGITS
 
 
-@dataclass
-class _Front:
-    """Aggregates of the front: entry n is that of its newest n + 1 samples."""
+class Sums:
+    """Exact sums of a range of numbers x, of their squares, and of their products with numbers y, if there are any.
 
-    reference: float
-    scaled: int
-    """Sums and squares are scaled from this entry on."""
-    sums: Sequence[float]
-    squares: Sequence[float]
-    smallest: Sequence[float]
-    largest: Sequence[float]
+    They count units of `2**-(_DIGITS + scale)`, or the squares of these.
+    """
+
+    __slots__ = ("_begin", "_end", "_products", "_scale", "_squares", "_x", "_xs", "_y", "_ys")
+
+    def __init__(self, xs: Sequence[float], ys: Optional[Sequence[float]] = None) -> None:
+        """Starts with an empty range; only the ends of the sequences may change."""
+        self._xs, self._ys = xs, ys
+        self._begin = self._end = self._scale = self._x = self._y = self._squares = self._products = 0
+
+    def cover(self, begin: int) -> Sums:
+        """Makes the range begin there, not before it did, and end with the sequences; returns the sums."""
+        xs, ys = self._xs, self._ys
+        for sign, places in ((1, range(self._end, len(xs))), (-1, range(self._begin, begin))):
+            for at in places:
+                x = self._in_units(xs[at])
+                if ys is not None:
+                    y = self._in_units(ys[at])
+                    x = self._in_units(xs[at])  # the units may have become smaller
+                    self._y += sign * y
+                    self._products += sign * x * y
+                self._x += sign * x
+                self._squares += sign * x * x
+        self._begin, self._end = begin, len(xs)
+        return self
+
+    def _in_units(self, number: float) -> int:
+        """Returns a number as a multiple of the unit, which becomes as small as it requires."""
+        mantissa, exponent = math.frexp(number)
+        up = exponent + self._scale
+        if up < 0:
+            self._scale = -exponent
+            self._x <<= -up
+            self._y <<= -up
+            self._squares <<= -2 * up
+            self._products <<= -2 * up
+            up = 0
+        return int(mantissa * _MANTISSA) << up
+
+    @property
+    def _total_unit(self) -> int:
+        """The number of samples, in units."""
+        return self._end - self._begin << _DIGITS + self._scale
+
+    def mean(self) -> float:
+        """Returns the mean of x."""
+        return self._x / self._total_unit
+
+    def stddev(self) -> float:
+        """Returns the population standard deviation of x."""
+        squares = (self._end - self._begin) * self._squares - self._x * self._x
+        try:
+            return math.sqrt(squares) / self._total_unit
+        except OverflowError:
+            return math.isqrt(squares << 2 * _DIGITS) / (self._total_unit << _DIGITS)
+
+    def slope(self) -> Optional[float]:
+        """Returns the slope of the least-squares line of y over x; None if it is vertical or too steep for a double."""
+        count = self._end - self._begin
+        squares, products = count * self._squares - self._x * self._x, count * self._products - self._x * self._y
+        try:
+            return products / squares if squares else None
+        except OverflowError:
+            return None
 
 
 class Window:
@@ -68,15 +112,9 @@ class Window:
     """
 
     __slots__ = (
-        "_back", "_back_max", "_back_min", "_back_reference", "_back_scale", "_back_squares", "_back_sum", "_began_s",
-        "_built", "_first", "_front", "_in_sums", "_sums", "_times", "_values", "window_min_s", "window_s",
+        "_began_s", "_candidates", "_first", "_sums", "_sums_of_line", "_times", "_values", "window_min_s", "window_s",
         "window_samples",
     )  # fmt: skip
-
-    _back_min: float
-    _back_max: float
-    _sums: Optional[LineSums]
-    """Those of `rate`; None until it is read."""
 
     def __init__(self, window_s: float, window_samples: int, window_min_s: float = 0.0) -> None:
         """Creates an empty window; samples must come for `window_min_s` before any statistic but `last` is defined."""
@@ -89,33 +127,36 @@ class Window:
         """Removes every sample."""
         self._times = array("d")
         self._values = array("d")
+        self._began_s: Optional[float] = None
         self._first = 0
         """Index of the oldest sample; those before it have left."""
-        self._began_s: Optional[float] = None
-        self._front = 0
-        """How many samples of the front are left."""
-        self._built: Optional[_Front] = None
-        self._clear_back()
+        self._discard()
+
+    def _discard(self) -> None:
+        """Frees the samples that have left, and what the statistics know of them."""
+        del self._times[: self._first]
+        del self._values[: self._first]
+        self._first = 0
+        self._sums: Optional[Sums] = None
+        self._sums_of_line: Optional[Sums] = None
+        self._candidates: Dict[Callable[[float, float], bool], Deque[int]] = {}
+        """Indices of the samples that may be the smallest or the largest, by what compares two of them."""
 
     def __len__(self) -> int:
         return len(self._values) - self._first
 
     def add(self, value: float, now_s: float) -> None:
         """Adds a finite number and its time in s, not before that of the previous one; drops those that are too old."""
-        times = self._times
+        times, first, oldest_s = self._times, self._first, now_s - self.window_s
         times.append(now_s)
         self._values.append(value)
         if self._began_s is None:
             self._began_s = now_s
-        oldest_s = now_s - self.window_s
-        first = self._first
         while times[first] < oldest_s or len(times) - first > self.window_samples:
-            if not self._front:
-                self._flip()
-                first = 0
             first += 1
-            self._front -= 1
         self._first = first
+        if 3 * first > 2 * len(times):
+            self._discard()
 
     def begin_anew(self) -> None:
         """Counts `window_min_s` from the next sample on: there was a gap. The samples stay."""
@@ -183,50 +224,44 @@ class Window:
 
     def min(self) -> Optional[float]:
         """The smallest value."""
-        return self._extremes()[0] if self._values else None
+        return self._best(operator.lt)
 
     def max(self) -> Optional[float]:
         """The largest value."""
-        return self._extremes()[1] if self._values else None
+        return self._best(operator.gt)
+
+    def _best(self, is_better: Callable[[float, float], bool]) -> Optional[float]:
+        """Returns the value of which no other one is better."""
+        values = self._values
+        if not len(self):
+            return None
+        candidates = self._candidates.setdefault(is_better, deque())
+        for at in range(candidates[-1] + 1 if candidates else self._first, len(values)):
+            while candidates and not is_better(values[candidates[-1]], values[at]):
+                candidates.pop()
+            candidates.append(at)
+        while candidates[0] < self._first:
+            candidates.popleft()
+        return values[candidates[0]]
 
     def mean(self) -> Optional[float]:
         """The arithmetic mean."""
-        if not self._values:
-            return None
-        smallest, largest = self._extremes()
-        if smallest == largest:
-            return smallest
-        mean, _, scale = self._moments()
-        # Rounding must not carry it beyond the samples, nor beyond the doubles.
-        return min(max(mean / scale, smallest), largest)
+        return self._sums_of_values().mean() if len(self) else None
 
     def stddev(self) -> Optional[float]:
         """The population standard deviation."""
-        if not self._values:
-            return None
-        smallest, largest = self._extremes()
-        if smallest == largest:
-            return 0.0
-        _, variance, scale = self._moments()
-        return min(math.sqrt(variance) / scale, _LARGEST)
+        return self._sums_of_values().stddev() if len(self) else None
+
+    def _sums_of_values(self) -> Sums:
+        self._sums = self._sums or Sums(self._values)
+        return self._sums.cover(self._first)
 
     def rate(self) -> Optional[float]:
         """Slope of the least-squares line per second, as Prometheus's `deriv`; None also where it is no double."""
-        times, values, sums = self._times, self._values, self._sums
-        count, back = len(self), self._first + self._front
-        if count < LEAST_OF_LINE:
+        if len(self) < LEAST_OF_LINE:
             return None
-        if sums is None or (sums.front and not self._front):  # its reference has left
-            sums, self._in_sums = LineSums(), 0
-            sums.flip(times[self._first : back], values[self._first : back])
-            self._sums = sums
-        sums.front = self._front
-        for at in range(back + self._in_sums, len(values)):
-            sums.add(values[at], times[at])
-        self._in_sums = len(values) - back
-        _, _, squares, products = sums.moments(count, times[-1])
-        rate = products / squares if squares > 0.0 else math.nan
-        return rate if math.isfinite(rate) else None
+        self._sums_of_line = self._sums_of_line or Sums(self._times, self._values)
+        return self._sums_of_line.cover(self._first).slope()
 
     def frequency_hz(self) -> Optional[float]:
         """Arrivals per second from the oldest to the newest sample."""
@@ -236,123 +271,6 @@ class Window:
             return None
         frequency = (len(self) - 1) / span_s
         return frequency if math.isfinite(frequency) else None
-
-    def _flip(self) -> None:
-        """Makes the back the front, which is empty."""
-        del self._times[: self._first]
-        del self._values[: self._first]
-        self._first = 0
-        self._front = len(self._times)
-        self._built = None
-        self._clear_back()
-
-    def _clear_back(self) -> None:
-        self._back = 0
-        self._back_reference = math.nan
-        self._back_scale = 1.0
-        self._back_sum = 0.0
-        self._back_squares = 0.0
-        self._back_min = math.inf
-        self._back_max = -math.inf
-        self._sums = None
-        self._in_sums = 0
-        """How many samples of the back they hold."""
-
-    def _extremes(self) -> Tuple[float, float]:
-        """Returns the smallest and the largest value, and brings the aggregates up to date. Not without samples."""
-        values, front = self._values, self._front
-        new = len(values) - self._first - front - self._back
-        if new == 1:
-            self._add_to_back(values[-1])
-        elif new:
-            for value in values[-new:]:
-                self._add_to_back(value)
-        smallest, largest = self._back_min, self._back_max
-        if front:
-            built = self._built or self._build_front()
-            front_min, front_max = built.smallest[front - 1], built.largest[front - 1]
-            smallest = front_min if front_min < smallest else smallest
-            largest = front_max if front_max > largest else largest
-        return smallest, largest
-
-    def _add_to_back(self, value: float) -> None:
-        self._back += 1
-        distance = value * self._back_scale - self._back_reference
-        if not -_LARGEST_DISTANCE < distance < _LARGEST_DISTANCE:  # NaN: the back is empty
-            distance = self._rescale_back(value)
-        self._back_sum += distance
-        self._back_squares += distance * distance
-        if value < self._back_min:
-            self._back_min = value
-        if value > self._back_max:
-            self._back_max = value
-
-    def _rescale_back(self, value: float) -> float:
-        """Makes the first sample the reference, and scales the aggregate before a distance too large to be squared.
-
-        Returns the distance of `value`, scaled.
-        """
-        if math.isnan(self._back_reference):
-            self._back_reference = value
-            return 0.0
-        if self._back_scale == 1.0:
-            self._back_scale = _SCALE
-            self._back_reference *= _SCALE
-            self._back_sum *= _SCALE
-            self._back_squares = self._back_squares * _SCALE * _SCALE
-        return value * _SCALE - self._back_reference
-
-    def _build_front(self) -> _Front:
-        """Computes the front's aggregates: of every sample and all newer ones of the front."""
-        newest_first = self._values[self._first : self._first + self._front]
-        newest_first.reverse()
-        reference = newest_first[0]
-        distances = [value - reference for value in newest_first]
-        sums = array("d", accumulate(distances))
-        squares = array("d", accumulate(map(mul, distances, distances)))
-        scaled = len(distances)
-        if not -_LARGEST_DISTANCE < min(distances) <= max(distances) < _LARGEST_DISTANCE:
-            scaled = next(at for at, each in enumerate(distances) if not -_LARGEST_DISTANCE < each < _LARGEST_DISTANCE)
-            small = [value * _SCALE - reference * _SCALE for value in newest_first]
-            sums[scaled:] = array("d", accumulate(small))[scaled:]
-            squares[scaled:] = array("d", accumulate(map(mul, small, small)))[scaled:]
-        smallest, largest = array("d", accumulate(newest_first, min)), array("d", accumulate(newest_first, max))
-        self._built = _Front(reference, scaled, sums, squares, smallest, largest)
-        return self._built
-
-    def _moments(self) -> Tuple[float, float, float]:
-        """Returns mean and variance of the values times a scale, and the scale; call `_extremes` before.
-
-        Source: Chan, Golub and LeVeque, "Updating formulae and a pairwise algorithm", 1979.
-        """
-        front, back, built = self._front, self._back, self._built
-        scale = back_scale = self._back_scale
-        front_mean = front_squares = back_mean = back_squares = apart = 0.0
-        if front and built:
-            front_scale = _SCALE if front > built.scaled else 1.0
-            scale = min(scale, front_scale)
-            factor = scale / front_scale
-            total = built.sums[front - 1] * factor
-            front_mean = total / front
-            front_squares = built.squares[front - 1] * factor * factor - total * front_mean
-            back_reference = front_reference = built.reference * scale
-            back_mean = front_mean
-        if back:
-            factor = scale / back_scale
-            total = self._back_sum * factor
-            back_mean = total / back
-            back_squares = self._back_squares * factor * factor - total * back_mean
-            back_reference = self._back_reference * factor
-        count = front + back
-        if front and back:
-            # The references first: their difference is exact where they are close; sums with the means are not.
-            apart = (front_reference - back_reference) + (front_mean - back_mean)
-        squares = apart * apart * front * back / count
-        if front_squares > 0.0:
-            squares += front_squares
-        if back_squares > 0.0:
-            squares += back_squares
-        return back_reference + back_mean + apart * front / count, squares / count, scale
 
 
 class GapWindow(Window):
@@ -412,10 +330,7 @@ class CountWindow(Window):
         """Advances the time: what is `window_s` old leaves."""
         self._now_s = now_s
         while len(self) and now_s - self._times[self._first] >= self.window_s - _TIME_TOLERANCE_S:
-            if not self._front:
-                self._flip()
             self._first += 1
-            self._front -= 1
 
     def count_from(self, now_s: float) -> None:
         """Leaves the count undefined until `window_s` after `now_s`: what came before is not known."""
@@ -423,7 +338,8 @@ class CountWindow(Window):
 
     def leave_out(self, duration_s: float) -> None:
         """Leaves a duration out of the age of the samples: the robot could not be reached."""
-        self._times = array("d", [time_s + duration_s for time_s in self._times])
+        self._times[:] = array("d", [time_s + duration_s for time_s in self._times])
+        self._sums_of_line = None
         self._from_s += duration_s
 
     def take_over(self, other: Window) -> None:
