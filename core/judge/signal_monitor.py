@@ -15,7 +15,7 @@ from ..values.elements import DriverStatus
 from ..values.model import Level, Transition
 from .alert import Alert, Held
 from .forecast import ForecastWindow, window_for
-from .quality import Quality
+from .quality import Quality, as_float, suspicion_of
 from .rule import Rule, SignalRules
 from .sample_summary import SampleCollector, SampleSummary
 from .saved_state import Downtime, Saved, SavedSignal
@@ -76,7 +76,7 @@ class SignalMonitor(Alert):
         if self._calm_min < number <= self._calm_max:
             staleness = self.staleness
             if now_s - staleness.silent_since_s <= staleness.limit_s:
-                # Most samples of a healthy robot: they change no rule, no level and no suspicion (_use_config).
+                # Most samples of a healthy robot: they change no rule and no level (_use_config).
                 self.window.add(number, now_s)
                 self.judged = number
                 staleness.last_seen_s = staleness.silent_since_s = now_s
@@ -219,7 +219,7 @@ class SignalMonitor(Alert):
                 forecast=forecast,
                 window_samples=len(window),
                 window_is_long_enough=window.is_long_enough,
-                suspicion=quality.suspicion.text,
+                suspicion=suspicion_of(self.config, as_float(quality.latest), quality.good_samples, window),
                 down_cause=self.down_cause,
             )
         )
@@ -333,7 +333,7 @@ class SignalMonitor(Alert):
     def _use_config(self, config: SignalConfig) -> None:
         """Takes a configuration, and from it the values from which nothing can follow while everything is at rest.
 
-        They are valid, plausible, and beyond no bound. `_calm_max` is `_healthy_max` while everything is at rest, and
+        They are valid and beyond no bound. `_calm_max` is `_healthy_max` while everything is at rest, and
         below every value otherwise.
         """
         before, self.config = self.config, config
@@ -341,9 +341,8 @@ class SignalMonitor(Alert):
             self._statistics = None
         elif self._statistics is None or (config.statistic, config.window_s) != (before.statistic, before.window_s):
             self._statistics = Window(config.window_s, MOST_STATISTICS)
-        suspicion = self._quality.suspicion
-        lows = (config.valid_min, suspicion.ordinary_min, config.warn_below, config.error_below)
-        highs = (config.valid_max, suspicion.ordinary_max, config.warn_above, config.error_above, sys.float_info.max)
+        lows = (config.valid_min, config.warn_below, config.error_below)
+        highs = (config.valid_max, config.warn_above, config.error_above, sys.float_info.max)
         self._calm_min = max((low for low in lows if low is not None), default=-math.inf)
         self._healthy_max = min(high for high in highs if high is not None)
         if config.statistic != "last" or config.scale != 1.0 or config.placeholders:
@@ -363,7 +362,6 @@ class SignalMonitor(Alert):
             and not self.staleness.unknown
             and self._rules.is_at_rest
             and self._announcer.flaps.is_at_rest
-            and not self._quality.suspicion.watching
         )
 
     def _fall_silent(self) -> float:

@@ -104,13 +104,6 @@ def test_a_value_with_name_and_time_is_judged_as_the_sample_of_them() -> None:
 
 
 @pytest.mark.parametrize("number", [float, Slow])
-def test_zeros_beyond_no_bound_are_suspected_all_the_same(number: type) -> None:
-    calls = [("level", 0.0)] * 30
-    report = replay({"unit": "V", "warn_below": -5.0}, calls, number)[-1]
-    assert "suspicious data" in report.statuses["level"].message
-
-
-@pytest.mark.parametrize("number", [float, Slow])
 def test_a_value_that_clears_a_bound_on_the_charger_clears_it_for_later(number: type) -> None:
     signal = {"hysteresis": 2.0, "only_if": {"signal": "charging", "is": 0.0}}
     calls = [("charging", 1.0), ("level", 19.0), ("level", 21.0), ("level", 50.0), ("level", 21.0), ("charging", 0.0)]

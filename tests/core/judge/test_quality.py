@@ -90,7 +90,7 @@ def suspicion_after(values: Iterable[object], **config: Any) -> str:
 def test_a_fraction_where_a_percentage_should_be_is_suspected_from_the_20th_sample_on() -> None:
     assert suspicion_after([0.85] * 19, **BATTERY) == ""
     assert suspicion_after([0.85] * 20, **BATTERY) == (
-        "20 values in a row from 0 to 1, the last 0.85, look like a fraction, not like %; if so, set scale: 100"
+        "values from 0 to 1, the last 0.85, look like a fraction, not like %; if so, set scale: 100"
     )
 
 
@@ -102,29 +102,24 @@ def test_a_suspected_value_is_shown_and_judged_as_it_came() -> None:
 
 
 def test_fractions_are_suspected_without_any_bound() -> None:
-    assert suspicion_after([0.5] * 20, unit="%").startswith("20 values in a row")
+    assert suspicion_after([0.5] * 20, unit="%").startswith("values from 0 to 1, the last 0.5, ")
 
 
-def test_a_single_value_above_1_ends_the_suspicion_and_the_count_starts_again() -> None:
+def test_a_value_outside_of_0_to_1_in_the_window_ends_the_suspicion() -> None:
     assert suspicion_after([0.85] * 20 + [85.0], **BATTERY) == ""
-    assert suspicion_after([0.85] * 20 + [85.0] + [0.85] * 19, **BATTERY) == ""
-    assert suspicion_after([0.85] * 20 + [85.0] + [0.85] * 20, **BATTERY) != ""
+    assert suspicion_after([0.85] * 20 + [85.0] + [0.85] * 60, **BATTERY) == ""
+    assert suspicion_after([0.85] * 20 + [85.0] + [0.85] * 61, **BATTERY) != ""
     assert suspicion_after([0.85] * 19 + [-0.5] + [0.85] * 19, unit="%") == ""
-
-
-def test_a_bad_sample_interrupts_the_run() -> None:
-    assert suspicion_after([0.85] * 19 + [math.nan] + [0.85] * 19, **BATTERY) == ""
-    assert suspicion_after([0.85] * 19 + [math.nan] + [0.85] * 20, **BATTERY) != ""
 
 
 @pytest.mark.parametrize("value", [0.0, 1.0])
 def test_a_run_of_only_0_or_only_1_is_no_fraction(value: float) -> None:
-    assert suspicion_after([50.0] + [value] * 40, **BATTERY) == ""
+    assert suspicion_after([value] * 40, **BATTERY) == ""
 
 
 def test_a_run_of_0_and_1_mixed_is_no_fraction_until_one_lies_between() -> None:
-    assert suspicion_after([50.0] + [0.0, 1.0] * 20, **BATTERY) == ""
-    assert "fraction" in suspicion_after([50.0] + [0.0, 1.0] * 20 + [0.5], **BATTERY)
+    assert suspicion_after([0.0, 1.0] * 20, **BATTERY) == ""
+    assert "fraction" in suspicion_after([0.0, 1.0] * 20 + [0.5], **BATTERY)
 
 
 def test_a_fraction_is_no_news_where_the_unit_is_none() -> None:
@@ -169,23 +164,6 @@ def test_other_small_numbers_are_no_placeholder(value: float) -> None:
     assert "placeholder" not in suspicion_after([value], **BATTERY)
 
 
-def test_zero_ever_since_the_start_is_suspected_from_the_20th_sample_on() -> None:
-    assert suspicion_after([0.0] * 19, **BATTERY) == ""
-    assert suspicion_after([0.0] * 20, **BATTERY) == (
-        "always 0 since the start; if it means 'not measured', set placeholders: [0.0]"
-    )
-    assert suspicion_after([0.0] * 20 + [12.0], **BATTERY) == ""
-
-
-def test_a_battery_that_has_run_empty_is_not_suspected() -> None:
-    assert suspicion_after([3.0] + [0.0] * 40, **BATTERY) == ""
-
-
-def test_zero_is_no_news_for_a_flag_or_for_what_has_no_lower_bound() -> None:
-    assert suspicion_after([0.0] * 40, warn_below=1.0) == ""
-    assert suspicion_after([0.0] * 40, **CELSIUS) == ""
-
-
 @pytest.mark.parametrize("value", [0.0, -0.01, float32(-0.01)])
 def test_a_placeholder_that_is_configured_is_invalid_and_not_suspected(value: float) -> None:
     status = status_after([value] * 30, **BATTERY, placeholders=[0.0, -0.01])
@@ -228,16 +206,6 @@ def test_a_unit_that_does_not_fit_is_suspected(value: float, config: Mapping[str
 )
 def test_a_unit_that_may_fit_is_not_suspected(value: float, config: Mapping[str, Any]) -> None:
     assert suspicion_after([value], **config) == ""
-
-
-@pytest.mark.parametrize("value", [math.nan, None, "45.5 C", [math.nan, math.nan]])
-def test_no_number_20_times_in_a_row_is_suspected_not_to_be_measured(value: object) -> None:
-    expected = "20 values in a row are not numbers; if the source does not measure this, use another field"
-    assert suspicion_after([value] * 19, **BATTERY) == ""
-    assert suspicion_after([value] * 20, **BATTERY) == expected
-    assert suspicion_after([value] * 20 + [50.0], **BATTERY) == ""
-    assert suspicion_after([50.0] + [value] * 20, **BATTERY) == expected
-    assert suspicion_after([value] * 15 + [50.0] + [value] * 15, **BATTERY) == ""
 
 
 @pytest.mark.parametrize(("value", "config"), [(25_000.0, {"unit": "degC"}), (-0.01, {"unit": "%"})])
