@@ -15,14 +15,14 @@ and by what it depends on (causes.py).
 from __future__ import annotations
 
 import math
-from typing import Any, Dict, Optional, Sequence
+from typing import Optional, Sequence
 
 from ..config.signal_config import SignalConfig
 from ..values.formatting import duration_text, fingerprint
 from ..values.model import Level, Transition
 from .announcer import Announcer
 from .rule import TIME_TOLERANCE_S, Rule
-from .saved_state import Downtime, Saved, SavedSignal, age_s
+from .saved_state import SavedState
 from .staleness import LONG_DOWNTIME_S, Staleness
 from .wording import Judgement
 
@@ -234,31 +234,25 @@ class Alert:
             cause=self.cause,
         )
 
-    def snapshot(self, now_s: float, ahead_s: float) -> Dict[str, Any]:
-        """Returns the state as JSON values. Reads only.
+    def exchange(self, state: SavedState) -> None:
+        """Writes the state, or continues from one, before the first sample.
 
-        `ahead_s` is the time in seconds since 1970 minus the time of the calls.
+        After an UnusableStateError it must not be used.
         """
-        state = self._announcer.snapshot(self._explaining_rules, now_s, ahead_s)
-        state["since"]["level"] = self._level_since_s + ahead_s
-        if self.held is not None and self.held.caused_s is not None:
-            state["since"]["caused"] = self.held.caused_s + ahead_s
-            state["cause"] = self.held.last_cause
+        self._announcer.exchange(state, self._explaining_rules)
         # A silence that is announced as its source's is known again after a restart, by itself or with its source.
         is_open = self._announcer.level.severity >= _STALE.severity
-        return {**state, "stale": True} if self.staleness.stale and is_open else state
-
-    def restore(self, state: SavedSignal, now_s: float, downtime: Downtime) -> None:
-        """Continues from a snapshot, before the first sample; after an UnusableStateError it must not be used."""
-        saved = Saved(state)
-        self._announcer.restore(saved, self._explaining_rules, now_s, downtime)
-        if saved.flag("stale"):
-            self.staleness.fall_silent()
-        self._level = self._true_level()
-        since = saved.section("since")
-        self._level_since_s = now_s - age_s(since.number("level"), downtime.end_s)
-        if saved.has("cause"):
-            self._get_held().begin(saved.text("cause"), now_s - age_s(since.number("caused"), downtime.end_s))
+        is_stale = state.flag("stale", self.staleness.stale and is_open)
+        if state.is_saved:
+            if is_stale:
+                self.staleness.fall_silent()
+            self._level = self._true_level()
+        self._level_since_s = state.since_s("level", self._level_since_s)
+        held = self.held or Held()
+        cause = state.text("cause", "" if held.caused_s is None else held.last_cause)
+        caused_s = state.since_s("caused", held.caused_s)
+        if cause and state.is_saved:
+            self._get_held().begin(cause, caused_s)
 
     @property
     def _explaining_rules(self) -> Sequence[Rule]:

@@ -11,13 +11,13 @@ value that is noisy around its bound at 400 Hz must not be 400 alerts per second
 from __future__ import annotations
 
 import math
-from typing import Any, Dict, List, Optional, Sequence
+from typing import List, Optional, Sequence
 
 from ..config.signal_config import SignalConfig
 from ..values.model import Level, Transition
 from . import wording
 from .rule import TIME_TOLERANCE_S, Rule
-from .saved_state import Downtime, Saved, UnusableStateError, age_s
+from .saved_state import SavedState, UnusableStateError
 from .wording import Judgement
 
 CHANGES = 20
@@ -65,21 +65,16 @@ class FlapDetector:
         """Whether there was no change, so that the same level again makes no difference."""
         return not self._changes and not self.flapping
 
-    def snapshot(self) -> Dict[str, Any]:
-        """Returns the state as JSON values; empty if it is that of a new detector."""
-        if self.is_at_rest and self._last is Level.OK:
-            return {}
-        state: Dict[str, Any] = {"changes": self._changes, "last": self._last.name, "flapping": self.flapping}
-        return state if self._worst is None else {**state, "worst": self._worst.name}
-
-    def restore(self, saved: Saved) -> None:
-        """Continues from a snapshot; raises UnusableStateError."""
-        changes = saved.number("changes") or 0.0
+    def exchange(self, state: SavedState) -> None:
+        """Writes the state, or continues from one; raises UnusableStateError."""
+        changes = state.number("changes", self._changes) or 0.0
         if not 0.0 <= changes <= _KEPT:
             raise UnusableStateError(f"changes of level: expected a number of {CHANGES} bits, got {changes:g}")
         self._changes = int(changes)
-        self._last, self.flapping = saved.level("last"), saved.flag("flapping")
-        self._worst = saved.level("worst") if self.flapping and saved.has("worst") else None
+        self._last = state.member("last", Level, self._last) or Level.OK
+        self.flapping = state.flag("flapping", self.flapping)
+        worst = state.member("worst", Level, self._worst)
+        self._worst = worst if self.flapping else None
 
     def add(self, level: Level, *, is_storm: bool = False) -> None:
         """Processes the level after a good sample. During a storm, flapping does not end."""
@@ -216,42 +211,27 @@ class Announcer:
         self._announced_at_s = judgement.now_s
         return transition
 
-    def snapshot(self, rules: Sequence[Rule], now_s: float, ahead_s: float) -> Dict[str, Any]:
-        """Returns the state as JSON values; the rule that explains the level is saved by its index in `rules`.
+    def exchange(self, state: SavedState, rules: Sequence[Rule]) -> None:
+        """Writes the state, or continues from one, unknown at least since nothing watched.
 
-        The times in `since` and `storm` are in seconds since 1970, those of the calls plus `ahead_s`.
+        The rule that explains the level is saved by its index in `rules`. May raise UnusableStateError.
         """
-        since = {"announced": self.since_s + ahead_s}
-        if self._unknown_since_s is not None:
-            since["unknown"] = self._unknown_since_s + ahead_s
-        announced: Dict[str, Any] = {"level": self.level.name}
-        if not self._was_known:
-            announced["never_known"] = True
-        if self.rule is not None:
-            announced["rule"] = rules.index(self.rule)
-        if self._config.repeat_s > 0.0 and self.level is not Level.OK:
-            announced["repeat_waited_s"] = now_s - self._announced_at_s
-        flaps = self.flaps.snapshot() if self._config.flap_detection or self.flaps.flapping else {}
-        if flaps:
-            announced["flaps"] = flaps
-        storm = [time_s + ahead_s for time_s in self._times]
-        return {"since": since, "announced": announced, **({"storm": storm} if storm else {})}
-
-    def restore(self, state: Saved, rules: Sequence[Rule], now_s: float, downtime: Downtime) -> None:
-        """Continues from a snapshot, unknown at least since the downtime began. May raise UnusableStateError."""
-        saved, since = state.section("announced"), state.section("since")
-        self.flaps.restore(saved.section("flaps"))
-        self._times = sorted(now_s - age_s(time_s, downtime.end_s) for time_s in state.numbers("storm", MOST + 1))
-        self._end_flapping_unless_allowed(now_s)
-        rule = saved.number("rule")
+        announced = state.section("announced")
+        rule = announced.number("rule", None if self.rule is None else rules.index(self.rule))
         self.rule = rules[int(rule)] if rule is not None and rule in range(len(rules)) else None
-        self.level = saved.level("level")
-        self.since_s = now_s - age_s(since.number("announced"), downtime.end_s)
-        unknown = since.number("unknown")
-        known_until = downtime.begin_s if unknown is None else min(unknown, downtime.begin_s)
-        self._unknown_since_s = max(self.since_s, now_s - age_s(known_until, downtime.end_s))
-        self._was_known = not saved.flag("never_known")
-        self._announced_at_s = now_s - saved.duration_s("repeat_waited_s")
+        self.level = announced.member("level", Level, self.level) or Level.OK
+        self._was_known = not announced.flag("never_known", not self._was_known)
+        self.since_s = state.since_s("announced", self.since_s)
+        unknown_since_s = state.since_s("unknown", self._unknown_since_s)
+        repeats = self._config.repeat_s > 0.0 and self.level is not Level.OK
+        waited_s = announced.waited_s("repeat_waited_s", state.now_s - self._announced_at_s if repeats else 0.0)
+        self._times = state.times_s("storm", self._times, MOST + 1)
+        if state.is_saved:
+            self._unknown_since_s = max(self.since_s, min(unknown_since_s, state.unwatched_since_s))
+            self._announced_at_s = state.now_s - waited_s
+        if state.is_saved or self._config.flap_detection or self.flaps.flapping:
+            self.flaps.exchange(announced.section("flaps"))
+            self._end_flapping_unless_allowed(state.now_s)
 
     def restart(self, now_s: float, back_s: float) -> None:
         """Time went back to `now_s` by `back_s`."""

@@ -36,7 +36,7 @@ from .alert import Alert
 from .element_signals import ElementSignals, element_of, own_config
 from .restoration import Restoration
 from .sample_summary import SampleCollector, SampleSummary, WallClock
-from .saved_state import Downtime, SavedSignal
+from .saved_state import Downtime, SavedSignal, SavedState
 from .signal_monitor import SignalMonitor
 from .sources import Source, Sources
 from .window import Samples
@@ -334,8 +334,12 @@ class Monitor:
     def snapshot(self, signal: str, now_s: float, wall_s: float) -> SavedSignal:
         """Returns a state for `restore`, as JSON values; empty: not watched. `wall_s` is `now_s` in s since 1970."""
         known = self._signals.get(signal) or self._sources.get(signal)
+        if known is None:
+            return {}
         # Rounded, so that a state that has not changed is equal whenever it is saved.
-        return {} if known is None else known.snapshot(now_s, round(wall_s - now_s, 6))
+        state = SavedState(now_s, {}, ahead_s=round(wall_s - now_s, 6))
+        known.exchange(state)
+        return {key: value for key, value in state.values.items() if value != {}}
 
     def restore(
         self,

@@ -29,7 +29,7 @@ _UNITS: Mapping[str, Tuple[float, str]] = {
     "%": (100.0, ""), "degC": _CELSIUS, "°C": _CELSIUS, "C": _CELSIUS, "V": (1000.0, "millivolts"),
     "A": (1000.0, "milliamperes"),
 }  # fmt: skip
-"""Largest plausible value in a unit where `valid_max` is not set, and the unit whose numbers are 1,000 times as large."""
+"""Largest plausible value per unit where `valid_max` is not set, and the unit of numbers 1,000 times as large."""
 _KELVIN = (200.0, 500.0)
 
 

@@ -10,7 +10,7 @@ from ..values.errors import ConfigError
 from ..values.formatting import printable
 from ..values.model import Changes
 from .element_signals import ElementSignals, config_of, unconfigured
-from .saved_state import Downtime, SavedSignal, UnusableStateError, without_latch
+from .saved_state import Downtime, SavedSignal, SavedState, UnusableStateError, without_latch
 from .signal_monitor import SignalMonitor
 from .sources import Sources, is_source
 
@@ -52,7 +52,7 @@ class Restoration(NamedTuple):
                     continue
                 own = LINK_CONFIG if name == LINK else config_of(name, config.signals)
                 signal = SignalMonitor(own or unconfigured(name), robot, now_s)
-                signal.restore(saved, now_s, self.downtime)
+                signal.exchange(SavedState(now_s, saved, self.downtime))
             except (UnusableStateError, ConfigError) as error:
                 shown = printable(str(name))[:80]
                 unusable.append(f"{shown}: starts without its saved state: {printable(str(error))}")

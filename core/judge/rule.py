@@ -27,12 +27,11 @@ from __future__ import annotations
 
 import enum
 import math
-from typing import Any, Dict, Mapping, Optional, Tuple
+from typing import Optional, Tuple
 
 from ..config.signal_config import SignalConfig
-from ..values.formatting import datum_text
 from ..values.model import Level
-from .saved_state import Saved, UnusableStateError
+from .saved_state import SavedState
 
 TIME_TOLERANCE_S = 1e-6
 """Two times closer than this are the same: a double of seconds since 1970 resolves 0.24 microseconds."""
@@ -59,7 +58,6 @@ _NEXT_IF_TRUE = {_INACTIVE: _PENDING, _PENDING: _PENDING, _FIRING: _FIRING, _KEE
 _NEXT_IF_FALSE = {_INACTIVE: _INACTIVE, _PENDING: _INACTIVE, _FIRING: _KEEPING, _KEEPING: _KEEPING}
 _AFTER_WAIT = {_PENDING: _FIRING, _KEEPING: _INACTIVE}
 _SEVERITIES = {float(level): level.severity for level in Level}
-_STATE_OF_WORD = {state.value: state for state in State}
 
 
 class Rule:
@@ -188,33 +186,20 @@ class Rule:
         if self._frozen_since_s is not None:
             self._frozen_since_s = now_s
 
-    def snapshot(self, now_s: float) -> Dict[str, Any]:
-        """Returns the state as JSON values; empty if it is that of a new rule."""
-        if self.state is _INACTIVE and self.bound is None and not self.condition:
-            return {}
-        state: Dict[str, Any] = {"state": self.state.value, "condition": self.condition}
-        if self.state in _AFTER_WAIT:
-            state["waited_s"] = self.waited_s(now_s)
-        if self.bound is not None:
-            state.update(bound=self.bound, is_below=self.is_below, crossed=self._crossed, allowed=self.allowed)
-        return state
-
-    def restore(self, saved: Saved, now_s: float) -> None:
-        """Continues from a snapshot, frozen until `thaw`; raises UnusableStateError."""
-        word = saved.text("state", _INACTIVE.value)
-        state = _STATE_OF_WORD.get(word)
-        if state is None:
-            words = ", ".join(_STATE_OF_WORD)
-            raise UnusableStateError(f"state of a rule: expected one of {words}, got {datum_text(word)}")
-        self.freeze(now_s)
-        self.condition = saved.flag("condition")
-        is_below, crossed, allowed = saved.flag("is_below"), saved.flag("crossed"), saved.flag("allowed")
-        bound = saved.number("bound")
-        if bound is not None:
-            self.bound, self.is_below, self.allowed = bound, is_below, allowed
+    def exchange(self, state: SavedState) -> None:
+        """Writes the state, or continues from one, frozen until `thaw`."""
+        condition = state.flag("condition", self.condition)
+        bound = state.number("bound", self.bound)
+        is_below, crossed = state.flag("is_below", self.is_below), state.flag("crossed", self._crossed)
+        forbidden = state.flag("forbidden", not self.allowed)
+        word = state.member("state", State, None if self.state is _INACTIVE else self.state) or _INACTIVE
+        waited_s = state.waited_s("waited_s", self.waited_s(state.now_s) if self.state in _AFTER_WAIT else 0.0)
+        if state.is_saved:
+            self.freeze(state.now_s)
+            self.bound, self.is_below, self.allowed = bound, is_below, not forbidden
             self._crossed = crossed and bound == (self._below if is_below else self._above)  # else it was changed
-            self.condition = self._crossed and allowed
-        self._enter(state, now_s - saved.duration_s("waited_s"))
+            self.condition = condition if bound is None else self._crossed and self.allowed
+            self._enter(word, state.now_s - waited_s)
 
     def waited_s(self, now_s: float) -> float:
         """Returns for how long the state has lasted, without frozen time, in seconds."""
@@ -367,25 +352,14 @@ class SignalRules:
             return warn
         return announced if announced.bound in bounds.values() else None
 
-    @property
-    def _by_name(self) -> Mapping[str, Rule]:
-        return dict(zip(("warn", "error", "reported_stale"), self.bounds), invalid=self.invalid)
-
-    def snapshot(self, now_s: float) -> Dict[str, Any]:
-        """Returns the state as JSON values."""
-        rules = {name: rule.snapshot(now_s) for name, rule in self._by_name.items()}
-        state: Dict[str, Any] = {name: saved for name, saved in rules.items() if saved}
-        if not self.of_bounds:
-            state["reports_level"] = True
-        return state if self._latched is _OK else {**state, "latched": self._latched.name}
-
-    def restore(self, saved: Saved, now_s: float) -> None:
-        """Continues from a snapshot of the signal, frozen at `now_s`; raises UnusableStateError."""
-        if saved.flag("reports_level") and not self._config.bounds:
+    def exchange(self, state: SavedState) -> None:
+        """Writes the state of the signal, or continues from one, frozen; raises UnusableStateError."""
+        if state.flag("reports_level", not self.of_bounds) and self.of_bounds and not self._config.bounds:
             self.expect_levels()
-        for name, rule in self._by_name.items():
-            if rule.has_bounds or rule is self.invalid or not self.of_bounds:
-                rule.restore(saved.section(name), now_s)
-        latched = saved.level("latched")
-        if self._config.latch and latched in (level for level, _ in self.worst_first):
+        for name, rule in zip(("warn", "error", "reported_stale"), self.bounds):
+            if rule.has_bounds or not self.of_bounds:
+                rule.exchange(state.section(name))
+        self.invalid.exchange(state.section("invalid"))
+        latched = state.member("latched", Level, self._latched or None)
+        if self._config.latch and latched is not None and (latched is not _STALE or not self.of_bounds):
             self._latched = latched

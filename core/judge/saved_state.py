@@ -1,16 +1,19 @@
-"""Reads the saved state of one signal: plain JSON values, none of which can be trusted.
+"""Writes the state of one signal as plain JSON values, and reads them, none of which can be trusted.
 
 `Monitor.snapshot` writes it and `Monitor.restore` reads it. It comes from a file, so it may be of any form.
 """
 
 from __future__ import annotations
 
+import copy
+import enum
 import sys
-from typing import Any, List, Mapping, NamedTuple, Optional
+from typing import Any, Callable, List, Mapping, NamedTuple, Optional, Type, TypeVar
 
 from ..values.errors import MessageError
 from ..values.formatting import datum_text
-from ..values.model import Level
+
+Kind = TypeVar("Kind", bound=enum.Enum)
 
 SavedSignal = Mapping[str, Any]
 """State of one signal: numbers, texts, booleans, None and mappings of them. Empty: the signal is no longer watched.
@@ -35,81 +38,112 @@ class UnusableStateError(MessageError):
     """A saved state has an unexpected form; `str()` names the key and what was found."""
 
 
-class Saved:
-    """Reads one mapping of a saved state; missing keys are their defaults.
+class SavedState:
+    """A mapping of a state that is being written, or was saved.
 
-    `path` is the dotted path of its keys. What is not of the expected form raises UnusableStateError.
+    Whatever has a state passes it through these methods, in one function for both directions: each takes a value and
+    returns the one that counts from then on, which is the same, or what was saved. False and None are not written.
     """
 
-    def __init__(self, values: object, path: str = "") -> None:
-        """Opens a mapping."""
-        if not isinstance(values, Mapping):
-            raise UnusableStateError(f"{path or 'state'}: expected a mapping, got {datum_text(values)}")
-        self._values = values
-        self._path = path
+    def __init__(self, now_s: float, values: object, downtime: Optional[Downtime] = None, ahead_s: float = 0.0) -> None:
+        """Opens a mapping.
 
-    def section(self, key: str) -> Saved:
+        Args:
+            now_s: the time of the calls, in seconds.
+            values: where to write, or what was saved; raises UnusableStateError if that is no mapping.
+            downtime: the time since it was saved; None to write.
+            ahead_s: the time in seconds since 1970 minus `now_s`, to write.
+        """
+        self.now_s = now_s
+        self._downtime = downtime
+        self._ahead_s = ahead_s
+        self._path = ""
+        self.values = _mapping(values, "state")
+
+    @property
+    def is_saved(self) -> bool:
+        """Whether it was saved: what is not of the expected form raises UnusableStateError."""
+        return self._downtime is not None
+
+    def section(self, key: str) -> SavedState:
         """Returns a nested mapping, empty if it is missing."""
-        return Saved(self._values.get(key, {}), self._name(key))
+        below = copy.copy(self)
+        below._path = f"{self._path}{key}."
+        found = self.values.get(key, {}) if self.is_saved else self.values.setdefault(key, {})
+        below.values = _mapping(found, self._path + key)
+        return below
 
-    def has(self, key: str) -> bool:
-        """Whether a key is there."""
-        return key in self._values
+    def _pass(self, key: str, value: Any, is_allowed: Callable[[Any], bool], expected: str) -> Any:
+        if not self.is_saved:
+            if value is not None:
+                self.values[key] = value
+            return value
+        found = self.values.get(key)
+        if found is not None and not is_allowed(found):
+            raise UnusableStateError(f"{self._path}{key}: expected {expected}, got {datum_text(found)}")
+        return found
 
-    def flag(self, key: str) -> bool:
-        """Returns true or false; false if it is missing."""
-        value = self._values.get(key, False)
-        if not isinstance(value, bool):
-            raise self._unexpected(key, "true or false")
-        return value
+    def flag(self, key: str, value: bool = False) -> bool:
+        """Passes true or false; false if it is missing."""
+        return bool(self._pass(key, value or None, lambda found: isinstance(found, bool), "true or false"))
 
-    def text(self, key: str, default: str = "") -> str:
-        """Returns a text."""
-        value = self._values.get(key, default)
-        if not isinstance(value, str):
-            raise self._unexpected(key, "a text")
-        return value
+    def text(self, key: str, value: str = "") -> str:
+        """Passes a text; empty if it is missing."""
+        return self._pass(key, value or None, lambda found: isinstance(found, str), "a text") or ""
 
-    def number(self, key: str) -> Optional[float]:
-        """Returns a finite number, None if it is missing or null."""
-        value = self._values.get(key)
-        if value is None:
-            return None
-        if isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= sys.float_info.max:
-            return float(value)
-        raise self._unexpected(key, "a finite number")
+    def number(self, key: str, value: Optional[float] = None) -> Optional[float]:
+        """Passes a finite number; None if it is missing."""
+        found = self._pass(key, value, _is_finite, "a finite number")
+        return None if found is None else float(found)
 
-    def numbers(self, key: str, most: int) -> List[float]:
-        """Returns the finite numbers of a list, at most so many; none if it is missing."""
-        values = self._values.get(key, [])
-        if not isinstance(values, list):
-            raise self._unexpected(key, "a list")
-        return [Saved({key: each}, self._path).number(key) or 0.0 for each in values[:most]]
+    def waited_s(self, key: str, value_s: float = 0.0) -> float:
+        """Passes a duration in which nothing counts while nothing watches; 0 if it is missing or negative."""
+        return min(max(0.0, self.number(key, value_s or None) or 0.0), LONGEST_S)
 
-    def duration_s(self, key: str) -> float:
-        """Returns a duration in seconds, 0 if it is missing or negative."""
-        return min(max(0.0, self.number(key) or 0.0), LONGEST_S)
+    def member(self, key: str, kind: Type[Kind], value: Optional[Kind] = None) -> Optional[Kind]:
+        """Passes a member of an enumeration, by its name; None if it is missing."""
+        names = kind.__members__
+        name = None if value is None else value.name
+        name = self._pass(key, name, lambda found: found in list(names), f"one of {', '.join(names)}")
+        return None if name is None else kind[name]
 
-    def level(self, key: str) -> Level:
-        """Returns a level by its name; OK if it is missing."""
-        name = self.text(key, Level.OK.name)
-        if name not in Level.__members__:
-            raise self._unexpected(key, "a level")
-        return Level[name]
+    def since_s(self, key: str, value_s: Optional[float] = None) -> float:
+        """Passes when something began, by the time of the calls; now if it is missing, or lies ahead."""
+        saved_s = self.section("since").number(key, None if value_s is None else value_s + self._ahead_s)
+        if self._downtime is not None:
+            value_s = None if saved_s is None else self._at_s(saved_s)
+        return self.now_s if value_s is None else value_s
 
-    def _unexpected(self, key: str, expected: str) -> UnusableStateError:
-        found = datum_text(self._values.get(key))
-        return UnusableStateError(f"{self._name(key)}: expected {expected}, got {found}")
+    def times_s(self, key: str, values_s: List[float], most: int) -> List[float]:
+        """Passes times of the calls in their order, at most so many; none if they are missing."""
+        ahead_s = [time_s + self._ahead_s for time_s in values_s]
+        saved_s = self._pass(key, ahead_s or None, _are_finite, "a list of finite numbers") or ()
+        return sorted(map(self._at_s, saved_s[:most])) if self.is_saved else values_s
 
-    def _name(self, key: str) -> str:
-        return f"{self._path}.{key}" if self._path else key
+    @property
+    def unwatched_since_s(self) -> float:
+        """Since when nothing watched, by the time of the calls."""
+        return self.now_s if self._downtime is None else self._at_s(self._downtime.begin_s)
+
+    def _at_s(self, saved_s: float) -> float:
+        ago_s = 0.0 if self._downtime is None else self._downtime.end_s - saved_s
+        return self.now_s - min(max(0.0, ago_s), LONGEST_S)
+
+
+def _mapping(values: object, path: str) -> Any:
+    if not isinstance(values, Mapping):
+        raise UnusableStateError(f"{path}: expected a mapping, got {datum_text(values)}")
+    return values
+
+
+def _is_finite(found: object) -> bool:
+    return isinstance(found, (int, float)) and not isinstance(found, bool) and abs(found) <= sys.float_info.max
+
+
+def _are_finite(found: object) -> bool:
+    return isinstance(found, list) and all(map(_is_finite, found))
 
 
 def without_latch(state: SavedSignal) -> SavedSignal:
     """Returns a state whose latch is cleared; anything but a mapping unchanged."""
     return {key: value for key, value in state.items() if key != "latched"} if isinstance(state, Mapping) else state
-
-
-def age_s(since: Optional[float], wall_s: float) -> float:
-    """Returns how long ago a saved time was, in s; both are since 1970. 0 for None, or if the clock went back."""
-    return 0.0 if since is None else min(max(0.0, wall_s - since), LONGEST_S)

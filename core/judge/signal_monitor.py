@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import sys
-from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
+from typing import Callable, List, Optional, Sequence, Tuple
 
 from ..config.signal_config import SignalConfig
 from ..values.elements import DriverStatus
@@ -18,7 +18,7 @@ from .forecast import ForecastWindow, window_for
 from .quality import Quality, as_float, suspicion_of
 from .rule import Rule, SignalRules
 from .sample_summary import SampleCollector, SampleSummary
-from .saved_state import Downtime, Saved, SavedSignal
+from .saved_state import SavedState
 from .window import CountWindow, Samples, Window
 from .wording import Judgement
 
@@ -243,18 +243,14 @@ class SignalMonitor(Alert):
         """Returns the periods that have ended; see `SampleCollector.take`. None unless samples are collected."""
         return [] if self._samples is None else self._samples.take(now_s)
 
-    def snapshot(self, now_s: float, ahead_s: float) -> Dict[str, Any]:
-        """Returns the state as JSON values, as `Alert.snapshot`."""
-        return {**super().snapshot(now_s, ahead_s), **self._rules.snapshot(now_s)}
-
-    def restore(self, state: SavedSignal, now_s: float, downtime: Downtime) -> None:
-        """Continues from a snapshot, before the first sample; after an UnusableStateError it must not be used."""
-        saved = Saved(state)
-        self._rules.restore(saved, now_s)
-        super().restore(state, now_s, downtime)
-        self._begin_count(now_s)
-        if self.config.statistic == "count":
-            self._freeze_or_thaw(now_s)
+    def exchange(self, state: SavedState) -> None:
+        """Writes the state, or continues from one, as `Alert.exchange`."""
+        self._rules.exchange(state)
+        super().exchange(state)
+        if state.is_saved:
+            self._begin_count(state.now_s)
+            if self.config.statistic == "count":
+                self._freeze_or_thaw(state.now_s)
 
     @property
     def _explaining_rules(self) -> Sequence[Rule]:

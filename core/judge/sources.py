@@ -16,13 +16,13 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from functools import lru_cache
-from typing import Any, Callable, Dict, Iterable, Iterator, List, Mapping, Optional, Sequence, Tuple
+from typing import Callable, Dict, Iterable, Iterator, List, Mapping, Optional, Sequence, Tuple
 
 from ..config.signal_config import SignalConfig, read_signal, template_name
 from ..values.model import Changes, Level, Transition
 from .alert import Alert
 from .rule import TIME_TOLERANCE_S
-from .saved_state import Downtime, Saved, SavedSignal, age_s
+from .saved_state import Downtime, SavedSignal, SavedState
 from .signal_monitor import SignalMonitor
 from .wording import Judgement
 
@@ -151,27 +151,17 @@ class Source(Alert):
         self.is_heard = False
         super().restart_time(now_s, back_s)
 
-    def snapshot(self, now_s: float, ahead_s: float) -> Dict[str, Any]:
-        """Returns its state as `Alert.snapshot` does; empty while it has none to continue from."""
-        if not self.was_silent and not self.is_silent:
-            return {}
-        state = super().snapshot(now_s, ahead_s)
-        if self.is_silent:
-            state["since"]["silent"] = self.staleness.counts_from_s + ahead_s
-            state["silence"] = {"head": "" if self.head is None else self.head.name, "speaks": self.speaks}
-        return state
-
-    def restore(self, state: SavedSignal, now_s: float, downtime: Downtime) -> None:
-        """Continues from a snapshot; `Sources.relate` must follow."""
-        super().restore(state, now_s, downtime)
-        saved = Saved(state)
-        self.was_silent = True
-        if saved.has("silence"):
-            silence = saved.section("silence")
-            silence.text("head")
-            self.speaks = silence.flag("speaks")
-            since = saved.section("since").number("silent")
-            self.staleness.silent_since_s = now_s - age_s(since, downtime.begin_s)
+    def exchange(self, state: SavedState) -> None:
+        """Writes the state, or continues from one; `Sources.relate` must follow."""
+        super().exchange(state)
+        self.was_silent = self.was_silent or state.is_saved
+        silence = state.section("silence")
+        self.speaks = silence.flag("speaks", self.speaks)
+        silence.text("head", "" if self.head is None else self.head.name)
+        is_silent = silence.flag("is_silent", self.is_silent)
+        silent_since_s = state.since_s("silent", self.staleness.counts_from_s if self.is_silent else None)
+        if is_silent and state.is_saved:
+            self.staleness.silent_since_s = silent_since_s
             self.staleness.fall_silent()
 
 
@@ -289,7 +279,7 @@ class Sources:
         """
         known = self._by_name.get(name)
         source = Source(known.config if known else _shared_config(name, 0.0, 0.0), self._robot, now_s)
-        source.restore(state, now_s, downtime)
+        source.exchange(SavedState(now_s, state, downtime))
         if known is None:
             return source.end(now_s)
         source.signals = known.signals
@@ -301,7 +291,7 @@ class Sources:
         for name, state in states.items():
             source = self._by_name.get(name)
             if source is not None and source.is_silent:
-                head = self._by_name.get(Saved(state).section("silence").text("head"))
+                head = self._by_name.get(state.get("silence", {}).get("head", ""))
                 source.head = head if head is not None and head.is_silent else None
                 changes.add(source.fall_silent(now_s))
 

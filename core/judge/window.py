@@ -147,6 +147,8 @@ class Window:
 
     def add(self, value: float, now_s: float) -> None:
         """Adds a finite number and its time in s, not before that of the previous one; drops those that are too old."""
+        if 3 * self._first > 2 * len(self._times):
+            self._discard()
         times, first, oldest_s = self._times, self._first, now_s - self.window_s
         times.append(now_s)
         self._values.append(value)
@@ -155,8 +157,6 @@ class Window:
         while times[first] < oldest_s or len(times) - first > self.window_samples:
             first += 1
         self._first = first
-        if 3 * first > 2 * len(times):
-            self._discard()
 
     def begin_anew(self) -> None:
         """Counts `window_min_s` from the next sample on: there was a gap. The samples stay."""

@@ -16,7 +16,7 @@ from sqlite3 import Connection
 from typing import Any, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
 
 from ...core.config.signal_config import LINK, template_name
-from ...core.judge.saved_state import Saved
+from ...core.judge.saved_state import Downtime, SavedState
 from ...core.judge.sources import is_source
 from ...core.values.model import Level
 from ...core.values.patterns import matches_pattern
@@ -219,7 +219,7 @@ def _reachable(connection: Connection, robot: Optional[str], watched: Mapping[st
 def _known_s(state: object, now_s: float) -> float:
     """Returns how long the announced level in a saved state has been known, in s; infinity if it does not say."""
     try:
-        saved = Saved(json.loads(state))  # type: ignore[arg-type]
+        saved = SavedState(now_s, json.loads(state), Downtime(now_s, now_s))  # type: ignore[arg-type]
         if saved.section("announced").flag("never_known"):
             return 0.0
         since = saved.section("since")

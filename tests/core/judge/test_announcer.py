@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from typing import Any, List, Mapping, Sequence, Tuple
+from typing import Any, Dict, List, Mapping, Sequence, Tuple
 
 import pytest
 from harness.seeds import examples
@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from robot_health_monitor.core import Level, Monitor, Sample, Transition, load_config
 from robot_health_monitor.core.config.signal_config import read_signal
 from robot_health_monitor.core.judge.announcer import Announcer, FlapDetector
-from robot_health_monitor.core.judge.saved_state import Downtime, Saved
+from robot_health_monitor.core.judge.saved_state import Downtime, SavedState
 from robot_health_monitor.core.judge.signal_monitor import SignalMonitor
 
 OK, WARN, ERROR, STALE = Level.OK, Level.WARN, Level.ERROR, Level.STALE
@@ -278,10 +278,13 @@ def test_the_memory_is_bounded() -> None:
     under_test = announcer()
     for number in range(1_000):
         announce(under_test, WARN if number % 2 == 0 else OK, number * 0.001)
-    times = under_test.snapshot((), 10.0, 0.0)["storm"]
+    saved: Dict[str, Any] = {}
+    under_test.exchange(SavedState(10.0, saved), ())
+    times = saved["storm"]
     assert (len(times), times[0], times[-1]) == (61, pytest.approx(0.939), 0.999)
-    under_test.restore(Saved({"storm": [1.0] * 10_000}), (), 10.0, Downtime(10.0, 10.0))
-    assert len(under_test.snapshot((), 10.0, 0.0)["storm"]) == 61
+    under_test.exchange(SavedState(10.0, {"storm": [1.0] * 10_000}, Downtime(10.0, 10.0)), ())
+    under_test.exchange(SavedState(10.0, saved), ())
+    assert saved["storm"] == [1.0] * 61
 
 
 steps = st.lists(

@@ -536,7 +536,7 @@ json_values = st.recursive(
         st.booleans(),
         st.integers(),
         st.floats(),
-        st.sampled_from((10**400, "OK", "firing", "x" * 20, "keeps firing", 1e308, -1e308)),
+        st.sampled_from((10**400, "OK", "FIRING", "x" * 20, "KEEPING", 1e308, -1e308)),
         st.text(max_size=5),
     ),
     lambda inner: st.one_of(st.lists(inner, max_size=3), st.dictionaries(st.text(max_size=5), inner, max_size=3)),
@@ -558,7 +558,7 @@ def full_state() -> Dict[str, Any]:
     )
     state["since"]["unknown"] = 9.0
     state["storm"] = [1e9 - 40.0, 1e9 - 1.0]  # the test restores at 1e9
-    state.update(invalid={"state": "pending", "condition": True, "waited_s": 1.0}, stale=True, latched="WARN")
+    state.update(invalid={"state": "PENDING", "condition": True, "waited_s": 1.0}, stale=True, latched="WARN")
     return state
 
 
@@ -579,7 +579,7 @@ def replaced(state: Any, path: Tuple[str, ...], value: Any) -> Any:
 
 
 @pytest.mark.parametrize("number", [0, 1, 61, 10_000])
-@pytest.mark.parametrize("time_s", [-1e300, 0, 1e9 - 1.0, 1e300, None])
+@pytest.mark.parametrize("time_s", [-1e300, 0, 1e9 - 1.0, 1e300])
 def test_a_storm_of_any_form_ends_within_a_minute(number: int, time_s: Any) -> None:
     state = {**full_state(), "storm": [time_s] * number, "latched": "OK"}
     state["announced"] = {"level": "OK"}

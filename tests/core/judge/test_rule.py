@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import Any, List, Optional, Tuple
+from typing import Any, Dict, List, Optional, Tuple
 
 import pytest
 
 from robot_health_monitor.core import Level
 from robot_health_monitor.core.config.signal_config import read_signal
 from robot_health_monitor.core.judge.rule import Rule, SignalRules, State
-from robot_health_monitor.core.judge.saved_state import Saved, UnusableStateError
+from robot_health_monitor.core.judge.saved_state import Downtime, SavedState, UnusableStateError
 
 
 def rule(
@@ -198,10 +198,8 @@ def test_a_saved_state_that_is_unknown_is_refused_with_those_that_are_known() ->
     rule = Rule()
     rule.configure(below=20.0)
     with pytest.raises(UnusableStateError) as error:
-        rule.restore(Saved({"state": "asleep"}), 0.0)
-    assert str(error.value) == (
-        "state of a rule: expected one of inactive, pending, firing, keeps firing, got 'asleep'"
-    )
+        rule.exchange(SavedState(0.0, {"state": "asleep"}, Downtime(0.0, 0.0)))
+    assert str(error.value) == "state: expected one of INACTIVE, PENDING, FIRING, KEEPING, got 'asleep'"
 
 
 BOUNDS = {"warn_below": 20.0, "error_below": 10.0}
@@ -304,16 +302,17 @@ def test_a_state_that_is_saved_is_restored_as_far_as_there_are_bounds() -> None:
     signal = rules(latch=True)
     signal.judge(5.0, 0.0)
     assert level(signal) is Level.ERROR
-    saved = signal.snapshot(1.0)
-    assert sorted(saved) == ["error", "latched", "warn"] and saved["latched"] == "ERROR"
+    saved: Dict[str, Any] = {}
+    signal.exchange(SavedState(1.0, saved))
+    assert sorted(filter(saved.get, saved)) == ["error", "latched", "warn"] and saved["latched"] == "ERROR"
     again = rules(latch=True)
-    again.restore(Saved(saved), 100.0)
+    again.exchange(SavedState(100.0, saved, Downtime(0.0, 0.0)))
     assert (level(again), again.error.fires, again.warn.fires) == (Level.ERROR, True, True)
     without = SignalRules(read_signal("battery_level", {"warn_below": 20.0}))
-    without.restore(Saved(saved), 100.0)
+    without.exchange(SavedState(100.0, saved, Downtime(0.0, 0.0)))
     assert (level(without), without.error.fires) == (Level.WARN, False)
 
 
 def test_a_state_that_cannot_be_used_is_refused() -> None:
-    with pytest.raises(UnusableStateError, match="latched: expected a level, got 'HIGH'"):
-        rules().restore(Saved({"latched": "HIGH"}), 0.0)
+    with pytest.raises(UnusableStateError, match="latched: expected one of OK, WARN, ERROR, STALE, got 'HIGH'"):
+        rules().exchange(SavedState(0.0, {"latched": "HIGH"}, Downtime(0.0, 0.0)))

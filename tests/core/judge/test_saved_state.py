@@ -1,72 +1,91 @@
-"""The reader of a saved state, which comes from a file and may be of any form."""
+"""A saved state, which is written and read by the same calls; it comes from a file, and may be of any form."""
 
 from __future__ import annotations
 
-from typing import Any, Mapping
+from typing import Any, Dict, Mapping
 
 import pytest
 
-from robot_health_monitor.core.judge.saved_state import LONGEST_S, Saved, UnusableStateError, age_s
+from robot_health_monitor.core.judge.saved_state import LONGEST_S, Downtime, SavedState, UnusableStateError
 from robot_health_monitor.core.values.model import Level
 
 
+def read(values: object, now_s: float = 0.0, downtime: Downtime = Downtime(0.0, 0.0)) -> SavedState:  # noqa: B008
+    return SavedState(now_s, values, downtime)
+
+
 def test_a_missing_key_is_its_default() -> None:
-    saved = Saved({})
-    assert (saved.flag("a"), saved.text("a"), saved.number("a"), saved.duration_s("a")) == (False, "", None, 0.0)
-    assert saved.level("a") is Level.OK
-    assert not saved.section("a").has("b")
+    saved = read({}, 7.0)
+    assert (saved.flag("a", True), saved.text("a", "x"), saved.number("a", 1.0)) == (False, "", None)
+    assert (saved.waited_s("a", 1.0), saved.member("a", Level, Level.WARN), saved.since_s("a", 1.0)) == (0.0, None, 7.0)
+    assert saved.times_s("a", [1.0], 2) == [] and saved.section("a").text("b") == ""
 
 
-def test_values_are_read_by_their_type() -> None:
-    saved = Saved({"flag": True, "text": "x", "number": 20, "level": "STALE", "inner": {"number": 1.5}})
-    assert (saved.flag("flag"), saved.text("text"), saved.number("number")) == (True, "x", 20.0)
-    assert saved.level("level") is Level.STALE
-    assert saved.section("inner").number("number") == 1.5
+def test_what_is_written_is_read_by_the_same_calls_at_another_time() -> None:
+    """Written at 100 s, which is 1,000 s since 1970; read at 5 s, 60 s later."""
+
+    def exchange(state: SavedState, number: float, since_s: float) -> Any:
+        inner = state.section("inner")
+        return (
+            inner.number("number", number),
+            inner.flag("flag", True),
+            inner.text("text", "x"),
+            inner.member("level", Level, Level.STALE),
+            inner.waited_s("waited_s", 3.5),
+            state.since_s("begun", since_s),
+            state.times_s("times", [90.0, 95.0], 5),
+        )
+
+    values: Dict[str, Any] = {}
+    expected = (0.0, True, "x", Level.STALE, 3.5)
+    written = exchange(SavedState(100.0, values, ahead_s=900.0), 0.0, 80.0)
+    assert written == (*expected, 80.0, [90.0, 95.0])
+    assert values["since"] == {"begun": 980.0}
+    later = read(values, 5.0, Downtime(1000.0, 1060.0))
+    assert exchange(later, 9.0, 9.0) == (*expected, -75.0, [-65.0, -60.0])
+    assert later.unwatched_since_s == -55.0
 
 
 @pytest.mark.parametrize("found", [None, [], "text", 3, True])
 def test_only_a_mapping_is_a_state(found: Any) -> None:
     with pytest.raises(UnusableStateError, match="expected a mapping"):
-        Saved(found)
+        read(found)
 
 
 @pytest.mark.parametrize("found", [float("nan"), float("inf"), 10**400, True, "1", [1.0]])
 def test_only_a_finite_number_is_a_number(found: Any) -> None:
     with pytest.raises(UnusableStateError, match=r"^inner\.number: expected a finite number"):
-        Saved({"inner": {"number": found}}).section("inner").number("number")
+        read({"inner": {"number": found}}).section("inner").number("number")
 
 
 @pytest.mark.parametrize(
-    ("read", "values"),
+    ("name", "arguments", "found"),
     [
-        ("flag", {"flag": 1}),
-        ("text", {"text": 1}),
-        ("level", {"level": "FATAL"}),
-        ("level", {"level": 2}),
-        ("section", {"section": 1}),
+        ("flag", (), 1),
+        ("text", (), 1),
+        ("member", (Level,), "FATAL"),
+        ("member", (Level,), 2),
+        ("member", (Level,), {}),
+        ("section", (), 1),
+        *(("times_s", ([], 2), wrong) for wrong in (1, "12", {"1": 2}, [float("nan")], ["1"], [None])),
     ],
 )
-def test_another_type_is_refused(read: str, values: Mapping[str, Any]) -> None:
-    with pytest.raises(UnusableStateError, match=f"^{read}: expected"):
-        getattr(Saved(values), read)(read)
+def test_another_type_is_refused(name: str, arguments: Any, found: object) -> None:
+    with pytest.raises(UnusableStateError, match=r"^key: expected"):
+        getattr(read({"key": found}), name)("key", *arguments)
 
 
-def test_a_list_of_numbers_is_bounded_and_has_finite_numbers_only() -> None:
-    assert Saved({"times": [1, 2.5, 3.0]}).numbers("times", 2) == [1.0, 2.5]
-    assert Saved({}).numbers("times", 2) == []
-    for wrong in (1, "12", {"1": 2}, [float("nan")], ["1"]):
-        with pytest.raises(UnusableStateError, match=r"^times: expected a"):
-            Saved({"times": wrong}).numbers("times", 2)
+def test_a_list_of_times_is_bounded_and_sorted() -> None:
+    assert read({"times": [1, 3.0, 2.5]}, 0.0, Downtime(4.0, 4.0)).times_s("times", [], 2) == [-3.0, -1.0]
 
 
 def test_durations_are_neither_negative_nor_endless() -> None:
-    saved = Saved({"negative": -1.0, "huge": 1e308})
-    assert saved.duration_s("negative") == 0.0
-    assert saved.duration_s("huge") == LONGEST_S
+    saved = read({"negative": -1.0, "huge": 1e308})
+    assert saved.waited_s("negative") == 0.0
+    assert saved.waited_s("huge") == LONGEST_S
 
 
-def test_nothing_began_in_the_future() -> None:
-    assert age_s(100.0, 160.0) == 60.0
-    assert age_s(160.0, 100.0) == 0.0
-    assert age_s(-1e308, 1e308) == LONGEST_S
-    assert age_s(None, 100.0) == 0.0
+@pytest.mark.parametrize(("since", "age_s"), [(100.0, 60.0), (220.0, 0.0), (-1e308, LONGEST_S)])
+def test_nothing_began_in_the_future(since: float, age_s: float) -> None:
+    values: Mapping[str, Any] = {"since": {"a": since}}
+    assert read(values, 0.0, Downtime(160.0, 160.0)).since_s("a") == -age_s
