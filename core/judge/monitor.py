@@ -28,17 +28,17 @@ from typing import (
 from ..config.causes import Causes, causes_of
 from ..config.monitor_config import MonitorConfig
 from ..config.signal_config import CONDITIONS, LINK, LINK_CONFIG, SignalConfig, is_element_name, template_name
-from ..values.elements import Elements
+from ..values.elements import Elements, LinkDown
+from ..values.errors import ConfigError
 from ..values.formatting import printable
 from ..values.model import Changes, Level, Report, Sample, Status
 from . import wording
 from .alert import Alert
-from .element_signals import ElementSignals, element_of, own_config
-from .restoration import Restoration
+from .element_signals import ElementSignals, config_of, element_of, own_config, unconfigured
 from .sample_summary import SampleCollector, SampleSummary, WallClock
-from .saved_state import Downtime, SavedSignal, SavedState
+from .saved_state import Downtime, SavedSignal, SavedState, UnusableStateError
 from .signal_monitor import SignalMonitor
-from .sources import Source, Sources
+from .sources import Source, Sources, is_source
 from .window import Samples
 from .wording import Judgement
 
@@ -47,6 +47,8 @@ _UNKNOWN = frozenset([""])
 """No causes: those that are active have to be found."""
 _LINK_GRACE_S = 60.0
 """A restored link of which nothing is reported for this long is no longer watched."""
+_MOST_NOTICES = 10
+"""Most saved states that cannot be used and are named."""
 
 
 class Monitor:
@@ -83,8 +85,10 @@ class Monitor:
         self._followers: Dict[str, List[SignalMonitor]] = {}
         """The signals with a condition on a signal, by its name; every cause and `link` are keys too."""
         self._link_down = False
-        self._link_cause = ""
-        self._restoration: Optional[Restoration] = None
+        self._saved: Optional[Tuple[Mapping[str, SavedSignal], Downtime]] = None
+        """The states of an earlier run and the time since then, until the first call."""
+        self._resets = False
+        """Whether latches are cleared when they are restored."""
         self._clock: Optional[WallClock] = None
         """Wall time for the samples that `take_samples` returns; None before its first call."""
         self._make_collector: Optional[Callable[[SignalMonitor], SampleCollector]] = None
@@ -144,10 +148,7 @@ class Monitor:
 
     def set_link(self, up: bool, cause: str, now_s: float) -> Changes:
         """Judges a sample of the signal `link`: whether the robot can be reached, and why not (ignored while `up`)."""
-        self._link_cause = "" if up else printable(cause)
-        if LINK in self._signals:
-            self._signals[LINK].down_cause = self._link_cause
-        return self.observe(Sample(LINK, 1.0 if up else 0.0, now_s))
+        return self.observe_value(LINK, 1.0 if up else LinkDown(cause), now_s)
 
     def tick(self, now_s: float) -> Changes:
         """Advances the time."""
@@ -270,15 +271,6 @@ class Monitor:
         known = self._signals.get(signal)
         return None if known is None else known.latest_good
 
-    def judged_value(self, signal: str) -> Optional[float]:
-        """Returns the value of the statistic that a signal's bounds apply to; None while it is undefined."""
-        known = self._signals.get(signal)
-        return None if known is None else known.judged
-
-    def shown_value(self, signal: str) -> Optional[float]:
-        """Returns the value of a signal's statistic; None while there is none, or it is bad, stale or unreachable."""
-        return None if self.fresh_value(signal) is None else self.judged_value(signal)
-
     def shown_samples(self, signal: str, limit: int = 300, since_s: float = -math.inf) -> Samples:
         """As `window_samples`, of the judged statistic: its values at ticks, at most 300, unless it is `last`."""
         known = self._signals.get(signal)
@@ -356,13 +348,12 @@ class Monitor:
         time in seconds since 1970, as is `stopped_s`: when the earlier run was last known to watch (None: until now).
         """
         downtime = Downtime(wall_s if stopped_s is None else min(stopped_s, wall_s), wall_s)
-        self._restoration = Restoration(states, downtime)
+        self._saved = states, downtime
         return Changes() if now_s is None else self._advance(now_s)[0]
 
     def reset(self) -> Changes:
         """Clears every latch."""
-        if self._restoration is not None:
-            self._restoration = self._restoration.without_latches()
+        self._resets = self._saved is not None
         changes = Changes(filter(None, [signal.reset(self._now_s) for signal in self._signals.values()]))
         self._look_at_causes(self._now_s, changes)
         return changes
@@ -447,13 +438,42 @@ class Monitor:
         """Handles the first call: every signal begins to be watched."""
         self._now_s = now_s
         self._follow_configuration(changes)
-        restoration, self._restoration = self._restoration, None
-        if restoration is not None:
-            restoration.restore(self.config, self.robot, now_s, self._watched, self._sources, changes)
+        saved, self._saved = self._saved, None
+        if saved is not None:
+            self._continue(*saved, now_s, changes)
             if LINK in self._watched:
                 self._link_restored_s = now_s
             self._arrange()
+            if self._resets:
+                changes.extend(self.reset())
         self._look_at_causes(now_s, changes)
+
+    def _continue(self, states: Mapping[str, SavedSignal], downtime: Downtime, now_s: float, changes: Changes) -> None:
+        """Continues from the states of an earlier run; what is not watched any more ends."""
+        unusable: List[str] = []
+        of_sources: Dict[str, SavedSignal] = {}
+        for name, saved in states.items():
+            try:
+                if is_source(name):
+                    changes.add(self._sources.restore(name, saved, now_s, downtime))
+                    of_sources[name] = saved
+                    continue
+                own = LINK_CONFIG if name == LINK else config_of(name, self.config.signals)
+                signal = SignalMonitor(own or unconfigured(name), self.robot, now_s)
+                signal.exchange(SavedState(now_s, saved, downtime))
+            except (UnusableStateError, ConfigError) as error:
+                shown = printable(str(name))[:80]
+                unusable.append(f"{shown}: starts without its saved state: {printable(str(error))}")
+                continue
+            template = self._watched.get(template_name(name))
+            if own is None or (isinstance(template, ElementSignals) and not template.restore(name, signal)):
+                changes.add(signal.end(now_s))
+            elif not isinstance(template, ElementSignals):
+                self._watched[name] = signal
+        self._sources.relate(of_sources, now_s, changes)
+        more = len(unusable) - _MOST_NOTICES
+        rest = [f"... and {more} more saved states"] if more > 0 else []
+        changes.notices = (*unusable[:_MOST_NOTICES], *rest)
 
     def _arrange(self) -> None:
         """Puts the signals in the order of the configuration, after some were added or removed."""
@@ -522,7 +542,6 @@ class Monitor:
         """
         if name == LINK:
             signal = SignalMonitor(LINK_CONFIG, self.robot, now_s)
-            signal.down_cause = self._link_cause
             self._watched[LINK] = signal
             self._arrange()
             return signal

@@ -142,8 +142,3 @@ def _is_finite(found: object) -> bool:
 
 def _are_finite(found: object) -> bool:
     return isinstance(found, list) and all(map(_is_finite, found))
-
-
-def without_latch(state: SavedSignal) -> SavedSignal:
-    """Returns a state whose latch is cleared; anything but a mapping unchanged."""
-    return {key: value for key, value in state.items() if key != "latched"} if isinstance(state, Mapping) else state

@@ -38,7 +38,7 @@ class SignalMonitor(Alert):
 
     __slots__ = (
         "_calm_max", "_calm_min", "_healthy_max", "_quality", "_rules", "_samples", "_statistics", "_zero_s",
-        "down_cause", "judged", "window",
+        "judged", "window",
     )  # fmt: skip
 
     def __init__(self, config: SignalConfig, robot: str, now_s: float) -> None:
@@ -55,8 +55,6 @@ class SignalMonitor(Alert):
         self._rules = SignalRules(config)
         self._zero_s: Optional[float] = None
         """When nothing was found in the graph, in the startup grace; None: not, or something was."""
-        self.down_cause = ""
-        """Why the link is down, for the signal `link`."""
         self._use_config(config)
         self._know_count(now_s)
 
@@ -220,7 +218,6 @@ class SignalMonitor(Alert):
                 window_samples=len(window),
                 window_is_long_enough=window.is_long_enough,
                 suspicion=suspicion_of(self.config, as_float(quality.latest), quality.good_samples, window),
-                down_cause=self.down_cause,
             )
         )
 

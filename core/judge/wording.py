@@ -11,7 +11,7 @@ from typing import Dict, Mapping, NamedTuple, Optional, Sequence
 
 from ..config.remarks import doubt_of
 from ..config.signal_config import ACTIVE, CONDITIONS, LINK, SignalConfig
-from ..values.elements import Age, BadDatum, DriverStatus
+from ..values.elements import Age, BadDatum, DriverStatus, LinkDown
 from ..values.field_path import element_path
 from ..values.formatting import bound_text, count_text, datum_text, duration_text, number_text, printable, with_unit
 from ..values.model import Forecast, Level, Status
@@ -107,8 +107,6 @@ class Judgement(NamedTuple):
     """Whether samples have come for `window_min_s`."""
     suspicion: str = ""
     """`suspicious data: ...`, or empty."""
-    down_cause: str = ""
-    """Why the link is down, for the signal `link`."""
     storm: str = ""
     """Why it flaps, if that is for the number of its transitions; else empty."""
     source_signals: int = 0
@@ -408,7 +406,8 @@ def _link_reason(judgement: Judgement) -> str:
         return "up"
     if judgement.rule is not None and judgement.rule.state is State.KEEPING:
         return f"up, {_KEEPING}"
-    return f"down: {judgement.down_cause}" if judgement.down_cause else "down"
+    cause = printable(judgement.latest.cause) if isinstance(judgement.latest, LinkDown) else ""
+    return f"down: {cause}" if cause else "down"
 
 
 def _invalid_reason(judgement: Judgement) -> str:

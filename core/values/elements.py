@@ -67,6 +67,21 @@ class Age(float):
         return "the stamp does not count from 1970" if self > _OLDEST_S else ""
 
 
+class LinkDown(float):
+    """The sample 0.0 of the signal `link`: a robot cannot be reached."""
+
+    __slots__ = ("cause",)
+
+    def __new__(cls, cause: str) -> LinkDown:
+        """Creates it with the reason, which may be empty."""
+        new = super().__new__(cls)
+        new.cause = cause
+        return new
+
+    cause: str
+    """Why it cannot be reached."""
+
+
 class DriverStatus(NamedTuple):
     """A DiagnosticStatus as a whole. Fields are as received: nothing is judged yet."""
 

@@ -77,7 +77,7 @@ def test_the_count_and_its_alerts_are_those_of_brute_force(seed: int) -> None:
         if down_s is None:
             monitor.tick(now_s)
             expected = referee.level(now_s)
-            assert monitor.judged_value("errors") == float(referee.count(now_s))
+            assert monitor.judgements(0.0)["errors"].judged == float(referee.count(now_s))
             assert monitor.report(now_s).statuses["errors"].level is expected
 
 
@@ -106,9 +106,9 @@ def test_a_sample_that_is_a_window_old_does_not_count() -> None:
     monitor = monitor_of()
     monitor.observe(Sample("errors", 1.0, 0.1))
     monitor.tick(60.0)
-    assert monitor.judged_value("errors") == 1.0
+    assert monitor.judgements(0.0)["errors"].judged == 1.0
     monitor.tick(60.1)
-    assert monitor.judged_value("errors") == 0.0
+    assert monitor.judgements(0.0)["errors"].judged == 0.0
 
 
 def test_more_than_the_window_holds_are_at_least_so_many() -> None:
@@ -126,7 +126,7 @@ def test_bad_samples_do_not_count() -> None:
     monitor = monitor_of()
     for value in (1.0, math.nan, 1.0):
         monitor.observe(Sample("errors", value, 1.0))
-    assert monitor.judged_value("errors") == 2.0
+    assert monitor.judgements(0.0)["errors"].judged == 2.0
 
 
 def restarted(monitor: Monitor, now_s: float, **changes: Any) -> Tuple[Monitor, List[str]]:
@@ -175,7 +175,7 @@ def test_a_new_window_counts_what_is_in_it_now() -> None:
     monitor.tick(40.0)
     changes = load_config({"signals": {"errors": {**COUNT, "window_s": 20.0}}})
     assert lines_of([monitor.configure(changes)]) == []
-    assert monitor.judged_value("errors") == 0.0
+    assert monitor.judgements(0.0)["errors"].judged == 0.0
 
 
 def test_for_s_and_latch_apply_to_a_count() -> None:

@@ -53,7 +53,9 @@ def test_each_goal_that_ends_after_the_monitor_came_is_a_sample(ros: Any) -> Non
     ros.wait_until(lambda: server.status_pub.get_num_connections() == 1)
 
     def judged() -> Any:
-        return system.read(lambda monitor, _: (len(monitor.window_samples("goals")), monitor.judged_value("goals")))
+        return system.read(
+            lambda monitor, _: (len(monitor.window_samples("goals")), monitor.judgements(0.0)["goals"].judged)
+        )
 
     for order, expected in ((0, (1, 0.0)), (2, (1, 0.0)), (5, (2, 0.5)), (1, (3, 2.0 / 3.0)), (0, (4, 0.5))):
         send(order)

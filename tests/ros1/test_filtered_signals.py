@@ -36,7 +36,7 @@ def test_errors_in_the_log_are_counted(ros: Any) -> None:
         rospy.logwarn("planner: slow %d", number)
         rospy.logerr("controller: failed %d", number)
         (rospy.logerr if number % 2 else rospy.logfatal)("planner: failed %d", number)
-    ros.wait_until(lambda: system.read(lambda monitor, _: monitor.judged_value("errors")) == 6.0)
+    ros.wait_until(lambda: system.read(lambda monitor, _: monitor.judgements(0.0)["errors"].judged) == 6.0)
     assert [event.text.partition(" (")[0] for event in said] == ["errors WARN: 6 in 60 s is above 5"]
 
 

@@ -60,7 +60,7 @@ def test_goals_that_succeed_abort_or_are_canceled_or_rejected_are_judged(ros: An
 
     def judged() -> Any:
         return system.read(
-            lambda monitor, _: (len(monitor.window_samples("nav_goals")), monitor.judged_value("nav_goals"))
+            lambda monitor, _: (len(monitor.window_samples("nav_goals")), monitor.judgements(0.0)["nav_goals"].judged)
         )
 
     def send(*, cancel: bool = False) -> None:

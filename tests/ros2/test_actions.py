@@ -31,7 +31,7 @@ def test_the_latest_message_says_which_goals_had_ended_before(ros: Any) -> None:
 
     def judged() -> Any:
         return system.read(
-            lambda monitor, _: (len(monitor.window_samples("nav_goals")), monitor.judged_value("nav_goals"))
+            lambda monitor, _: (len(monitor.window_samples("nav_goals")), monitor.judgements(0.0)["nav_goals"].judged)
         )
 
     ros.wait_until(lambda: system.samples >= 1)

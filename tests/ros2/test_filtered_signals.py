@@ -29,7 +29,7 @@ def test_errors_in_the_log_are_counted(ros: Any) -> None:
         ros.wait_until(lambda: all(node.count_subscribers("/rosout") for node in nodes.values()))
 
         def count() -> Any:
-            return system.read(lambda monitor, _: monitor.judged_value("errors"))
+            return system.read(lambda monitor, _: monitor.judgements(0.0)["errors"].judged)
 
         for number in range(6):
             nodes["planner"].get_logger().warning(f"slow {number}")

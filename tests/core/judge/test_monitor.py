@@ -591,7 +591,7 @@ def test_a_bad_sample_after_a_staleness_does_not_bring_the_old_statistic_back() 
     watched.tick(9.0)
     watched.observe(math.nan, 10.0)
     assert watched.transitions[-1].text == "battery_level OK: samples again (was STALE for 1 s)"
-    assert watched.monitor.judged_value("battery_level") is None
+    assert watched.monitor.judgements(0.0)["battery_level"].judged is None
 
 
 def test_before_the_first_sample_only_startup_grace_counts() -> None:
@@ -1284,12 +1284,11 @@ def test_a_monitor_without_signals_can_be_given_some_later() -> None:
 
 def test_the_judged_value_is_that_of_the_statistic() -> None:
     monitor = Monitor(load_config({"signals": {"battery": {"statistic": "mean", "window_s": 2.0}}}))
-    assert monitor.judged_value("battery") is None
+    assert monitor.judgements(0.0)["battery"].judged is None
     monitor.observe(Sample("battery", 2.0, 0.0))
-    assert monitor.judged_value("battery") is None  # undefined for window_s / 2
+    assert monitor.judgements(0.0)["battery"].judged is None  # undefined for window_s / 2
     monitor.observe(Sample("battery", 4.0, 1.0))
-    assert monitor.judged_value("battery") == 3.0
-    assert monitor.judged_value("unknown") is None
+    assert monitor.judgements(0.0)["battery"].judged == 3.0
 
 
 def test_skipped_time_counts_neither_as_silence_nor_towards_durations() -> None:
@@ -1396,14 +1395,12 @@ def test_a_signal_leads_with_its_statistic() -> None:
             monitor.tick(number * 0.125)
     judgement = monitor.judgements(25.0)["imu"]
     assert wording.shown_text(judgement) == wording.reason(judgement) == "8 Hz"
-    assert monitor.shown_value("imu") == 8.0
     status = monitor.report(25.0).statuses["imu"]
     assert (status.values["value"], status.message) == ("1", "8 Hz")
     samples = monitor.shown_samples("imu")
     assert [time_s for time_s, _ in samples] == [14.875 + number for number in range(11)]
     assert [value for _, value in samples] == [8.0] * 11
     monitor.tick(35.0)
-    assert monitor.shown_value("imu") is None  # stale
     assert len(monitor.shown_samples("imu")) == 11
 
 
@@ -1580,4 +1577,3 @@ def test_the_values_of_a_signal_without_a_statistic_to_show_are_its_samples() ->
     watched = Watched(warn_below=20.0)
     watched.observe(50.0, 0.0)
     assert watched.monitor.shown_samples("battery_level") == watched.monitor.window_samples("battery_level")
-    assert (watched.monitor.shown_value("battery_level"), watched.monitor.shown_value("other")) == (50.0, None)

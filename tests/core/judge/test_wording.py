@@ -11,6 +11,7 @@ from robot_health_monitor.core import Level, Status, Transition
 from robot_health_monitor.core.config.signal_config import LINK_CONFIG, read_signal
 from robot_health_monitor.core.judge import wording
 from robot_health_monitor.core.judge.signal_monitor import SignalMonitor
+from robot_health_monitor.core.values.elements import LinkDown
 
 
 def watch(name: str = "battery_level", **settings: Any) -> SignalMonitor:
@@ -177,8 +178,7 @@ def test_a_link_is_up_or_down_in_words() -> None:
 
 def test_a_link_that_is_down_names_the_cause() -> None:
     signal = link()
-    signal.down_cause = "connection refused"
-    down = signal.observe(0.0, 4.0)
+    down = signal.observe(LinkDown("connection refused"), 4.0)
     assert down is not None and down.text == "link ERROR: down: connection refused (was never up)"
 
 

@@ -96,6 +96,6 @@ def test_goals_are_counted_over_a_bridge(harness: Any) -> None:
         publish(4, 1)
         ros.wait_until(lambda: system.samples >= 1)
         publish(4, 3, 4)
-        ros.wait_until(lambda: system.monitor.judged_value("goals") == 0.5)
+        ros.wait_until(lambda: system.monitor.judgements(0.0)["goals"].judged == 0.5)
     finally:
         ros.close()

@@ -65,7 +65,7 @@ def test_errors_in_the_log_are_counted_over_a_bridge(harness: Any, type_name: st
         for number, (level, name) in enumerate([*((level, "/planner") for level in levels), (levels[3], "/other")], 1):
             ros.publish("/robot1/rosout", type_name, log(level, name))
             ros.wait_until(lambda: system.samples >= number)  # noqa: B023 - it is called at once
-        assert system.read(lambda monitor, _: monitor.judged_value("errors")) == 2.0
+        assert system.read(lambda monitor, _: monitor.judgements(0.0)["errors"].judged) == 2.0
     finally:
         ros.close()
 

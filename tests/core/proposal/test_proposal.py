@@ -210,5 +210,5 @@ def test_a_proposed_action_raises_no_alert_in_the_ten_minutes_after() -> None:
     server.publish("/dock/status", {"status_list": []})
     server.publish("/dock/status", {"status_list": [{"goal_id": {"id": "a"}, "status": 4}]})
     bus.run_until(600.0)
-    assert system.monitor.judged_value("dock_goals") == 1.0
+    assert system.monitor.judgements(0.0)["dock_goals"].judged == 1.0
     assert alerts == []
