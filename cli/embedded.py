@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
+from contextlib import nullcontext
 from functools import partial
 from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence
 
@@ -13,10 +14,10 @@ from ..core.nodes import Aggregator, AlertSystem, BatterySensor
 from ..core.nodes.aggregator import has_inputs
 from ..core.nodes.outlets import Outlet
 from ..core.port.local import LocalBus, LocalMiddleware, LogLine
-from ..core.port.middleware import NOTHING_CHANGED, Severity
+from ..core.port.middleware import NOTHING_CHANGED
 from ..core.sensors.computer import Computer
 from ..core.sensors.configuration import METRICS
-from ..core.values.errors import ConfigError
+from ..core.values.errors import ConfigError, Problems
 from ..runtime.event_loops import run_in_daemon_thread
 from ..runtime.threads import DetachedCalls
 
@@ -75,8 +76,6 @@ class EmbeddedMonitor:
             computer = Computer(background=DetachedCalls("sources"))
             # last: its first values have subscribers
             self._start("battery_sensor", lambda node: BatterySensor(node, computer))
-        self.on_change: List[Any] = []
-        """Called when robots are added or removed: never, there is one for the whole run."""
 
     @property
     def now_s(self) -> float:
@@ -97,43 +96,34 @@ class EmbeddedMonitor:
         await run_timers(self.bus)
 
     async def reload(self) -> str:
-        """Reads the configuration file again; see `Reload`. A node that rejects it logs that, and keeps its values."""
+        """Reads the configuration file again; see `Reload`. A node that rejects it keeps its values."""
         if self._file is None:
             return NOTHING_CHANGED
-        return self._use_file(await run_in_daemon_thread(partial(read_yaml, self._file.file)))
+        file = await run_in_daemon_thread(partial(read_yaml, self._file.file))
+        self._file, self._sections = file, sections_of_nodes(file)
+        problems, texts = Problems(), []
+        for name, middleware in self._middlewares.items():
+            with problems, file.located(self._sections[name].path):
+                text = middleware.set_parameters(self._parameters(name))
+                if text != NOTHING_CHANGED:
+                    texts.append(text if name == "alert_system" else f"{name}: {text}")
+        problems.raise_if_any()
+        return "; ".join(texts) or NOTHING_CHANGED
 
     def close(self) -> None:
         """Ends the nodes."""
         for node in self._nodes:
             node.close()
 
-    def _use_file(self, file: YamlFile) -> str:
-        sections = sections_of_nodes(file)
-        self._file, self._sections = file, sections
-        texts = {}
-        for name, middleware in self._middlewares.items():
-            try:
-                texts[name] = middleware.set_parameters(self._parameters(name))
-            except ConfigError as error:
-                texts[name] = ""
-                located = file.locate(error.below(self._sections[name].path))
-                middleware.log(Severity.ERROR, f"not reloaded, the old configuration stays in force: {located}")
-        changes = {name: text for name, text in texts.items() if text not in ("", NOTHING_CHANGED)}
-        if not changes:
-            return "" if "" in texts.values() else NOTHING_CHANGED
-        return "; ".join(text if name == "alert_system" else f"{name}: {text}" for name, text in changes.items())
-
     def _start(self, name: str, make: Callable[[LocalMiddleware], Any]) -> Any:
         middleware = self.bus.node(name, parameters=self._parameters(name))
         try:
-            node = make(middleware)
-        except ConfigError as error:
+            with self._file.located(self._sections[name].path) if self._file else nullcontext():
+                node = make(middleware)
+        except ConfigError:
             middleware.close()
             self.close()
-            path = self._sections[name].path
-            if self._file is None or not path:
-                raise
-            raise self._file.locate(error.below(path)) from None
+            raise
         self._nodes.append(node)
         self._middlewares[name] = middleware
         return node

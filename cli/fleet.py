@@ -9,13 +9,12 @@ from __future__ import annotations
 import asyncio
 import re
 import time
-from contextlib import suppress
 from typing import Any, Callable, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
 
 from ..core.nodes import AlertSystem
 from ..core.nodes.node import host_name
 from ..core.nodes.outlets import Outlet, array_message
-from ..core.nodes.self_monitor import CHECK_PERIOD_S, EMPTY_REPORT, SelfMonitor, SelfReport
+from ..core.nodes.self_monitor import CHECK_PERIOD_S, SelfMonitor
 from ..core.port.local import LocalBus, LocalMiddleware, LogLine
 from ..core.port.log_limit import LimitedLog
 from ..core.port.middleware import NOTHING_CHANGED, Severity
@@ -30,6 +29,7 @@ from ..runtime.bridge.node import BridgeClient, BridgeNode
 from ..runtime.event_loops import run_in_daemon_thread
 from .embedded import run_timers
 from .fleet_configuration import FleetReader, RobotSettings
+from .operations import Operations
 
 NODE = "connect"
 """Name of the node that reports on this process: its status on /diagnostics is `connect: monitor`."""
@@ -38,11 +38,9 @@ _DIAGNOSTICS = "/diagnostics"
 _START_PERIOD_S = 0.005
 """Between the first attempts of two robots: a fleet that connects at once would answer its own handshakes late."""
 _RESTART_S = 5.0
+_STARTED_ANEW = "started anew"
 _MOST_NAMES = 5
 """Most robots that are named one by one in the log: at the start, and in a line about a reload."""
-
-StartAlertSystem = Callable[..., AlertSystem]
-"""Creates an alert_system, as the class itself does, with what the process adds, such as a history."""
 
 
 class Fleet:
@@ -56,22 +54,22 @@ class Fleet:
     def __init__(
         self,
         reader: FleetReader,
+        operations: Operations,
         *,
         clock: Callable[[], float],
         on_log: Callable[[LogLine], None],
         outlet: Callable[[str], Outlet],
-        start: StartAlertSystem = AlertSystem,
-        self_report: SelfReport = EMPTY_REPORT,
     ) -> None:
         """Creates the robots; `run` connects to them. Raises ConfigError if the configuration cannot be used.
 
-        `clock` gives monotonic s. `on_log` gets every log line; its node is the robot's name, or `connect`. So is the
-        name for which `outlet` returns what receives transitions and notices. `self_report` is shown of the process.
+        `operations` starts the alert_systems. `clock` gives monotonic s. `on_log` gets every log line; its node is the
+        robot's name, or `connect`. So is the name for which `outlet` returns what receives transitions and notices.
         """
         self._reader = reader
         self.clock = clock
         self.outlet = outlet
-        self.start_alert_system = start
+        self._operations = operations
+        self.start_alert_system = operations.start
         self.bus = LocalBus(on_log=on_log, wall_time_s=time.time, clock=clock)
         """Where the robots' alerts, statuses and `reset` services are: /alerts, /diagnostics, /ROBOT/alert_system."""
         self._node = self.bus.node(NODE)
@@ -84,11 +82,9 @@ class Fleet:
         self._node.advertise(_DIAGNOSTICS, ARRAY_TYPE)
         self.robots: List[Robot] = []
         """The robots that are watched now, in the order of the configuration."""
-        self.on_change: List[Callable[[Sequence[Robot], Sequence[Robot]], object]] = []
-        """Called in the loop with the robots that were added and those that were removed."""
         self._is_running = False
         self_report = {
-            **self_report,
+            **operations.self_report(),
             "signals": self._count_signals,
             "robots": lambda: len(self.robots),
             "unreachable": lambda: sum(not robot.connected for robot in self.robots),
@@ -102,6 +98,7 @@ class Fleet:
             raise
         if len(self.robots) > _MOST_NAMES:
             self.log(Severity.INFO, f"watching {len(self.robots)} robots, {self._count_signals()} signals")
+        operations.show_faults(self.faults, self.log)
 
     @property
     def alert_systems(self) -> Sequence[AlertSystem]:
@@ -140,42 +137,32 @@ class Fleet:
 
     def apply(self, settings: Sequence[RobotSettings]) -> str:
         """Makes the robots those of `settings`; returns what changed. Called in the loop."""
-        is_only = not self.robots and len(settings) == 1
-        known = {robot.name: robot for robot in self.robots}
-        wanted = {new.name: new for new in settings}
+        known, wanted = {robot.name: robot for robot in self.robots}, {new.name for new in settings}
         changes: Dict[str, List[str]] = {}
-        kept: Dict[str, Robot] = {}
-        for name in filter(known.__contains__, wanted):
-            with suppress(ConfigError):  # it is started anew
-                if known[name].settings != wanted[name]:
-                    changes.setdefault(known[name].change(wanted[name]), []).append(name)
-                kept[name] = known[name]
-        ended = [robot for robot in self.robots if robot.name not in kept]
-        for robot in ended:
-            robot.end()
-            self.robots.remove(robot)
-        added = []
-        for name, new in wanted.items():
-            if name not in kept:
-                kept[name] = self._create(new, log_details=is_only)
-                added.append(kept[name])
-                self.robots.append(kept[name])
-        self.robots = [kept[name] for name in wanted]
-        if len(added) <= _MOST_NAMES and not is_only:
+        for name in [name for name in known if name not in wanted]:
+            known[name].end()
+            self._operations.end_robot(name)
+            changes.setdefault("removed", []).append(name)
+        self.robots, added = [], []
+        for new in settings:
+            robot = known.get(new.name)
+            change = "added" if robot is None else robot.change(new)
+            if robot is not None and change == _STARTED_ANEW:
+                robot.end()
+                robot = None
+            if robot is None:
+                robot = self._create(new)
+                added.append(robot)
+            self.robots.append(robot)
+            if change != NOTHING_CHANGED:
+                changes.setdefault(change, []).append(new.name)
+        if len(added) <= _MOST_NAMES:
             for robot in added:
                 robot.log_summary()
         if self._is_running:
             self._start(added)
-        if added or ended:
-            for callback in self.on_change:
-                self.faults.guard("change of the fleet", callback, added, ended)
-        named = (
-            ("added", [robot.name for robot in added if robot.name not in known]),
-            ("removed", [robot.name for robot in ended if robot.name not in wanted]),
-            ("started anew", [robot.name for robot in ended if robot.name in wanted]),
-        )
-        texts = [f"{change} {_names_text(names)}" for change, names in named if names]
-        texts += [f"{_names_text(names)}: {change}" for change, names in changes.items()]
+            self._operations.note_robots()
+        texts = [f"{_names_text(names)}: {change}" for change, names in changes.items()]
         return "; ".join(texts) or NOTHING_CHANGED
 
     def close(self) -> None:
@@ -187,7 +174,7 @@ class Fleet:
     def _count_signals(self) -> int:
         return sum(len(alert_system.monitor.config.signals) for alert_system in self.alert_systems)
 
-    def _create(self, settings: RobotSettings, log_details: bool) -> Robot:
+    def _create(self, settings: RobotSettings) -> Robot:
         namespace = re.sub(r"\W", "_", settings.name, flags=re.ASCII)
         namespace = namespace if namespace[:1].isalpha() else f"robot_{namespace}"
         taken = {node.name for node in self.bus.nodes}
@@ -195,7 +182,7 @@ class Fleet:
             namespace += "_"
         outputs = self.bus.node("alert_system", namespace=namespace, remap={"alerts": "/alerts"})
         try:
-            return Robot(self, settings, outputs, log_details)
+            return Robot(self, settings, outputs)
         except ConfigError:
             outputs.close()
             raise
@@ -219,15 +206,15 @@ def _names_text(names: Sequence[str]) -> str:
 class Robot:
     """The connection to one robot, which publishes and offers nothing there, and the alert_system that judges it."""
 
-    def __init__(self, fleet: Fleet, settings: RobotSettings, outputs: LocalMiddleware, log_details: bool) -> None:
+    def __init__(self, fleet: Fleet, settings: RobotSettings, outputs: LocalMiddleware) -> None:
         """Starts the alert_system; `run` connects. Raises ConfigError if the configuration cannot be used.
 
         The node `outputs`, which is closed at the end, publishes what the alert_system announces, and offers its
-        services. With `log_details`, all that alert_system logs at its start is logged; else only warnings.
+        services. Of what alert_system logs at its start, only warnings are logged.
         """
 
         def log(line: LogLine) -> None:
-            if log_details or started or line.severity > Severity.INFO:
+            if started or line.severity > Severity.INFO:
                 fleet.bus.log(line._replace(node=settings.name))
 
         started = False
@@ -300,17 +287,18 @@ class Robot:
     def change(self, settings: RobotSettings) -> str:
         """Applies new settings; returns what changed. Signals that are configured as before keep their state.
 
-        Connects again only if the address, the token or the certificate authorities differ. Raises ConfigError if this
-        needs a new `Robot`; nothing was changed then.
+        Connects again only if the address, the token or the certificate authorities differ. Returns `_STARTED_ANEW` and
+        changes nothing if this needs a new `Robot`: other topics, another clock or kind of bridge.
         """
-        old = self.settings
-        if (old.namespace, old.use_sim_time) != (settings.namespace, settings.use_sim_time):
-            raise ConfigError("the topics and the clock of a robot cannot be changed while it is watched")
-        if is_foxglove(old.url) != is_foxglove(settings.url):
-            raise ConfigError("the kind of a robot's bridge cannot be changed while it is watched")
-        texts = []
+        old, texts = self.settings, []
+        fixed = [(each.namespace, each.use_sim_time, is_foxglove(each.url)) for each in (old, settings)]
+        if fixed[0] != fixed[1]:
+            return _STARTED_ANEW
         if old.parameters != settings.parameters:
-            texts.append(self._node.set_parameters(_parameters(settings)))
+            try:
+                texts.append(self._node.set_parameters(_parameters(settings)))
+            except ConfigError:
+                return _STARTED_ANEW
         self.settings = settings
         if (old.url, old.token, old.ca) != (settings.url, settings.token, settings.ca):
             self._client.connection.move(settings.url, token=settings.token, ssl_context=settings.ssl_context)

@@ -13,7 +13,6 @@ import asyncio
 import logging
 import sys
 import time
-from dataclasses import replace
 from functools import partial
 from typing import Awaitable, Callable, List, Optional, Sequence, Tuple
 
@@ -37,8 +36,8 @@ from .serving import ServerSettings, serve, server_settings, stop_serving
 Reload = Callable[[], Awaitable[str]]
 """Reads the configuration of a part again and applies what differs; returns what changed, in one line.
 
-Returns `NOTHING_CHANGED` if nothing did, and an empty text if it has been logged. Raises ConfigError if the new
-configuration cannot be used: the old one stays in force.
+Returns `NOTHING_CHANGED` if nothing did. Raises ConfigError if the new configuration cannot be used: the old one stays
+in force.
 """
 
 _SHOW_PERIOD_S = 0.1
@@ -82,8 +81,8 @@ class MonitorProcess:
         self._name = name
         self._output = output
         self._interrupts = interrupts
-        self.settings: Optional[ServerSettings] = None
-        """Those of the server that are in force; None if there is none."""
+        self._token = ""
+        """That of the server."""
 
     def __enter__(self) -> MonitorProcess:
         """Returns itself."""
@@ -119,8 +118,8 @@ class MonitorProcess:
         logging.getLogger().addHandler(library_log)
         logging.captureWarnings(True)
         try:
-            self.settings = self.read_settings(monitors, self.operations.config.server)
-            completed = asyncio.run(self._run(monitors, duration_s))
+            settings = self.read_settings(monitors, self.operations.config.server)
+            completed = asyncio.run(self._run(monitors, settings, duration_s))
         finally:
             monitors.close()
             self._output.close()
@@ -130,15 +129,16 @@ class MonitorProcess:
             raise OutputError(self._output.problem)
         return ExitCode.ALERTS if completed and self.events.alerts else ExitCode.SUCCESS
 
-    async def _run(self, monitors: Monitors, duration_s: Optional[float]) -> bool:
+    async def _run(self, monitors: Monitors, settings: Optional[ServerSettings], duration_s: Optional[float]) -> bool:
         """Returns whether the whole duration has passed."""
         loop = asyncio.get_running_loop()
         interrupts, output, server, service_manager = self._interrupts, self._output, None, ServiceManager()
         interrupts.defer()
         try:
-            if self.settings is not None:
+            if settings is not None:
+                self._token = settings.token
                 required = self._arguments.port is not None
-                server = await serve(monitors, self.settings, self.operations, required=required)
+                server = await serve(monitors, settings, self.operations, required=required)
             output.start()
             running = asyncio.ensure_future(monitors.run())
             reloading: asyncio.Future[None] = asyncio.ensure_future(asyncio.sleep(0.0))
@@ -188,18 +188,13 @@ class MonitorProcess:
             return config, self.read_settings(monitors, config.server)
 
         config, settings = await run_in_daemon_thread(read)
-        texts = self._use_settings(settings)
+        texts, server = [], self.operations.server
+        if server is not None and settings is not None and settings.token != self._token:
+            server.use_token(settings.token)
+            self._token = settings.token
+            texts.append("server: the token changed, every client has to present the new one")
         texts += await run_in_daemon_thread(partial(self.operations.use, config))
         return "; ".join(texts) or NOTHING_CHANGED
-
-    def _use_settings(self, new: Optional[ServerSettings]) -> List[str]:
-        old, server, texts = self.settings, self.operations.server, []
-        if old is not None and new is not None and server is not None and new.token != old.token:
-            server.use_token(new.token)
-            texts.append("server: the token changed, every client has to present the new one")
-            old = replace(old, token=new.token)
-        self.settings = new
-        return texts if old == new else [*texts, "server: takes effect after a restart"]
 
 
 async def reload_all(parts: Sequence[Reload], log: Callable[[Severity, str], object]) -> None:
@@ -225,11 +220,9 @@ async def reload_all(parts: Sequence[Reload], log: Callable[[Severity, str], obj
             log(Severity.ERROR, printable(f"not reloaded: internal error: {type(error).__name__}: {error}"))
         finally:
             task.cancel()
-    changes = [text for text in texts if text not in ("", NOTHING_CHANGED)]
-    if changes:
-        log(Severity.INFO, f"reloaded: {'; '.join(changes)}")
-    elif NOTHING_CHANGED in texts and not failed:
-        log(Severity.INFO, f"reloaded: {NOTHING_CHANGED}")
+    changes = [text for text in texts if text != NOTHING_CHANGED]
+    if changes or not failed:
+        log(Severity.INFO, f"reloaded: {'; '.join(changes) or NOTHING_CHANGED}")
 
 
 def choose_output(as_json: bool, name_robots: bool = False) -> Output:

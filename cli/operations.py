@@ -67,6 +67,8 @@ class Operations:
         """None if none is configured."""
         self.server: Optional[Server] = None
         """The server of the process, whose clients its status shows; None before it has started."""
+        self.on_start: List[Callable[[AlertSystem], object]] = []
+        """Called with each alert_system that is started."""
         self._robots: Dict[str, _Robot] = {}
         self._fed_s = float("-inf")
         if config.black_box is not None:
@@ -85,7 +87,7 @@ class Operations:
                 texts.append(f"notify: {self.notifier.use_targets(config.notify)}")
             except ServiceError as error:
                 raise ConfigError(f"notify: {error}") from None
-        for section in ("history", "black_box"):
+        for section in ("history", "black_box", "server"):
             if getattr(config, section) != getattr(self.config, section):
                 texts.append(f"{section}: takes effect after a restart")
         self.config = config
@@ -127,6 +129,8 @@ class Operations:
             middleware.exclusively(partial(black_box.attach, alert_system))
         self._robots[name] = _Robot(alert_system, history, black_box)
         middleware.create_timer(TICK_PERIOD_S, self._note_tick, steady=True)
+        for callback in self.on_start:
+            self.faults.guard("server", callback, alert_system)
         return alert_system
 
     def start_only(

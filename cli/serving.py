@@ -6,14 +6,13 @@ import asyncio
 import os
 import ssl
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Callable, Dict, Mapping, Optional, Sequence, Tuple
+from typing import TYPE_CHECKING, Any, Callable, Dict, Optional, Sequence, Tuple, Union
 
 from ..core.nodes.node import host_name
 from ..core.nodes.outlets import Event, event_severity, event_text
 from ..core.port.local import LogLine
 from ..core.port.middleware import Middleware, ServedMiddleware, Severity
 from ..core.values.errors import ConfigError
-from ..core.values.faults import Fault
 from ..ops.configuration import ServerOptions
 from ..runtime.libraries import ROSBRIDGE, missing_libraries, missing_text
 from ..runtime.tokens import TokenFiles
@@ -78,43 +77,51 @@ def server_settings(
     return ServerSettings(**values, token=token, origins=origins)
 
 
+class _BesideRos:
+    """The one alert_system of a ROS process, as `Monitors` show theirs."""
+
+    def __init__(self, alert_system: AlertSystem, middleware: Middleware) -> None:
+        self.alert_systems = [alert_system]
+        self.alert_system_pattern = middleware.name
+        self.parameters = lambda: {middleware.name: middleware.given_parameters()}
+        self.process_faults = dict
+
+
 def _make_server(
     node: ServedMiddleware,
     settings: ServerSettings,
-    alert_system: str,
-    robots: Callable[[], Sequence[AlertSystem]],
+    monitors: Union[Monitors, _BesideRos],
     operations: Operations,
     *,
-    parameters: Callable[[], Mapping[str, Mapping[str, Any]]],
-    process_faults: Callable[[], Mapping[str, Fault]] = dict,
     threads: bool,
 ) -> Tuple[Server, WebInterface]:
-    """Returns a server that is not started, and its page; `parameters` and `process_faults` are those of `Monitors`.
+    """Returns a server that is not started, and its page. `node` is not closed here.
 
-    `node` is not closed here. `alert_system` is the full name of the alert node; `*` as in file names. With `threads`,
-    the node is called back, and robots are judged, in other threads than the server's loop. Raises ConfigError if the
-    address is not protected or the certificate cannot be used, ModuleNotFoundError if a library is not installed.
+    With `threads`, the node is called back, and robots are judged, in other threads than the server's loop. Raises
+    ConfigError if the address is not protected or the certificate cannot be used, ModuleNotFoundError if a library is
+    not installed.
     """
     from ..ops.web import WebInterface
     from ..rosbridge.server import Access, Server
 
     web = WebInterface(
-        robots,
+        lambda: monitors.alert_systems,
         operations.history,
         operations.silences,
         threads=threads,
         black_boxes=None if operations.black_box is None else operations.black_box.settings.folder,
         notifications_waiting=lambda: operations.notifier.waiting,
-        process_faults=process_faults,
+        process_faults=monitors.process_faults,
     )
-    services = (f"{alert_system}/reset", f"{alert_system}/reload", *settings.allow_call)
+    pattern = monitors.alert_system_pattern
+    services = (f"{pattern}/reset", f"{pattern}/reload", *settings.allow_call)
     server = Server(
         node,
         host=settings.address,
         port=settings.port,
         access=Access(settings.allow_publish, services, settings.allow_offer, settings.origins, settings.token),
         threads=threads,
-        parameters=parameters,
+        parameters=monitors.parameters,
         routes=web.routes,
         on_close=(web.close,),
         ssl_context=_tls_context(settings),
@@ -126,18 +133,12 @@ def _tls_context(settings: ServerSettings) -> Optional[ssl.SSLContext]:
     """Returns the TLS context of a server, None without TLS; raises ConfigError if it cannot be made."""
     if not settings.tls_certificate:
         return None
-    for file in (settings.tls_certificate, settings.tls_key):
-        try:
-            with open(file, "rb"):
-                pass
-        except OSError as error:
-            raise ConfigError(f"cannot be read: {error.strerror}", file=file) from None
     context = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
     try:
         # With an empty password, a key that is encrypted is an error; otherwise OpenSSL asks on the terminal.
         context.load_cert_chain(settings.tls_certificate, settings.tls_key, password="")
     except (OSError, ValueError) as error:  # SSLError is an OSError
-        reason = getattr(error, "reason", None) or error
+        reason = getattr(error, "reason", None) or getattr(error, "strerror", None) or error
         problem = f"cannot be used as a certificate with the key {settings.tls_key}: {reason}"
         raise ConfigError(problem, file=settings.tls_certificate) from None
     return context
@@ -168,16 +169,7 @@ async def serve(
     """
     node = monitor.bus.node("rosbridge")
     try:
-        server, web = _make_server(
-            node,
-            settings,
-            monitor.alert_system_pattern,
-            lambda: monitor.alert_systems,
-            operations,
-            parameters=monitor.parameters,
-            process_faults=monitor.process_faults,
-            threads=False,
-        )
+        server, web = _make_server(node, settings, monitor, operations, threads=False)
         await server.start()
     except (ModuleNotFoundError, OSError) as error:
         node.close()
@@ -190,17 +182,17 @@ async def serve(
         return None
     monitor.bus.add_log(server.publish_log)
 
-    def watch(added: Sequence[Any], removed: Sequence[Any]) -> None:
-        for robot in added:
-            web.watch(robot.alert_system)
-            name = robot.alert_system.node_name
-            # On /rosout, which the local middleware lacks.
-            robot.alert_system.outlets.add(
-                "rosout", lambda event, name=name: server.publish_log(_log_line(name, event))
-            )
+    def watch(alert_system: AlertSystem) -> None:
+        def publish(event: Event) -> None:
+            line = LogLine(event.now_s, alert_system.node_name, event_severity(event), event_text(event))
+            server.publish_log(line)
 
-    watch(monitor.robots, ())
-    monitor.on_change.append(watch)
+        web.watch(alert_system)
+        alert_system.outlets.add("rosout", publish)  # which the local middleware lacks
+
+    for each in monitor.alert_systems:
+        watch(each)
+    operations.on_start.append(watch)
     operations.server = server
     _report_start(server, settings, node.log)
     return server
@@ -229,10 +221,8 @@ def serve_in_thread(
         tokens = TokenFiles(lambda text: middleware.log(Severity.WARN, text))
         settings = server_settings(alert_system.monitor.config, operations.config.server, tokens=tokens)
         node = create_node()
-        given = {middleware.name: middleware.given_parameters()}
-        server, web = _make_server(
-            node, settings, middleware.name, lambda: [alert_system], operations, parameters=lambda: given, threads=True
-        )
+        monitors = _BesideRos(alert_system, middleware)
+        server, web = _make_server(node, settings, monitors, operations, threads=True)
         thread = ServerThread(server)
     except (ModuleNotFoundError, ConfigError, OSError) as error:
         if node is not None:
@@ -243,10 +233,6 @@ def serve_in_thread(
     operations.server = server
     _report_start(server, settings, node.log, "rosbridge: ")
     return thread
-
-
-def _log_line(node: str, event: Event) -> LogLine:
-    return LogLine(event.now_s, node, event_severity(event), event_text(event))
 
 
 def _problem(error: Exception, settings: ServerSettings) -> str:

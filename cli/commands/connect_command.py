@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import gc
 import time
-from typing import TYPE_CHECKING, Sequence
 
 from ...core.port.middleware import Severity
 from ...ops.configuration import ServerOptions
@@ -14,10 +13,6 @@ from ...runtime.libraries import ROSBRIDGE, libraries
 from ..arguments import Parser, add, add_monitoring_options, add_robot_server, find_installed, port
 from ..fleet_configuration import FleetReader, Options, read_addresses
 from ..monitor_process import MonitorProcess, choose_output
-
-if TYPE_CHECKING:
-    from ..fleet import Robot
-
 
 _GC_THRESHOLD = 20_000, 20, 10
 """With a thousand robots, a garbage collection of all objects takes up to a second. Python's defaults cause many."""
@@ -89,24 +84,9 @@ def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
         server=ServerOptions(arguments.port, arguments.host),
         serves=arguments.port is not None,
     ) as process:
-        operations = process.operations
-        fleet = Fleet(
-            FleetReader(addresses, arguments.fleet, options, process.warn),
-            clock=time.monotonic,
-            on_log=process.events.on_log,
-            outlet=process.events.outlet,
-            start=operations.start,
-            self_report=operations.self_report(),
-        )
-
-        def end_removed(added: Sequence[Robot], ended: Sequence[Robot]) -> None:
-            for robot in {each.name for each in ended} - {each.name for each in added}:
-                operations.end_robot(robot)
-            operations.note_robots()
-
-        fleet.on_change.append(end_removed)
-        operations.show_faults(fleet.faults, fleet.log)
-
+        reader = FleetReader(addresses, arguments.fleet, options, process.warn)
+        events = process.events
+        fleet = Fleet(reader, process.operations, clock=time.monotonic, on_log=events.on_log, outlet=events.outlet)
         code = process.run(fleet, arguments.duration)
     if arguments.duration is not None and not interrupts.came:
         fleet.check_own_faults()

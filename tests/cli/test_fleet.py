@@ -21,10 +21,12 @@ from harness.watched_fleet import watching
 from robot_health_monitor.cli.fleet import Fleet
 from robot_health_monitor.cli.fleet_configuration import FleetReader, Options, RobotSettings
 from robot_health_monitor.cli.monitor_process import reload_all
+from robot_health_monitor.cli.operations import Operations
 from robot_health_monitor.core.nodes.outlets import Event, Outlet
 from robot_health_monitor.core.port.local import LogLine
 from robot_health_monitor.core.port.middleware import Severity
 from robot_health_monitor.core.values.model import Transition
+from robot_health_monitor.ops.configuration import OpsConfig
 
 
 def test_a_robot_that_sends_nonsense_does_not_disturb_another_one(tmp_path: Path) -> None:
@@ -85,7 +87,7 @@ class Reloadable:
         self.folder = folder
         self.log: List[LogLine] = []
         self.alerts: List[str] = []
-        self.changes: List[Any] = []
+        self.operations = Operations(OpsConfig())
         self.fleet: Any = None
 
     def write(self, robots: str, signals: str = BATTERY) -> None:
@@ -95,10 +97,7 @@ class Reloadable:
     @contextlib.asynccontextmanager
     async def running(self) -> AsyncIterator[None]:
         reader = FleetReader((), str(self.folder / "fleet.yaml"), Options(), lambda text: None)
-        self.fleet = Fleet(reader, clock=time.monotonic, on_log=self.log.append, outlet=self._outlet)
-        self.fleet.on_change.append(
-            lambda added, removed: self.changes.append(([r.name for r in added], [r.name for r in removed]))
-        )
+        self.fleet = Fleet(reader, self.operations, clock=time.monotonic, on_log=self.log.append, outlet=self._outlet)
         running = asyncio.ensure_future(self.fleet.run())
         try:
             yield
@@ -106,6 +105,7 @@ class Reloadable:
             running.cancel()
             await asyncio.wait({running})
             self.fleet.close()
+            self.operations.close()
 
     async def reload(self) -> str:
         """Reloads; returns the line about it."""
@@ -126,14 +126,12 @@ class Reloadable:
 @pytest.mark.parametrize(
     ("count", "lines"),
     [
-        (1, ["r0: watching battery_level on /battery_level: WARN below 20"]),
+        (1, ["r0: watching battery_level at ws://127.0.0.1:1"]),
         (2, ["r0: watching battery_level at ws://127.0.0.1:1", "r1: watching battery_level at ws://127.0.0.1:1"]),
         (200, ["/connect: watching 200 robots, 200 signals"]),
     ],
 )
-def test_robots_have_at_most_one_line_each_at_the_start_unless_there_is_only_one(
-    tmp_path: Path, count: int, lines: List[str]
-) -> None:
+def test_robots_have_at_most_one_line_each_at_the_start(tmp_path: Path, count: int, lines: List[str]) -> None:
     fleet = Reloadable(tmp_path)
 
     def write(count: int) -> List[RobotSettings]:
@@ -141,19 +139,21 @@ def test_robots_have_at_most_one_line_each_at_the_start_unless_there_is_only_one
         return reader.read()
 
     def logged() -> List[str]:
-        return [f"{line.node}: {line.text}" for line in fleet.log]
+        return [f"{line.node}: {line.text}" for line in fleet.log if "history is in memory" not in line.text]
 
     reader = FleetReader((), str(tmp_path / "fleet.yaml"), Options(), lambda text: None)
     write(count)
-    watched = Fleet(reader, clock=time.monotonic, on_log=fleet.log.append, outlet=lambda robot: lambda event: None)
+    outlet: Any = lambda robot: lambda event: None  # noqa: E731
+    watched = Fleet(reader, fleet.operations, clock=time.monotonic, on_log=fleet.log.append, outlet=outlet)
     assert logged() == lines
     fleet.log.clear()
     watched.apply(write(count + 2))
     assert logged() == [f"r{count + number}: watching battery_level at ws://127.0.0.1:1" for number in range(2)]
     fleet.log.clear()
     watched.apply(write(count + 50))
-    assert logged() == []  # `reloaded: added 48 robots` says it
+    assert logged() == []  # `reloaded: 48 robots: added` says it
     watched.close()
+    fleet.operations.close()
 
 
 def test_a_reload_adds_and_removes_robots_and_leaves_the_others_alone(tmp_path: Path) -> None:
@@ -170,12 +170,11 @@ def test_a_reload_adds_and_removes_robots_and_leaves_the_others_alone(tmp_path: 
             await until(lambda: len(fleet.alerts) == 3)
             fleet.alerts.clear()
             fleet.write(f"  comes: {{url: {urls[2]}}}\n  stays: {{url: {urls[0]}}}\n")
-            assert await fleet.reload() == "INFO reloaded: added comes; removed goes, gone"
+            assert await fleet.reload() == "INFO reloaded: goes, gone: removed; comes: added"
             assert fleet.alerts == [
                 "goes: battery_level OK: no longer watched",
                 "gone: link OK: no longer watched",
             ]
-            assert fleet.changes == [(["comes"], ["goes", "gone"])]
             assert [robot.name for robot in fleet.fleet.robots] == ["comes", "stays"]
             await until(lambda: bool(comes.received))
             await comes.publish("/battery_level", {"data": 15.0})
@@ -303,9 +302,8 @@ def test_a_new_namespace_starts_the_robot_anew(tmp_path: Path) -> None:
             await server.publish("/battery_level", {"data": 15.0})
             await until(lambda: len(fleet.alerts) == 1)
             fleet.write(f"  husky: {{url: {url}, namespace: carter}}\n")
-            assert await fleet.reload() == "INFO reloaded: started anew husky"
+            assert await fleet.reload() == "INFO reloaded: husky: started anew"
             assert fleet.alerts[1:] == ["husky: battery_level OK: no longer watched"]
-            assert fleet.changes == [(["husky"], ["husky"])]
             await until(lambda: len(server.requests) == 2)
             await until(lambda: any(fields.get("topic") == "/carter/battery_level" for fields in server.received))
             assert [node.name for node in fleet.fleet.bus.nodes] == ["/connect", "/husky/alert_system"]

@@ -10,10 +10,12 @@ from typing import AsyncIterator, List
 
 from robot_health_monitor.cli.fleet import Fleet
 from robot_health_monitor.cli.fleet_configuration import FleetReader, Options, read_addresses
+from robot_health_monitor.cli.operations import Operations
 from robot_health_monitor.core.nodes.outlets import Event, Outlet
 from robot_health_monitor.core.port.local import LogLine
 from robot_health_monitor.core.port.middleware import Severity
 from robot_health_monitor.core.values.model import Transition
+from robot_health_monitor.ops.configuration import OpsConfig
 
 THRESHOLDS = """
 alert_system:
@@ -33,7 +35,8 @@ class Watching:
         self.log: List[LogLine] = []
         self.alerts: List[str] = []
         reader = FleetReader(read_addresses(urls), "", Options(thresholds=str(file)), lambda text: None)
-        self.fleet = Fleet(reader, clock=time.monotonic, on_log=self.log.append, outlet=self._outlet)
+        self.operations = Operations(OpsConfig())
+        self.fleet = Fleet(reader, self.operations, clock=time.monotonic, on_log=self.log.append, outlet=self._outlet)
 
     def _outlet(self, robot: str) -> Outlet:
         def on_event(event: Event) -> None:
@@ -56,3 +59,4 @@ async def watching(urls: List[str], thresholds: Path, *, sim: bool = False) -> A
         watched.fleet.close()
         task.cancel()
         await asyncio.wait({task})
+        watched.operations.close()

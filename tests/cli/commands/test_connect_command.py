@@ -301,7 +301,7 @@ def test_a_fleet_file_is_read_again_on_sighup(robot_health: Start, calm: Path, t
     file.write_text(text)
     os.kill(watcher.pid, signal.SIGHUP)
     watcher.wait_for_text("gone: link OK: no longer watched")
-    watcher.wait_for_text("[INFO] connect: reloaded: removed gone")
+    watcher.wait_for_text("[INFO] connect: reloaded: gone: removed")
     file.write_text("robots: {}\n")
     os.kill(watcher.pid, signal.SIGHUP)
     watcher.wait_for_text(f"[ERROR] connect: not reloaded, the old configuration stays in force: {file}:1: robots: ")
