@@ -5,61 +5,52 @@ from __future__ import annotations
 import functools
 import io
 import re
-from typing import Any, Mapping
+from typing import Any, List
 
 import genpy
 import rospy
 
-from ..core.messages.definitions import ROS1_KINDS
-from ..core.messages.dialect import Dialect, FieldType
-from ..core.messages.native_fields import as_it_is
+from ..core.messages.definitions import ROS1_KINDS, SEQUENCE, Field
+from ..core.messages.dialect import Dialect
 from ..core.messages.native_messages import NativeMessages, find_generated
 from ..core.messages.raw_messages import RawFormat, ros1_format
-from ..core.messages.serialized_statuses import serialized_getter as serialized_getter_of
+from ..core.messages.serialized import SerializedType
+from ..core.values.field_path import Getter
 
 _TIMES = {"time": genpy.Time, "duration": genpy.Duration}
 
-_ROS2_NAMES = {"sec": "secs", "nanosec": "nsecs"}
-
-_ARRAY = re.compile(r"(?P<element>.+)\[(?P<size>\d*)\]\Z")
+_ARRAY = re.compile(r"(?P<kind>.+)\[(?P<size>\d*)\]\Z")
 
 
-def type_name(native_class: Any) -> str:
-    """Returns the type of a message class, `std_msgs/Float32`."""
-    name: str = native_class._type
-    return name
-
-
-@functools.lru_cache(maxsize=None)
-def field_types(native_class: Any) -> Mapping[str, FieldType]:
-    """Returns the type of every field of a message class, by name."""
+def _fields(native_class: Any) -> List[Field]:
+    """Returns the fields of a message class."""
     if native_class in _TIMES.values():
         kind = "uint32" if native_class is genpy.Time else "int32"
-        return {name: FieldType(kind, kind) for name in _ROS2_NAMES.values()}
-    return {name: _field_type(text) for name, text in zip(native_class.__slots__, native_class._slot_types)}
+        return [Field("secs", kind), Field("nsecs", kind)]
+    return [_field(name, text) for name, text in zip(native_class.__slots__, native_class._slot_types)]
 
 
-def _field_type(text: str) -> FieldType:
+def _field(name: str, text: str) -> Field:
     array = _ARRAY.match(text)
-    element = array["element"] if array else text
-    return FieldType(
-        element,
-        ROS1_KINDS.get(element, element),
-        message_class(element) if "/" in element else _TIMES.get(element),
-        is_array=array is not None,
-        size=int(array["size"]) if array and array["size"] else None,
-    )
+    kind = array["kind"] if array else text
+    return Field(name, ROS1_KINDS.get(kind, kind), int(array["size"] or SEQUENCE) if array else None)
+
+
+def _class_of(kind: str) -> Any:
+    return message_class(kind) if "/" in kind else _TIMES.get(kind)
 
 
 _find_class = functools.partial(find_generated, r"from \._{name} import \*\s*$")
-native = NativeMessages(Dialect(_find_class, type_name, field_types, _ROS2_NAMES, byte_array=bytes, plain=as_it_is))
+native = NativeMessages(Dialect(_find_class, _fields, _class_of, byte_array=bytes))
 message_class = native.message_class
 service_class = native.service_class
 to_mapping = native.to_mapping
 to_native = native.to_native
-field_getter = native.field_getter
-serialized_getter = functools.partial(serialized_getter_of, field_types, is_cdr=False)
-"""Returns a getter of a field from serialized messages of a class; None if it needs all of them."""
+
+
+def field_getter(topic: str, type_name: str, field: str) -> Getter:
+    """Returns what reads a field from serialized messages of a type that is installed here; raises ConfigError."""
+    return SerializedType(topic, raw_format(type_name)).field_getter(field)
 
 
 def serialized(native: Any) -> bytes:

@@ -13,8 +13,7 @@ import contextlib
 import logging
 import threading
 import time
-import weakref
-from functools import partial
+from functools import lru_cache, partial
 from typing import Any, Callable, Collection, Container, Dict, Iterator, List, Mapping, Optional, Sequence, Set, Tuple
 
 import rospy
@@ -25,6 +24,7 @@ import rospy.topics
 from ..core.config.parameters import Parameter
 from ..core.messages.dialect import Message
 from ..core.messages.raw_messages import RawFormat
+from ..core.messages.serialized import SerializedType
 from ..core.port.graph import NOT_COUNTED, Counts, Wanted, count, is_pattern, matching
 from ..core.port.hints import Answer, explain, similar_topics
 from ..core.port.middleware import Callback, OnChange, RawCallback, Severity
@@ -33,16 +33,20 @@ from ..core.values.errors import ConfigError, ServiceError
 from ..core.values.field_path import ABSENT, Getter
 from ..core.values.formatting import with_degree_sign
 from ..core.values.names import canonical_type, resolve_name, split_type_name
-from ..runtime.native_node import Decoder, NativeNode, ThreadTimer
+from ..runtime.native_node import NativeNode, ThreadTimer
 from . import messages
 from .master import Master, NodeChecks
 from .parameters import NodeParameters, set_log_level
-from .serialized import BytesReader, FieldReader
+from .serialized import Reader
 
 _LOGGER = logging.getLogger("rosout")
 """That of rospy, whose severities are those of Python."""
 _QUEUE_SIZE = 1000
 """Messages that may wait to be sent to a subscriber, then the oldest are lost. Incoming ones wait at their sender."""
+
+
+_MOST_TYPES = 1000
+"""Topics whose types are kept: the clients of a server may subscribe to any number of invented ones."""
 
 
 class _Timer(ThreadTimer):
@@ -98,8 +102,8 @@ class Ros1Middleware(NativeNode):
             None if rospy.rostime.is_wallclock() else rospy.get_time,
         )
         self.parameters = NodeParameters(self._master, self.name)
-        # Weak: the clients of a server may subscribe to any number of invented topics.
-        self._decoders: weakref.WeakValueDictionary[str, Decoder] = weakref.WeakValueDictionary()
+        self._type_of = lru_cache(maxsize=_MOST_TYPES)(SerializedType)
+        """All subscriptions to a topic share the type, which deserializes each message once."""
         self._services: List[Any] = []
 
     def declare_parameters(self, parameters: Sequence[Parameter], on_change: OnChange) -> None:
@@ -149,7 +153,7 @@ class Ros1Middleware(NativeNode):
             raise ConfigError(f"expected a type such as std_msgs/Float32, got {type_name!r}")
         if type_name and shared not in (None, rospy.AnyMsg) and shared._type != canonical_type(type_name):
             raise _another_type(mapped, shared, canonical_type(type_name))
-        reader = BytesReader(mapped, type_name, partial(self._failures.write, mapped))
+        reader = Reader(mapped, type_name, lambda raw: lambda data: (data, raw), partial(self._failures.write, mapped))
 
         def take(item: Any, now_s: float) -> None:
             if item is not ABSENT:
@@ -297,19 +301,19 @@ class Ros1Middleware(NativeNode):
         shared = _shared_class(rospy.topics.get_topic_manager().get_subscriber_impl(topic))
         if field is None:
             return shared or rospy.AnyMsg, None
-        decoder = self._decoders.setdefault(topic, Decoder(messages.deserialized))
-        log = partial(self._failures.write, topic)
-        if not type_name and shared in (None, rospy.AnyMsg):
-            return rospy.AnyMsg, FieldReader(topic, "", field, decoder, log).read
-        type_name = type_name or messages.type_name(shared)
-        cls, get = messages.message_class(type_name), messages.field_getter(topic, type_name, field)
-        if shared is not rospy.AnyMsg:
-            _require_same_class(topic, cls, shared)
-        # As bytes, since others may need these: `subscribe_raw`, or the number in them.
-        shared = shared or messages.serialized_class(cls)
-        if issubclass(shared, rospy.AnyMsg):
-            return shared, FieldReader(topic, type_name, field, decoder, log).read
-        return cls, get
+        reader = Reader(
+            topic,
+            type_name,
+            lambda raw: self._type_of(topic, raw).field_getter(field),
+            partial(self._failures.write, topic),
+        )
+        if type_name:
+            cls = messages.message_class(type_name)
+            messages.field_getter(topic, type_name, field)  # raises
+            _require_same_class(topic, cls, None if shared is rospy.AnyMsg else shared)
+            # As bytes, since others may need these: `subscribe_raw`, or the number in them.
+            shared = shared or messages.serialized_class(cls)
+        return shared or rospy.AnyMsg, reader.read
 
 
 class Subscription:

@@ -11,7 +11,6 @@ from ..core.messages.raw_messages import RawFormat
 from ..core.port.middleware import Graph, NodeInfo
 from ..core.values.errors import MessageError, ServiceError
 from . import messages
-from .definitions import raw_format
 from .middleware import Ros2Middleware
 
 
@@ -67,7 +66,7 @@ class Ros2ServedMiddleware(Ros2Middleware):
             self.node.destroy_client(client)
 
     def raw_format(self, type_name: str) -> RawFormat:
-        return raw_format(type_name)
+        return messages.raw_format(type_name)
 
 
 def _names(names_and_types: Any) -> List[str]:

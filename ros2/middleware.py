@@ -7,7 +7,7 @@ A process may hold several `Ros2Middleware`s, each an rclpy node with its own pa
 from __future__ import annotations
 
 import collections
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, Callable, Collection, Deque, Dict, Iterator, List, Mapping, Optional, Sequence, Set, Tuple
 
@@ -16,20 +16,20 @@ from rclpy.context import Context
 from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.serialization import deserialize_message, serialize_message
+from rclpy.serialization import serialize_message
 
 from ..core.config.parameters import Parameter
 from ..core.messages.dialect import Message
 from ..core.messages.raw_messages import RawFormat
+from ..core.messages.serialized import SerializedType
 from ..core.port.graph import Counts, Wanted, count, is_pattern, matching
 from ..core.port.middleware import Callback, OnChange, RawCallback, Severity
 from ..core.values.errors import ConfigError
 from ..core.values.field_path import ABSENT, Getter
 from ..core.values.formatting import with_degree_sign
 from ..core.values.names import canonical_type, resolve_name
-from ..runtime.native_node import Decoder, NativeNode
+from ..runtime.native_node import NativeNode
 from . import messages
-from .definitions import raw_format
 from .lifecycle import LifecycleStates
 from .parameters import NodeParameters, ParameterNode
 from .publishers import PublisherLookup, are_latched, full_name, has_best_effort, node_names
@@ -152,7 +152,7 @@ class Ros2Middleware(NativeNode):
 
     def serialize(self, type_name: str, message: Message) -> Tuple[bytes, RawFormat]:
         native = self._stamped(messages.message_class(type_name), message)
-        return serialize_message(native), raw_format(type_name)
+        return serialize_message(native), messages.raw_format(type_name)
 
     def topic_types(self) -> Mapping[str, str]:
         return {topic: types[0] for topic, types in self.node.get_topic_names_and_types() if types}
@@ -275,8 +275,12 @@ class Ros2Middleware(NativeNode):
         if subscription.is_raw and (topic, cls, False) not in self._channels:  # else it receives what the signals do
             subscription.is_latched = subscription.is_latched or are_latched(self.node, topic)
         latched, own = (topic, cls, True), (topic, cls, subscription.is_latched)
-        channel = self._channels.get(latched) or self._channels.get(own) or _Channel(own, subscription.native_name)
-        subscription.get = _reader(subscription, type_name, channel)
+        channel = (
+            self._channels.get(latched)
+            or self._channels.get(own)
+            or _Channel(own, subscription.native_name, SerializedType(topic, messages.raw_format(type_name)))
+        )
+        subscription.get = _reader(subscription, channel.messages)
         if channel.native is None:
             self._channels[own] = channel
             self._open(channel)
@@ -411,13 +415,14 @@ class _Channel:
     key: Tuple[str, Any, bool]
     """Topic, class of its messages, whether it receives latched ones.
 
-    Messages arrive as bytes. If a reader needs more, one is deserialized for all of them, which takes rclpy no longer.
+    Messages arrive as bytes.
     """
     native_name: str
+    messages: SerializedType
+    """Their type, which deserializes a message at most once for all readers."""
     native: Any = None
     is_best_effort: bool = False
     readers: Tuple[Subscription, ...] = ()
-    decoder: Decoder = field(default_factory=partial(Decoder, deserialize_message))
 
     @property
     def may_be_volatile(self) -> bool:
@@ -425,16 +430,12 @@ class _Channel:
         return self.key[2] and all(reader.is_raw or not reader.is_latched for reader in self.readers)
 
 
-def _reader(subscription: Subscription, type_name: str, channel: _Channel) -> Getter:
+def _reader(subscription: Subscription, messages: SerializedType) -> Getter:
     """Returns what reads the value of a subscription from the bytes of a message; raises ConfigError."""
     if subscription.is_raw:
-        raw = raw_format(type_name)
+        raw = messages.raw_format
         return lambda data: (data, raw)
-    if subscription.field is None:
-        return lambda data: 1.0
-    cls, decode = channel.key[1], channel.decoder.decode
-    get = messages.field_getter(subscription.topic, type_name, subscription.field)
-    return messages.serialized_getter(cls, subscription.field) or (lambda data: get(decode(data, cls)))
+    return (lambda data: 1.0) if subscription.field is None else messages.field_getter(subscription.field)
 
 
 def _native_name(name: str) -> str:

@@ -182,23 +182,6 @@ class ThreadTimer(StepThread):
     cancel = StepThread.close
 
 
-class Decoder:
-    """Deserializes each message of a topic once for all its readers."""
-
-    def __init__(self, deserialize: Callable[[bytes, Any], Any]) -> None:
-        """Has no message yet; `deserialize` makes a message of a class from its bytes."""
-        self._deserialize = deserialize
-        self._data = b""
-        self._message: Any = None
-
-    def decode(self, data: bytes, cls: Any) -> Any:
-        """Returns a message of a class."""
-        if data is not self._data or type(self._message) is not cls:
-            self._message = self._deserialize(data, cls)
-            self._data = data
-        return self._message
-
-
 def failure_text(error: Exception) -> str:
     """Returns the log line about an exception of a callback."""
     return " ".join(f"{type(error).__name__} in a callback: {error}".split())

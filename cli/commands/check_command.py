@@ -22,7 +22,8 @@ from ...core.config.monitor_config import (
 )
 from ...core.config.remarks import remarks_of
 from ...core.config.yaml_file import YamlFile, read_yaml
-from ...core.messages.standard_messages import MESSAGES, PACKAGES, messages
+from ...core.messages import standard_messages
+from ...core.messages.standard_messages import MESSAGES, PACKAGES
 from ...core.nodes import Aggregator, BatterySensor
 from ...core.port.local import LocalBus
 from ...core.port.middleware import Middleware
@@ -192,9 +193,9 @@ def known_definitions() -> List[Any]:
     """
     try:
         of_ros = importlib.import_module(f"...ros{os.environ.get('ROS_VERSION', '')}.messages", __package__)
-        return [of_ros, messages]
+        return [of_ros, standard_messages]
     except ImportError:  # none is sourced, or only its environment is there
-        return [messages]
+        return [standard_messages]
 
 
 def check_field(definitions: Sequence[Any], topic: str, type_name: str, field: str, key: str = "field") -> bool:

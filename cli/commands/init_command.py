@@ -220,7 +220,7 @@ def _ros_robot(ros: str, interrupts: Interrupts) -> Iterator[_Robot]:
         from ...ros2.process import Ros2Process
 
         process = Ros2Process(interrupts)
-    byte = "int8" if ros == "ros1" else "uint8"
+    is_ros1 = ros == "ros1"
     with closing(process):
         process.start()
         node = process.create_listener(name)
@@ -232,7 +232,7 @@ def _ros_robot(ros: str, interrupts: Interrupts) -> Iterator[_Robot]:
                 for topic, found in graph.topics.items()
                 if topic not in known and not topic.startswith(f"/{name}/")  # its own
             }
-            topics = [Topic(topic, kind, _parsed(kind, _definition(node, kind), byte)) for topic, kind in new.items()]
+            topics = [Topic(topic, kind, _parsed(kind, _definition(node, kind), is_ros1)) for topic, kind in new.items()]
             return topics, {each: info for each, info in graph.nodes.items() if each != node.name}
 
         yield _Robot(node, look, node.exclusively)
@@ -270,7 +270,7 @@ def _bridged_robot(url: str, interrupts: Interrupts, **options: Any) -> Iterator
             raise LinkError(f"no connection to {client.connection.address}: {cause}")
         listed = loop.call(client.known_topics())
         topics = [
-            Topic(each.topic, each.type_name, _parsed(each.type_name, each.definition, "uint8", each.form))
+            Topic(each.topic, each.type_name, _parsed(each.type_name, each.definition, False, each.form))
             for each in listed
             if each.topic not in known
         ]
@@ -300,10 +300,10 @@ def _definition(node: ServedMiddleware, type_name: str) -> str:
         return ""
 
 
-def _parsed(type_name: str, text: str, byte: str, form: str = "msg") -> Optional[Definitions]:
+def _parsed(type_name: str, text: str, is_ros1: bool, form: str = "msg") -> Optional[Definitions]:
     """Returns the types in a definition, None if it is not known or cannot be used."""
     try:
-        return parse_definition(type_name, text or definition(type_name), form, byte)
+        return parse_definition(type_name, text or definition(type_name), form, is_ros1=is_ros1)
     except (ConfigError, ValueError):
         return None
 

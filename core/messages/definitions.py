@@ -72,8 +72,10 @@ class Field(NamedTuple):
     name: str
     kind: str
     """A key of `NUMBERS`, one of `TEXTS`, or a type `package/Type`. `parse_msg` keeps byte, char, time and duration."""
-    size: Optional[int]
+    size: Optional[int] = None
     """None: one value; `SEQUENCE`: an array of any length; else the length of the array."""
+    most: Optional[int] = None
+    """Largest number of elements of a bounded array, where it is known."""
 
 
 class Definition(NamedTuple):
@@ -94,20 +96,27 @@ Definitions = Dict[str, Definition]
 """The definition of each type, by `package/Type`."""
 
 TIMES: Definitions = {
-    f"builtin_interfaces/{name}": Definition([Field("sec", "int32", None), Field("nanosec", "uint32", None)])
+    f"builtin_interfaces/{name}": Definition([Field("sec", "int32"), Field("nanosec", "uint32")])
     for name in ("Time", "Duration")
+}
+ROS1_TIMES: Definitions = {
+    "builtin_interfaces/Time": Definition([Field("secs", "uint32"), Field("nsecs", "uint32")]),
+    "builtin_interfaces/Duration": Definition([Field("secs", "int32"), Field("nsecs", "int32")]),
 }
 """The types that ROS 1 has built in, under the names that they have in ROS 2."""
 
+OTHER_NAMES: Mapping[str, str] = {"sec": "secs", "nanosec": "nsecs", "secs": "sec", "nsecs": "nanosec"}
+"""The parts of a time in one version of ROS, and what they are named in the other."""
 
-def parse_definition(type_name: str, text: str, form: str, byte: str = "uint8") -> Definitions:
+
+def parse_definition(type_name: str, text: str, form: str, *, is_ros1: bool = False) -> Definitions:
     """Returns the types in a definition: `type_name`, with which it begins, and those that it contains.
 
-    `form` is the encoding of the text, such as `ros2msg` or `ros2idl`; `byte` is the type that `byte` stands for in
-    .msg. Raises ValueError if the definition is not as the format requires, or too large.
+    `form` is the encoding of the text, such as `ros2msg` or `ros2idl`. Messages of ROS 1 have its times and its bytes,
+    which are signed. Raises ValueError if the definition is not as the format requires, or too large.
     """
     if form.endswith("msg"):
-        aliases = {**_MSG_ALIASES, "byte": byte}
+        aliases = {**_MSG_ALIASES, "byte": "int8" if is_ros1 else "uint8"}
         found = _with_kinds(parse_msg(type_name, text), lambda kind: aliases.get(kind, kind))
     else:
         found = {}
@@ -117,7 +126,7 @@ def parse_definition(type_name: str, text: str, form: str, byte: str = "uint8") 
             _check_number_of_fields(found)
     if type_name not in found:
         raise ValueError("the definition does not define it")
-    return {**TIMES, **found}
+    return {**(ROS1_TIMES if is_ros1 else TIMES), **found}
 
 
 def parse_msg(type_name: str, text: str) -> Definitions:
@@ -244,7 +253,7 @@ class _Idl:
     def _define(self, words: List[str]) -> None:
         if words[0] == "typedef":
             self._aliases.update(
-                {(*self._scopes, name): (kind, size) for name, kind, size in self._declared(words[1:])}
+                {(*self._scopes, name): (kind, size) for name, kind, size, _ in self._declared(words[1:])}
             )
         elif words[0] == "const" and self._scopes and "=" in words[1:]:
             left, _, value = " ".join(words).partition("=")

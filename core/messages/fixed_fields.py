@@ -13,14 +13,10 @@ from typing import Any, Callable, Iterator, List, Mapping, Optional, Sequence, T
 
 from ..values.elements import TIME_TYPES, stamp_of
 from ..values.errors import MessageError
-from .definitions import NUMBERS
-from .dialect import FieldType
+from .definitions import NUMBERS, Definitions
 
 Getter = Callable[[bytes], Any]
 """Returns the number or the stamp in a serialized message; raises MessageError if the message is too short."""
-
-FieldTypes = Callable[[Any], Mapping[str, FieldType]]
-"""Returns the type of every field of a message class, by name."""
 
 Place = Tuple[str, int]
 """struct's letter, and how many of them: an array of fixed size has several. A string: `STRING`, 1."""
@@ -28,7 +24,7 @@ Place = Tuple[str, int]
 STRING = "s"
 TIME: Place = ("I", 2)
 """Seconds and nanoseconds. The seconds of ROS 2 are signed."""
-_LETTERS: Mapping[str, str] = {**NUMBERS, "octet": "B", "string": STRING}
+_LETTERS: Mapping[str, str] = {**NUMBERS, "string": STRING}
 _CDR_HEADER = 4
 """Bytes before a CDR message, to which its alignment does not refer; the second is its byte order."""
 _MOST_FIELDS = 4096
@@ -37,13 +33,13 @@ _DEEPEST = 32
 """Types that a plain field may be in; a damaged definition may contain itself."""
 
 
-def number_getter(field_types: FieldTypes, native_class: Any, field: str, *, is_cdr: bool) -> Optional[Getter]:
+def number_getter(definitions: Definitions, type_name: str, field: str, *, is_cdr: bool) -> Optional[Getter]:
     """Returns a getter of a number (`orientation.x`) or a time in serialized messages: CDR with its header, or ROS 1's.
 
     None if something of variable size, other than strings, precedes it, and for a part of a time.
     """
     before: List[Place] = []
-    for path, place in itertools.islice(_plain_fields(field_types, native_class, "", 0), _MOST_FIELDS):
+    for path, place in itertools.islice(_plain_fields(definitions, type_name, "", 0), _MOST_FIELDS):
         if place is None:
             return None
         if path == field:
@@ -53,24 +49,22 @@ def number_getter(field_types: FieldTypes, native_class: Any, field: str, *, is_
 
 
 def _plain_fields(
-    field_types: FieldTypes, native_class: Any, prefix: str, depth: int
+    definitions: Definitions, type_name: str, prefix: str, depth: int
 ) -> Iterator[Tuple[str, Optional[Place]]]:
     """Yields path (of an array with `[]`) and place (None: of variable size) of each plain field, in their order."""
-    fields = {} if depth > _DEEPEST else field_types(native_class)
+    fields = definitions[type_name].fields if depth <= _DEEPEST and type_name in definitions else ()
     if not fields:
         yield "", None
-    for name, field_type in fields.items():
-        path = f"{prefix}{name}"
-        letter = None if field_type.message is not None else _LETTERS.get(field_type.kind)
-        if field_type.is_array:
-            is_fixed = field_type.size and letter and letter != STRING
-            yield f"{path}[]", (letter, field_type.size) if is_fixed else None  # type: ignore[misc]
-        elif field_type.element in TIME_TYPES:
+    for name, kind, size, _ in fields:
+        path, letter = f"{prefix}{name}", _LETTERS.get(kind)
+        if size is not None:
+            yield f"{path}[]", (letter, size) if size > 0 and letter and letter != STRING else None
+        elif kind in TIME_TYPES:
             yield path, TIME
-        elif field_type.message is not None:
-            yield from _plain_fields(field_types, field_type.message, f"{path}.", depth + 1)
+        elif letter:
+            yield path, (letter, 1)
         else:
-            yield path, (letter, 1) if letter else None
+            yield from _plain_fields(definitions, kind, f"{path}.", depth + 1)
 
 
 def _getter(before: Sequence[Place], place: Place, is_cdr: bool) -> Getter:

@@ -1,28 +1,19 @@
-"""Reads one field of messages that are mappings, as the native message of a middleware brings it."""
+"""Reads one field of messages that are mappings from JSON, as the serialized message of a middleware brings it."""
 
 from __future__ import annotations
 
 import math
-from functools import cached_property
 from typing import Any, Optional
 
 from ..values.elements import Elements
-from ..values.errors import ConfigError, MessageError
 from ..values.field_path import Getter, mapping_getter, parse_field_path
-from ..values.formatting import describe
-from ..values.where import filtered, parse_selection
+from ..values.where import selected
 from .dialect import Message
-from .standard_messages import check_field, complete, constant_getter
+from .standard_messages import check_field, constant_getter, is_number
 
 
 def _arrival(message: Any) -> Any:
     return 1.0
-
-
-def _is_never_short(path: str) -> bool:
-    """Returns whether no index of a path can be beyond the end of an array."""
-    steps = parse_field_path(path)
-    return bool(steps) and not any(isinstance(step, int) for step in steps)
 
 
 MISSING = (KeyError, TypeError, AttributeError)
@@ -42,58 +33,32 @@ class MappingField:
         self.topic = topic
         self._type_name = type_name
         self._field = field
-        self._value_of: Getter = _arrival
-        self._get: Getter = _arrival
-        self._null_is_nan = self.is_filtered = False
-        if field is not None:
-            try:
-                path, comparisons = parse_selection(field)
-                parse_field_path(path)
-            except ValueError as error:
-                raise ConfigError(f"{topic}: field {describe(field)}: {error}") from None
-            if path or not comparisons:
-                self._value_of = self._get = mapping_getter(path)
-                self._null_is_nan = self.null_is_nan and _is_never_short(path)
-            if comparisons:
-                self.is_filtered = True
-                self._get = filtered(comparisons, self._value_of, self._comparable, constant_getter)
+        self._get: Getter = (
+            _arrival if field is None else selected(topic, type_name, field, self._bind, constant_getter)
+        )
 
     def read(self, message: Message) -> Any:
         """Returns the field of a message; raises one of `MISSING`."""
-        value = self._get(message)
-        return value if type(value) is float else self._as_elsewhere(value)
-
-    def _comparable(self, path: str) -> Getter:
-        """Returns a getter of a field that is compared."""
-        get = mapping_getter(path)
-        if not self.null_is_nan or not _is_never_short(path):
-            return get
-
-        def get_number(message: Any) -> Any:
-            value = get(message)
-            return math.nan if value is None else value
-
-        return get_number
+        return self._get(message)
 
     def known_type(self) -> str:
         """Returns the type of the messages; empty: it is not known."""
         return self._type_name
 
-    def _as_elsewhere(self, value: Any) -> Any:
-        """Returns a value as the native message of a middleware brings it."""
-        if isinstance(value, bool) and self._is_numeric:
-            return "true" if value else "false"
-        if not self._null_is_nan:
-            return value
-        if type(value) is Elements:
-            return Elements((name, math.nan if each is None else each) for name, each in value)
-        return math.nan if value is None else value
+    def _bind(self, path: str) -> Getter:
+        """Returns a function that reads a path as elsewhere."""
+        get, steps = mapping_getter(path), parse_field_path(path)
+        is_short = not steps or any(isinstance(step, int) for step in steps)
+        null = math.nan if self.null_is_nan and not is_short else None
 
-    @cached_property
-    def _is_numeric(self) -> bool:
-        """Whether the field is known to be a number."""
-        try:
-            default = self._value_of(complete(self.known_type(), {}))
-        except (ConfigError, MessageError, *MISSING):
-            return False
-        return isinstance(default, (int, float)) and not isinstance(default, bool)
+        def read(message: Any) -> Any:
+            value = get(message)
+            if type(value) is float:
+                return value
+            if type(value) is Elements and null is not None:
+                return Elements((name, null if each is None else each) for name, each in value)
+            if isinstance(value, bool) and is_number(self.known_type(), path):
+                return "true" if value else "false"
+            return null if value is None else value
+
+        return read

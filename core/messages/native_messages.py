@@ -1,4 +1,4 @@
-"""Converts the port's mappings to a middleware's native messages and back, and reads single fields of native messages.
+"""Converts the port's mappings to a middleware's native messages and back.
 
 ROS 1 and ROS 2 both have a class per message type and an attribute per field; a `Dialect` describes their differences.
 Neither checks a value when it is assigned: rospy checks on serialization, which happens only with a subscriber, and
@@ -19,12 +19,11 @@ from array import array
 from typing import Any, Dict, Mapping, Optional, Sequence, Tuple
 
 from ..values.errors import ConfigError, MessageError
-from ..values.field_path import Getter, parse_field_path
+from ..values.field_path import Getter
 from ..values.formatting import describe
 from ..values.names import split_type_name
-from ..values.where import filtered, parse_selection
-from .dialect import Dialect, FieldType, Message
-from .native_fields import as_it_is, bind_path, check_path
+from .definitions import OTHER_NAMES, SEQUENCE, Field
+from .dialect import Dialect, Message
 
 _INTEGER_RANGES: Mapping[str, Tuple[int, int]] = {
     **{f"int{bits}": (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1) for bits in (8, 16, 32, 64)},
@@ -57,14 +56,14 @@ def find_generated(line: str, package: str, kind: str, name: str) -> Any:
 
 
 class NativeMessages:
-    """Converts and reads the messages of one middleware. Caches the converters of each class."""
+    """Converts the messages of one middleware. Caches the converters of each class."""
 
     def __init__(self, dialect: Dialect) -> None:
         """Loads no class before it is used."""
         self._dialect = dialect
-        types, cached = dialect.field_types, functools.lru_cache(maxsize=None)
-        self._readers = cached(lambda cls: tuple((name, self._reader(of)) for name, of in types(cls).items()))
-        self._writers = cached(lambda cls: {name: self._writer(of) for name, of in types(cls).items()})
+        fields, cached = dialect.fields, functools.lru_cache(maxsize=None)
+        self._readers = cached(lambda cls: [(field.name, self._reader(field)) for field in fields(cls)])
+        self._writers = cached(lambda cls: {field.name: self._writer(field) for field in fields(cls)})
 
     def message_class(self, type_name: str) -> Any:
         """Returns the message class of `pkg/Type` or `pkg/msg/Type`; raises ConfigError if there is none here."""
@@ -76,8 +75,7 @@ class NativeMessages:
 
     def is_stamped(self, native_class: Any) -> bool:
         """Returns whether messages of this class have a header, and so a stamp."""
-        header = self._dialect.field_types(native_class).get("header")
-        return header is not None and header.element == "std_msgs/Header" and not header.is_array
+        return ("header", "std_msgs/Header", None) in [field[:3] for field in self._dialect.fields(native_class)]
 
     def to_mapping(self, message: Any) -> Dict[str, Any]:
         """Returns a native message as a mapping: octets as ints, byte arrays as base64 text, NaN unchanged."""
@@ -92,7 +90,7 @@ class NativeMessages:
         message = self._dialect.new(native_class)
         writers = self._writers(native_class)
         for name, value in _require_mapping(mapping).items():
-            native_name = name if name in writers else self._dialect.other_names.get(name, name)
+            native_name = name if name in writers else OTHER_NAMES.get(name, name)
             if native_name not in writers:
                 raise MessageError(f"{_short_name(native_class)} has no field {name}; available: {', '.join(writers)}")
             try:
@@ -100,38 +98,6 @@ class NativeMessages:
             except ValueError as error:
                 raise MessageError(f"{_short_name(native_class)}.{name}: {error}") from None
         return message
-
-    def field_getter(self, topic: str, type_name: str, field: str) -> Getter:
-        """Returns a function that reads `field`, a path as in `field_path.py`, from a native message of a type.
-
-        The function returns what `mapping_getter` of `field_path.py` does, or ABSENT if the condition behind the path
-        does not hold (`where.py`). For an empty field it returns the whole message as a mapping. Raises ConfigError,
-        with the resolved topic, if the type is not installed, or has no such field or constant.
-        """
-        native_class = self.message_class(type_name)
-        try:
-            path, comparisons = parse_selection(field)
-            parse_field_path(path)
-        except ValueError as error:
-            raise ConfigError(f"{topic}: field {describe(field)} of {type_name}: {error}") from None
-
-        def bind(one: str) -> Getter:
-            try:
-                return bind_path(self._dialect, self._reader, native_class, parse_field_path(one))
-            except ValueError as error:
-                raise ConfigError(f"{topic}: {type_name} has no field {one[:100]}; {error}") from None
-
-        def constant(one: str, name: str) -> Getter:
-            for owner in (check_path(self._dialect, native_class, parse_field_path(one)).owner, native_class):
-                value = self._dialect.constant(owner, name)
-                number = value[0] if isinstance(value, bytes) and len(value) == 1 else value
-                if isinstance(number, (int, float)):
-                    return lambda message: number
-            raise ConfigError(f"{topic}: {type_name} has no constant {name} for {one[:100]}")
-
-        if not comparisons:
-            return bind(path) if path else self.to_mapping
-        return filtered(comparisons, bind(path) if path else (lambda message: 1.0), bind, constant)
 
     def _find_class(self, type_name: str, kind: str) -> Any:
         split = split_type_name(type_name)
@@ -143,41 +109,47 @@ class NativeMessages:
             raise ConfigError(f"unknown type {type_name}: there is no package {package} with a {kind} {name} here")
         return found
 
-    def _reader(self, field_type: FieldType) -> Getter:
+    def _reader(self, field: Field) -> Getter:
         """Returns the native-to-mapping converter of a field."""
-        is_octet = field_type.kind == "octet"
-        if field_type.is_array and field_type.kind in _BYTES:
+        is_octet = field.kind == "octet"
+        if field.size is not None and field.kind in _BYTES:
             return (lambda values: bytes_as_text(b"".join(values))) if is_octet else bytes_as_text
-        read_one: Getter = operator.itemgetter(0) if is_octet else self.to_mapping if field_type.message else as_it_is
-        if not field_type.is_array:
+        is_message = self._dialect.class_of(field.kind) is not None
+        read_one: Getter = operator.itemgetter(0) if is_octet else self.to_mapping if is_message else _as_it_is
+        if field.size is None:
             return read_one
         plain = self._dialect.plain
         return lambda values: [read_one(value) for value in plain(values)]
 
-    def _writer(self, field_type: FieldType) -> Getter:
+    def _writer(self, field: Field) -> Getter:
         """Returns the mapping-to-native converter of a field."""
-        native_class = field_type.message
-        write_one = _PLAIN_WRITERS.get(field_type.kind, _text_writer)
-        if native_class:
+        native_class = self._dialect.class_of(field.kind)
+        write_one = _PLAIN_WRITERS.get(field.kind, _text_writer)
+        if native_class is not None:
             write_one = functools.partial(self.to_native, native_class)
-        if not field_type.is_array:
+        if field.size is None:
             return write_one
+        size, most = field.size, field.most
         byte_array = self._dialect.byte_array
 
         def write(found: Any) -> Any:
-            values = _bytes_from(found) if field_type.kind in _BYTES else found
+            values = _bytes_from(found) if field.kind in _BYTES else found
             if isinstance(values, (str, Mapping)) or not hasattr(values, "__iter__"):
                 raise MessageError(f"expected a list, got {describe(found)}")
-            elements = _plain_elements(field_type.kind, values)
+            elements = _plain_elements(field.kind, values)
             if elements is None:
                 elements = [write_one(value) for value in values]
-            if field_type.size is not None and len(elements) != field_type.size:
-                raise MessageError(f"expected {field_type.size} elements, got {len(elements)}")
-            if field_type.most is not None and len(elements) > field_type.most:
-                raise MessageError(f"expected at most {field_type.most} elements, got {len(elements)}")
-            return byte_array(elements) if field_type.kind == "uint8" else elements
+            if size not in (SEQUENCE, len(elements)):
+                raise MessageError(f"expected {size} elements, got {len(elements)}")
+            if most is not None and len(elements) > most:
+                raise MessageError(f"expected at most {most} elements, got {len(elements)}")
+            return byte_array(elements) if field.kind == "uint8" else elements
 
         return write
+
+
+def _as_it_is(value: Any) -> Any:
+    return value
 
 
 def bytes_as_text(values: Any) -> str:

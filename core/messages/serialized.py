@@ -1,9 +1,9 @@
 """Values of fields from serialized messages, ROS 1, CDR and JSON, by the definitions that come with them.
 
 Where fixed_fields.py can read a number from the bytes, the message is not deserialized: that is ten times as fast.
-Else it becomes an object with an attribute per field. Work and memory are bounded by the size of the bytes, whatever
-these and the definition say: a length is compared with the bytes that are left, and an element of an array takes at
-least one byte.
+Else it becomes a mapping, whose arrays of numbers are views of the bytes. Work and memory are bounded by the size of
+the bytes, whatever these and the definition say: a length is compared with the bytes that are left, and an element of
+an array takes at least one byte.
 
 Sources: wiki.ros.org/roscpp/Overview/MessagesSerializationAndAdaptingTypes; OMG DDS-XTypes, XCDR version 1.
 """
@@ -15,17 +15,17 @@ import json
 import struct
 import sys
 from array import array
-from typing import Any, Callable, Dict, List, Literal, Mapping, NamedTuple, Optional, Sequence, Set, Tuple, cast
+from typing import Any, Callable, Dict, List, Literal, NamedTuple, Optional, Sequence, Set, Tuple, cast
 
 from ..values.errors import ConfigError
 from ..values.formatting import printable
 from .definitions import NUMBERS, SEQUENCE, Definitions, Field, parse_definition
-from .dialect import Dialect, FieldType
 from .fixed_fields import Getter
 from .mapping_field import MISSING, MappingField
-from .native_messages import NativeMessages
+from .native_messages import bytes_as_text
 from .raw_messages import RawFormat
 from .serialized_statuses import serialized_getter
+from .typed_field import typed_getter
 
 _LONGEST_PROBLEM = 300
 """Characters of an error."""
@@ -57,7 +57,7 @@ class SerializedType:
     def __init__(self, topic: str, raw_format: RawFormat) -> None:
         """Parses nothing yet; `topic` is the resolved name, for errors."""
         self._topic = topic
-        self._format = raw_format
+        self.raw_format = raw_format
         self._is_cdr = raw_format.message_encoding == "cdr"
         self._data: Optional[bytes] = None
         self._message: Any = None
@@ -65,15 +65,15 @@ class SerializedType:
     @functools.cached_property
     def definitions(self) -> Definitions:
         """The type and those that it contains. Raises ConfigError if the definition cannot be parsed."""
-        raw = self._format
+        raw = self.raw_format
         try:
-            return parse_definition(raw.type_name, raw.schema, raw.schema_encoding, "uint8" if self._is_cdr else "int8")
-        except (ValueError, KeyError) as error:
+            return parse_definition(raw.type_name, raw.schema, raw.schema_encoding, is_ros1=not self._is_cdr)
+        except ValueError as error:
             raise self._unusable(error) from None
 
     @functools.cached_property
-    def _deserializer(self) -> Deserializer:
-        return Deserializer(self.definitions, self._is_cdr)
+    def _deserialize(self) -> Callable[[bytes], Any]:
+        return Deserializer(self.definitions, self._is_cdr).bind(self.raw_format.type_name)
 
     def field_getter(self, field: str) -> Getter:
         """Returns a function that reads `field`, a path as in values/field_path.py, from messages.
@@ -81,27 +81,16 @@ class SerializedType:
         For an empty field it returns the whole message as a mapping. It raises ValueError for bytes that are no message
         of the type, or JSON without the field. Raises ConfigError if the type has no such field.
         """
-        type_name = self._format.type_name
-        if self._format.message_encoding == "json":
+        type_name = self.raw_format.type_name
+        if self.raw_format.message_encoding == "json":
             return json_getter(self._topic, type_name, field)
-        classes = self._deserializer.classes
-        messages = NativeMessages(
-            Dialect(
-                lambda package, kind, name: classes.get(f"{package}/{name}"),
-                lambda native_class: native_class.type_name,
-                self._field_types,
-                {"secs": "sec", "nsecs": "nanosec"},
-                byte_array=bytes,
-                plain=lambda value: value.tolist() if hasattr(value, "tolist") else value,
-            )
-        )
+        read = typed_getter(self._topic, type_name, self.definitions, field)
         try:
-            read = messages.field_getter(self._topic, type_name, field)
-            direct = serialized_getter(self._field_types, classes[type_name], field, is_cdr=self._is_cdr)
+            direct = serialized_getter(self.definitions, type_name, field, is_cdr=self._is_cdr)
             if direct is not None:
                 return direct
-            deserialize = self._deserializer.bind(type_name)
-        except (ValueError, KeyError) as error:
+            deserialize = self._deserialize
+        except ValueError as error:
             raise self._unusable(error) from None
 
         def get(data: bytes) -> Any:
@@ -111,21 +100,13 @@ class SerializedType:
                 except ValueError as error:
                     raise ValueError(f"not a {type_name}: {error}") from None
                 self._data = data
-            return read(self._message)
+            return _plain(read(self._message))
 
         return get
 
     def _unusable(self, error: Exception) -> ConfigError:
-        text = f"{self._topic}: cannot use the definition of {self._format.type_name}: {error}"
+        text = f"{self._topic}: cannot use the definition of {self.raw_format.type_name}: {error}"
         return ConfigError(printable(" ".join(text.split()))[:_LONGEST_PROBLEM])
-
-    def _field_types(self, native_class: Any) -> Mapping[str, FieldType]:
-        return {field.name: self._field_type(field) for field in self.definitions[native_class.type_name].fields}
-
-    def _field_type(self, field: Field) -> FieldType:
-        message = self._deserializer.classes[field.kind] if "/" in field.kind else None
-        size = None if field.size == SEQUENCE else field.size
-        return FieldType(field.kind, field.kind, message, field.size is not None, size)
 
 
 class _JsonField(MappingField):
@@ -154,6 +135,17 @@ def json_getter(topic: str, type_name: str, field: str) -> Getter:
     return get
 
 
+def _plain(value: Any) -> Any:
+    """Returns a value whose arrays of numbers are lists, and those of bytes are base64 text."""
+    if type(value) is dict:
+        return {name: _plain(each) for name, each in value.items()}
+    if type(value) is list:
+        return [_plain(each) for each in value]
+    if type(value) is memoryview:
+        return bytes_as_text(value) if value.format == "B" else value.tolist()
+    return value
+
+
 class Deserializer:
     """Deserializes messages of the types in one definition."""
 
@@ -165,11 +157,6 @@ class Deserializer:
         self._shapes["string"] = _Shape(4, 1)
         self._readers: Dict[Tuple[str, str], _Read] = {}
         self._elements_left = 0
-        self.classes: Dict[str, Any] = {
-            name: type("Message", (), {**definition.numbers, "type_name": name})
-            for name, definition in definitions.items()
-        }
-        """The class of the messages of each type."""
 
     def bind(self, name: str) -> Callable[[bytes], Any]:
         """Returns a function that deserializes messages of a type; it raises ValueError if they do not match it.
@@ -179,7 +166,7 @@ class Deserializer:
         self._measure(name, set())
         readers = [self._message_reader(name, order) for order in "><"]
         is_cdr = self._is_cdr
-        start, padding = (_CDR_HEADER, 3) if is_cdr else (0, 0)
+        start = _CDR_HEADER if is_cdr else 0
 
         def get(data: bytes) -> Any:
             self._elements_left = _MOST_ELEMENTS
@@ -187,7 +174,7 @@ class Deserializer:
                 message, end = readers[data[1] if is_cdr else 1](data, start)
             except (struct.error, IndexError) as error:
                 raise ValueError(f"too short, or of another format: {error}") from None
-            if not end <= len(data) <= end + padding:
+            if end > len(data) or (end < len(data) and not is_cdr):  # rclpy's serialize_message leaves bytes behind
                 raise ValueError(f"{len(data)} bytes, expected {end}")
             return message
 
@@ -223,16 +210,13 @@ class Deserializer:
         fields = self._fields(name)
         names = [field.name for field in fields]
         readers = [self._field_reader(field, order) for field in fields]
-        new: Any = self.classes[name]
 
         def read(data: bytes, at: int) -> Tuple[Any, int]:
             values: List[Any] = []
             for reader in readers:
                 value, at = reader(data, at)
                 values.append(value)
-            message = new()
-            message.__dict__.update(zip(names, values))
-            return message, at
+            return dict(zip(names, values)), at
 
         self._readers[name, order] = read
         return read

@@ -13,30 +13,30 @@ from ..values.elements import MOST_ELEMENTS, OWN_KEY, STATUS_TYPE, DriverStatus,
 from ..values.errors import MessageError
 from ..values.field_path import ABSENT, Every, leading_path
 from ..values.patterns import matches_pattern
-from .fixed_fields import FieldTypes, Getter, number_getter
+from .definitions import Definitions
+from .fixed_fields import Getter, number_getter
 
 _ARRAY = {"header": "std_msgs/Header", "status": STATUS_TYPE}
-_STATUS = {"level", "name", "message", "hardware_id", "values"}
+_STATUS = ["level", "name", "message", "hardware_id", "values"]
 _OWN = OWN_KEY.encode()
 
 
-def serialized_getter(field_types: FieldTypes, native_class: Any, field: str, *, is_cdr: bool) -> Optional[Getter]:
+def serialized_getter(definitions: Definitions, type_name: str, field: str, *, is_cdr: bool) -> Optional[Getter]:
     """Returns a getter of a number, a time or several statuses in serialized messages; None if it needs messages."""
-    get = number_getter(field_types, native_class, field, is_cdr=is_cdr)
-    return get or statuses_getter(field_types, native_class, field, is_cdr=is_cdr)
+    get = number_getter(definitions, type_name, field, is_cdr=is_cdr)
+    return get or statuses_getter(definitions, type_name, field, is_cdr=is_cdr)
 
 
-def statuses_getter(field_types: FieldTypes, native_class: Any, field: str, *, is_cdr: bool) -> Optional[Getter]:
+def statuses_getter(definitions: Definitions, type_name: str, field: str, *, is_cdr: bool) -> Optional[Getter]:
     """Returns a getter of `status["pattern"]` in serialized messages, as `field_getter` is for others.
 
     It raises MessageError for what is no DiagnosticArray. None for other types and fields.
     """
-    types = field_types(native_class)
     path, condition = leading_path(field)
     pattern = path[1].pattern if len(path) == 2 and path[0] == "status" and isinstance(path[1], Every) else None
-    if condition or pattern is None or {name: found.element for name, found in types.items()} != _ARRAY:
+    if condition or pattern is None or {name: kind for name, kind, *_ in definitions[type_name].fields} != _ARRAY:
         return None
-    if set(field_types(types["status"].message)) != _STATUS:
+    if [name for name, *_ in definitions[STATUS_TYPE].fields] != _STATUS:
         return None
     read = _reader(pattern, is_cdr=is_cdr)
 

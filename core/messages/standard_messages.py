@@ -13,10 +13,10 @@ from typing import Any, Callable, Dict, FrozenSet, Mapping, Sequence, Tuple
 from ..values.elements import STATUS_TYPE, DriverStatus
 from ..values.field_path import parse_field_path, steps_getter
 from ..values.names import canonical_type, split_type_name
-from .definitions import ROS1_KINDS, SEQUENCE, Field, parse_msg
-from .dialect import Dialect, FieldType, Message
-from .native_fields import as_it_is
+from .definitions import NUMBERS, ROS1_TIMES, Definitions, Field, parse_definition, parse_msg
+from .dialect import Dialect, Message
 from .native_messages import NativeMessages, bytes_as_text
+from .typed_field import bound_path, typed_getter
 
 PACKAGES = ("std_msgs", "std_srvs", "sensor_msgs", "diagnostic_msgs")
 """Packages of which every type is known here."""
@@ -182,41 +182,31 @@ unique_identifier_msgs/UUID: uint8[16] uuid
 """Definitions of messages that are not checked; only what a signal reads of them is."""
 
 _KNOWN: Mapping[str, str] = {**MESSAGES, **_UNCHECKED}
-_TIME = "time"
 _DEFAULTS = {"bool": False, "string": "", "float32": 0.0, "float64": 0.0}
-_TIME_FIELDS = {"secs": FieldType("int32", "int32"), "nsecs": FieldType("int32", "int32")}
 
 
-@functools.lru_cache(maxsize=None)
-def _field_types(type_name: Any) -> Mapping[str, FieldType]:
-    """Returns the fields of a message; `time` stands for the types time and duration."""
-    if type_name == _TIME:
-        return _TIME_FIELDS
-    types: Dict[str, FieldType] = {}
-    for name, kind, size in _parsed(type_name, _KNOWN[type_name] + ROS2_FIELDS.get(type_name, "")):
-        message = kind if kind in _KNOWN else _TIME if kind in ("time", "duration") else None
-        count = None if size == SEQUENCE else size
-        types[name] = FieldType(kind, ROS1_KINDS.get(kind, kind), message, size is not None, count)
-    return types
+@functools.lru_cache(maxsize=1)
+def _definitions_known() -> Definitions:
+    """Returns the definitions of all types, with the fields of both versions of ROS."""
+    definitions = {**ROS1_TIMES}
+    for name, text in _KNOWN.items():
+        definitions[name] = parse_definition(name, text + ROS2_FIELDS.get(name, ""), "ros1msg", is_ros1=True)[name]
+    return definitions
 
 
-def _parsed(type_name: str, text: str) -> Sequence[Field]:
-    return parse_msg(type_name, text)[type_name].fields
-
-
-@functools.lru_cache(maxsize=None)
-def _constants(type_name: str) -> Mapping[str, float]:
-    return parse_msg(type_name, _KNOWN[type_name])[type_name].numbers
+def _fields(type_name: Any) -> Sequence[Field]:
+    return _definitions_known()[type_name].fields
 
 
 @functools.lru_cache(maxsize=1)
 def _constants_by_fields() -> Mapping[FrozenSet[str], Mapping[str, float]]:
     """Returns the constants of each type by the names of all its fields, which tell types of JSON apart."""
     found = {}
-    for type_name in filter(_constants, _KNOWN):
-        names = frozenset(_field_types(type_name))
-        ros1 = frozenset(name for name in names if not _is_ros2(type_name, name))
-        found.update(dict.fromkeys((names, ros1), _constants(type_name)))
+    for type_name, known in _definitions_known().items():
+        if known.constants:
+            names = [field.name for field in known.fields]
+            ros1 = [name for name in names if not _is_ros2(type_name, name)]
+            found.update(dict.fromkeys(map(frozenset, (names, ros1)), known.numbers))
     return found
 
 
@@ -232,7 +222,7 @@ def constant_getter(path: str, name: str) -> Callable[[Any], float]:
 
     def get(message: Any) -> float:
         owner = owner_of(message)
-        fields = _field_types(STATUS_TYPE) if type(owner) is DriverStatus else owner
+        fields = _new(STATUS_TYPE) if type(owner) is DriverStatus else owner
         for one in (fields, message):
             constants = _constants_by_fields().get(frozenset(one), {}) if isinstance(one, Mapping) else {}
             if name in constants:
@@ -247,19 +237,20 @@ def _find_class(package: str, kind: str, name: str) -> Any:
     return type_name if type_name in (_KNOWN if kind == "msg" else SERVICES) else None
 
 
+def _class_of(kind: str) -> Any:
+    return kind if "/" in kind else None
+
+
 def _new(type_name: Any) -> Dict[str, Any]:
     """Returns a message with default values: zeros, empty texts and empty lists."""
-    return {name: _default(field) for name, field in _field_types(type_name).items() if not _is_ros2(type_name, name)}
+    return {field.name: _default(field) for field in _fields(type_name) if not _is_ros2(type_name, field.name)}
 
 
-def _default(field: FieldType) -> Any:
-    if field.is_array:
-        if field.kind == "uint8":
-            return bytes_as_text(bytes(field.size or 0))
-        return [_default(field._replace(is_array=False)) for _ in range(field.size or 0)]
-    if field.message is not None:
-        return _new(field.message)
-    return _DEFAULTS.get(field.kind, 0)
+def _default(field: Field) -> Any:
+    if field.size is not None:
+        elements = [_default(field._replace(size=None)) for _ in range(field.size)]
+        return bytes_as_text(elements) if field.kind == "uint8" else elements
+    return _new(field.kind) if "/" in field.kind else _DEFAULTS.get(field.kind, 0)
 
 
 def _is_ros2(type_name: str, field: str) -> bool:
@@ -267,22 +258,18 @@ def _is_ros2(type_name: str, field: str) -> bool:
 
 
 messages = NativeMessages(
-    Dialect(
-        find_class=_find_class,
-        type_name=str,
-        field_types=_field_types,
-        other_names={"sec": "secs", "nanosec": "nsecs"},
-        byte_array=bytes_as_text,
-        plain=as_it_is,
-        new=_new,
-        assign=operator.setitem,
-        constant=lambda type_name, name: _constants(type_name).get(name) if type_name in _KNOWN else None,
-    )
+    Dialect(_find_class, _fields, _class_of, byte_array=bytes_as_text, new=_new, assign=operator.setitem)
 )
-"""Looks up types, binds field paths and checks messages, as the adapters of ROS do.
+"""Looks up types and checks messages, as the adapters of ROS do.
 
 A message class is the name of a type, and a native message is a mapping with all fields of its type.
 """
+message_class = messages.message_class
+
+
+def field_getter(topic: str, type_name: str, field: str) -> Callable[[Any], Any]:
+    """Returns a function that reads a field of complete messages; raises ConfigError if there is no such field."""
+    return typed_getter(topic, message_class(type_name), _definitions_known(), field)
 
 
 @functools.lru_cache(maxsize=1000)
@@ -301,7 +288,17 @@ def check_type(type_name: str) -> str:
 def check_field(topic: str, type_name: str, field: str) -> None:
     """Checks a field of a type whose definition is known here; raises ConfigError if there is no such field or type."""
     if check_type(type_name) or canonical_type(type_name) in _KNOWN:
-        messages.field_getter(topic, type_name, field)
+        field_getter(topic, type_name, field)
+
+
+@functools.lru_cache(maxsize=1000)
+def is_number(type_name: str, path: str) -> bool:
+    """Returns whether a field is known to be a number, and no bool."""
+    try:
+        kind = bound_path(_definitions_known(), canonical_type(type_name), parse_field_path(path)).found.kind
+    except ValueError:
+        return False
+    return kind in NUMBERS and kind != "bool"
 
 
 def complete(type_name: str, message: Message) -> Dict[str, Any]:
@@ -324,5 +321,6 @@ def definition(type_name: str) -> str:
     for name in names:  # grows while it runs
         text = texts.get(name, "")
         parts.append(text if name == names[0] else f"{'=' * 80}\nMSG: {name}\n{text}")
-        names += dict.fromkeys(field.kind for field in _parsed(name, text) if field.kind in {*MESSAGES} - {*names})
+        kinds = (field.kind for field in parse_msg(name, text)[name].fields)
+        names += dict.fromkeys(kind for kind in kinds if kind in {*MESSAGES} - {*names})
     return "".join(parts)

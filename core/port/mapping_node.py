@@ -85,8 +85,8 @@ class MappingSubscription(_Logging, MappingField):
         type_name = self.known_type()
         shown = f"{self.topic} ({type_name})" if type_name else self.topic
         available = ", ".join(list(message)[:_MAX_FIELDS_SHOWN])[:_MAX_TEXT]
-        lacks = f"does not have all of {self._field}" if self.is_filtered else f"has no field {self._field}"
-        self._log_once(f"{shown} {lacks}; available: {available}")
+        lacks = "does not have all of" if " where " in str(self._field) else "has no field"
+        self._log_once(f"{shown} {lacks} {self._field}; available: {available}")
 
 
 class RawSubscription(_Logging):

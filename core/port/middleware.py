@@ -145,12 +145,11 @@ class Middleware(Protocol):
         not have is then one ERROR line in the log.
 
         `field` is a path as in `field_path.py` (`battery.percentage`, `cell_voltage[0]`, `status["motor"].level`),
-        bound once and read from the native message. An index beyond the end of an array reads as None. A message in
-        which no element has the key, or that cannot be read, reads as `field_path.ABSENT`: it is a sign of life. Empty:
-        the whole message as a mapping, which costs a conversion. None: the message is not read, nor deserialized where
-        the middleware allows that; the value is 1.0. Behind the path may be a condition as in `where.py`
-        (`data where level >= ERROR`, or without a path ` where level >= ERROR`, whose value is 1.0): a message for
-        which it does not hold reads as ABSENT.
+        bound once. An index beyond the end of an array reads as None. A message in which no element has the key, or
+        that cannot be read, reads as `field_path.ABSENT`: it is a sign of life. Empty: the whole message as a mapping,
+        which costs a conversion. None: the message is not read, nor deserialized where the middleware allows that; the
+        value is 1.0. Behind the path may be a condition as in `where.py` (`data where level >= ERROR`, or without a
+        path ` where level >= ERROR`, whose value is 1.0): a message for which it does not hold reads as ABSENT.
 
         Raises ConfigError if the type is unknown or has no such field, with topic, type and available fields. Also if
         `topic` is not a name, or is already used with another type.

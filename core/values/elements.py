@@ -1,7 +1,6 @@
 """What a field brings besides a plain number: the elements of an array, a time stamp, a driver's status, a bad datum.
 
-Getters of native messages (`native_fields.py`) and of mappings (`field_path.py`) both return these, so that a field
-means the same on every middleware.
+Getters (`field_path.py`) return these, so that a field means the same on every middleware.
 """
 
 from __future__ import annotations

@@ -15,8 +15,8 @@ from __future__ import annotations
 import base64
 import re
 from functools import lru_cache
-from operator import getitem, itemgetter
-from typing import Any, Callable, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Tuple, Union
+from operator import itemgetter
+from typing import Any, Callable, Iterable, List, NamedTuple, Optional, Sequence, Tuple, Union
 
 from .elements import (
     MOST_ELEMENTS,
@@ -173,7 +173,7 @@ def steps_getter(steps: Sequence[Step]) -> Getter:
             return _whole(value) if type(value) is dict else value
 
         return get_field
-    return bind_steps(steps, _MAPPINGS, _whole if isinstance(steps[-1], str) else _element_value)
+    return bind_steps(steps, _whole if isinstance(steps[-1], str) else _element_value)
 
 
 def key_field(fields: Iterable[str]) -> Optional[str]:
@@ -234,18 +234,7 @@ def _read_all(elements: Iterable[Tuple[str, Any]], read: Getter) -> Elements:
     return Elements((name, value) for name, value in values if value is not ABSENT)
 
 
-class Access(NamedTuple):
-    """How the fields of messages are read, which are mappings or objects."""
-
-    get: Callable[[Any, str], Any]
-    """Returns a field of a message by its name."""
-    fields: Callable[[Any], Mapping[str, Any]]
-    """Returns a mapping with the names of the fields of a message; empty for other values."""
-    listed: Callable[[Any], Sequence[Any]]
-    """Returns an array."""
-
-
-def bind_steps(steps: Sequence[Step], access: Access, finish: Getter) -> Getter:
+def bind_steps(steps: Sequence[Step], finish: Getter) -> Getter:
     """Returns a function that reads a path which is not empty, as `mapping_getter`.
 
     `finish` returns the value of what the path leads to; numbers without a name are passed on without it.
@@ -253,22 +242,22 @@ def bind_steps(steps: Sequence[Step], access: Access, finish: Getter) -> Getter:
     at = next((number for number, step in enumerate(steps) if isinstance(step, Every)), len(steps))
     before, after = steps[:at], steps[at + 1 :]
     every: Any = steps[at] if at < len(steps) else None
-    read = _element_reader(after, access, finish)
+    read = _element_reader(after, finish)
 
     def get(message: Any) -> Any:
         above: Any = None
         array = ""
         for step in before:
             if isinstance(step, str):
-                above, array, message = message, step, access.get(message, step)
+                above, array, message = message, step, message[step]
             elif isinstance(step, int):
-                elements = access.listed(message)
+                elements = _listed(message)
                 if step >= len(elements):
                     return None
                 above, message = None, elements[step]
             else:
-                elements = access.listed(message)
-                names, place = _names_of(elements, above, array, access)
+                elements = _listed(message)
+                names, place = _names_of(elements, above, array)
                 key = step.key  # type: ignore[union-attr]
                 message = named_element(elements, names, key, array, place)
                 if message is ABSENT or type(message) is BadDatum:
@@ -276,56 +265,54 @@ def bind_steps(steps: Sequence[Step], access: Access, finish: Getter) -> Getter:
                 above = None
         if every is None:
             return finish(message)
-        elements = access.listed(message)
+        elements = _listed(message)
         if every.pattern is None:
             is_plain = not after and len(elements) and type(elements[0]) in (int, float)
             return numbered_elements(elements, None if is_plain else read)
-        names, place = _names_of(elements, above, array, access)
+        names, place = _names_of(elements, above, array)
         return named_elements(elements, names, array, place, every.pattern, read)
 
     return get if isinstance(steps[0], str) else lambda message: get([message])
 
 
-def _element_reader(steps: Sequence[Step], access: Access, finish: Getter) -> Getter:
+def _element_reader(steps: Sequence[Step], finish: Getter) -> Getter:
     """Returns a function that reads the rest of a path from one of several elements."""
-    read_rest = bind_steps(steps, access, finish) if steps else finish
+    read_rest = bind_steps(steps, finish) if steps else finish
 
     def read(element: Any) -> Any:
-        if _is_own(element, access):
+        if _is_own(element):
             return ABSENT
         value = read_rest(element)
-        return NOT_A_NUMBER if type(value) in (dict, list) else value
+        return NOT_A_NUMBER if type(value) in (dict, list, memoryview) else value
 
     return read
 
 
-def _is_own(element: Any, access: Access) -> bool:
+def _is_own(element: Any) -> bool:
     """Returns whether an element is a status of this package's nodes."""
-    fields = access.fields(element).keys()
-    if not fields >= _STATUS_FIELDS:
+    if type(element) is not dict or not element.keys() >= _STATUS_FIELDS:
         return False
-    values = access.get(element, "values") if "values" in fields else ()
+    values = element.get("values")
     pairs = values if isinstance(values, list) else ()
-    keys = (access.get(pair, "key") for pair in pairs if "key" in access.fields(pair))
-    return is_own_status(access.get(element, "name"), keys)
+    return is_own_status(element["name"], [pair["key"] for pair in pairs if type(pair) is dict and "key" in pair])
 
 
-def _names_of(elements: Sequence[Any], above: Any, array: str, access: Access) -> Tuple[Sequence[Any], str]:
+def _names_of(elements: Sequence[Any], above: Any, array: str) -> Tuple[Sequence[Any], str]:
     """Returns the names of elements, their own or those in an array beside `array` in the message above, and its name.
 
     Its own name is that of the array.
     """
-    own = key_field(access.fields(elements[0])) if len(elements) else None
-    if own is None:
+    own = key_field(elements[0]) if len(elements) and type(elements[0]) is dict else None
+    if own is None and type(above) is dict:
         for name in NAME_ARRAYS:
-            if name != array and name in access.fields(above) and isinstance(access.get(above, name), list):
-                return access.get(above, name), name
-    return [access.get(element, own) for element in elements], array  # type: ignore[arg-type]
+            if name != array and isinstance(above.get(name), list):
+                return above[name], name
+    return [element[own] for element in elements], array
 
 
 def _listed(message: Any) -> Sequence[Any]:
-    """Returns an array; bytes are base64 text in a mapping."""
-    if isinstance(message, (list, tuple)):
+    """Returns an array: numbers of a serialized message are a memoryview; bytes are base64 text in JSON."""
+    if isinstance(message, (list, tuple, memoryview)):
         return message
     if not isinstance(message, str):
         raise TypeError("not a list")
@@ -333,9 +320,6 @@ def _listed(message: Any) -> Sequence[Any]:
         return base64.b64decode(message, validate=True)
     except ValueError:
         raise TypeError("a text has no elements") from None
-
-
-_MAPPINGS = Access(getitem, lambda value: value if type(value) is dict else {}, _listed)
 
 
 def _element_value(element: Any) -> Any:

@@ -9,10 +9,11 @@ from __future__ import annotations
 import math
 import operator
 import re
-from typing import Any, Callable, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Callable, List, Mapping, NamedTuple, Optional, Sequence
 
 from .elements import BadDatum
-from .field_path import ABSENT, Every, Getter, leading_path
+from .errors import ConfigError
+from .field_path import ABSENT, Every, Getter, leading_path, parse_field_path
 from .formatting import describe
 from .patterns import matches_pattern
 
@@ -113,21 +114,17 @@ def selection(field: str, where: str) -> Optional[str]:
     return f"{field}{_WHERE}{where}" if where else field or None
 
 
-def parse_selection(text: str) -> Tuple[str, Sequence[Comparison]]:
-    """Splits what `selection` returns into the path of the field and the comparisons; raises ValueError."""
-    _, rest = leading_path(text)
-    return (text[: -len(rest)], parse_where(rest[len(_WHERE) :])) if rest.startswith(_WHERE) else (text, ())
-
-
-def filtered(
-    comparisons: Sequence[Comparison],
-    read: Getter,
+def selected(
+    topic: str,
+    type_name: str,
+    text: str,
     bind: Callable[[str], Getter],
     constant: Callable[[str, str], Callable[[Any], float]],
 ) -> Getter:
-    """Returns a function that reads a message as `read` does if all comparisons hold, and is ABSENT otherwise.
+    """Returns a function that reads from a message what `selection` describes: ABSENT if a comparison does not hold.
 
-    `bind` returns the getter of a path, `constant` that of a constant, by the path of the field and its name.
+    `bind` returns the getter of a path, `constant` that of a constant, by the path of the field and its name. Raises
+    ConfigError with the resolved topic and the type, which may be empty, for what is no path or no condition.
     """
 
     def number_of(comparison: Comparison) -> Callable[[Any], float]:
@@ -135,6 +132,18 @@ def filtered(
             return constant(comparison.path, comparison.constant)
         return lambda message: comparison.number or 0
 
+    comparisons: Sequence[Comparison] = ()
+    try:
+        _, rest = leading_path(text)
+        if rest.startswith(_WHERE):
+            text, comparisons = text[: -len(rest)], parse_where(rest[len(_WHERE) :])
+        parse_field_path(text)
+    except ValueError as error:
+        place = f"field {describe(text)} of {type_name}" if type_name else f"field {describe(text)}"
+        raise ConfigError(f"{topic}: {place}: {error}") from None
+    read = bind(text) if text or not comparisons else lambda message: 1.0
+    if not comparisons:
+        return read
     bound = [(each.holds, bind(each.path), number_of(each)) for each in comparisons]
 
     def get(message: Any) -> Any:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import socket
 import sys
 import threading
@@ -205,27 +204,6 @@ def test_messages_that_do_not_match_their_type_are_one_error_line(ros: Any, type
     publisher.unregister()
     assert len(errors(ros)) == 1
     assert errors(ros)[0].startswith("/garbled: a message does not match std_msgs/Float32: ")
-
-
-def test_the_same_bytes_are_decoded_as_the_type_of_each_publisher(ros: Any) -> None:
-    """Python has each byte once, so that messages of one byte are the same object."""
-    from std_msgs.msg import Bool, UInt8
-
-    from robot_health_monitor.ros1.messages import deserialized
-    from robot_health_monitor.runtime.native_node import Decoder
-
-    decoder = Decoder(deserialized)
-    messages = [decoder.decode(b"\1", cls) for cls in (Bool, UInt8, UInt8, Bool)]
-    assert [type(message) for message in messages] == [Bool, UInt8, UInt8, Bool]
-    assert messages[1] is messages[2]
-
-
-def test_topics_that_clients_of_a_server_invent_are_forgotten(ros: Any) -> None:
-    node = ros.node("rosbridge")
-    for number in range(5):
-        node.unsubscribe(node.subscribe(f"/invented{number}", "", Recorder()))
-    gc.collect()
-    assert len(node._decoders) == 0
 
 
 def test_log_lines_about_a_failed_callback_are_one_line_each(ros: Any) -> None:

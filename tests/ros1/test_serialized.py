@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, List, Mapping
+from typing import Any, Callable, List, Mapping
 
 from robot_health_monitor.core.values.field_path import ABSENT
 
@@ -21,10 +21,22 @@ def raw(header: Mapping[str, str], data: bytes = b"\x00\x00\x9cA") -> Any:
     return message
 
 
-def test_the_definition_is_that_of_the_publisher_even_of_a_type_that_is_not_installed() -> None:
-    from robot_health_monitor.ros1.serialized import BytesReader
+def bytes_reader(topic: str, expected: str, log: Callable[[Any, str], None]) -> Any:
+    """Returns what passes messages on as they are, with their format."""
+    from robot_health_monitor.ros1.serialized import Reader
 
-    reader = BytesReader("/in", "", lambda severity, text: None)
+    return Reader(topic, expected, lambda raw: lambda data: (data, raw), log)
+
+
+def field_reader(field: str, log: Callable[[Any, str], None]) -> Any:
+    from robot_health_monitor.core.messages.serialized import SerializedType
+    from robot_health_monitor.ros1.serialized import Reader
+
+    return Reader("/in", "", lambda raw: SerializedType("/in", raw).field_getter(field), log)
+
+
+def test_the_definition_is_that_of_the_publisher_even_of_a_type_that_is_not_installed() -> None:
+    reader = bytes_reader("/in", "", lambda severity, text: None)
     data, raw_format = reader.read(raw(FLOAT))
     assert data == b"\x00\x00\x9cA"
     assert raw_format == ("ros1", "std_msgs/Float32", "ros1msg", "float32 data\n", "ros1")
@@ -33,38 +45,30 @@ def test_the_definition_is_that_of_the_publisher_even_of_a_type_that_is_not_inst
 
 
 def test_a_publisher_without_a_definition_is_believed_to_have_the_installed_one() -> None:
-    from robot_health_monitor.ros1.serialized import BytesReader
-
-    reader = BytesReader("/in", "std_msgs/msg/Float32", lambda severity, text: None)
+    reader = bytes_reader("/in", "std_msgs/msg/Float32", lambda severity, text: None)
     header = {"type": "std_msgs/Float32", "md5sum": FLOAT["md5sum"]}
     assert reader.read(raw(header))[1].schema.strip() == "float32 data"
-    unknown = BytesReader("/in", "", lambda severity, text: None).read(raw({"type": "acme_msgs/Motor"}))
+    unknown = bytes_reader("/in", "", lambda severity, text: None).read(raw({"type": "acme_msgs/Motor"}))
     assert unknown[1].schema == ""
 
 
 def test_messages_of_another_type_are_left_out_with_one_line() -> None:
-    from robot_health_monitor.ros1.serialized import BytesReader
-
     lines: List[str] = []
-    reader = BytesReader("/in", "std_msgs/Float64", lambda severity, text: lines.append(text))
+    reader = bytes_reader("/in", "std_msgs/Float64", lambda severity, text: lines.append(text))
     assert [reader.read(raw(FLOAT)) for _ in range(3)] == [ABSENT] * 3
     assert reader.read(raw(dict(FLOAT))) is ABSENT
     assert lines == ["/in: expected messages of type std_msgs/Float64, got std_msgs/Float32"]
 
 
 def test_two_publishers_with_one_definition_have_one_format() -> None:
-    from robot_health_monitor.ros1.serialized import BytesReader
-
-    reader = BytesReader("/in", "", lambda severity, text: None)
+    reader = bytes_reader("/in", "", lambda severity, text: None)
     first, second = raw(dict(FLOAT)), raw(dict(FLOAT))
     formats = [reader.read(message)[1] for message in (first, second, first)]
     assert formats[0] is formats[1] is formats[2]
 
 
 def test_any_number_of_definitions_takes_bounded_memory() -> None:
-    from robot_health_monitor.ros1.serialized import BytesReader
-
-    reader = BytesReader("/in", "", lambda severity, text: None)
+    reader = bytes_reader("/in", "", lambda severity, text: None)
     for number in range(1000):
         reader.read(raw({"type": "acme_msgs/Motor", "message_definition": f"int32 rpm{number}\n"}))
     assert len(reader._getters) <= 100
@@ -74,23 +78,35 @@ def test_messages_that_this_process_reads_itself_are_serialized_again() -> None:
     """rospy subscribes to /clock with its class."""
     from std_msgs.msg import Float32
 
-    from robot_health_monitor.ros1.serialized import BytesReader
-
     message = Float32(19.5)
     message._connection_header = FLOAT
-    data, _ = BytesReader("/in", "", lambda severity, text: None).read(message)
+    data, _ = bytes_reader("/in", "", lambda severity, text: None).read(message)
     assert data == b"\x00\x00\x9cA"
 
 
-def test_a_field_is_not_read_from_messages_of_another_definition() -> None:
-    """rospy refuses such a publisher, unless all messages of the topic are received as bytes."""
-    from robot_health_monitor.ros1.messages import deserialized
-    from robot_health_monitor.ros1.serialized import FieldReader
-    from robot_health_monitor.runtime.native_node import Decoder
-
+def test_a_field_is_read_by_the_definition_of_each_publisher() -> None:
+    """rospy refuses a publisher with another definition, unless all messages of the topic are received as bytes."""
     lines: List[str] = []
-    reader = FieldReader("/in", "", "data", Decoder(deserialized), lambda severity, text: lines.append(text))
+    reader = field_reader("data", lambda severity, text: lines.append(text))
     assert reader.read(raw(FLOAT)) == 19.5
-    assert reader.read(raw({**FLOAT, "md5sum": "0" * 32})) is ABSENT
-    assert lines == ["/in: the publisher has another definition of std_msgs/Float32 than this machine"]
+    longer = {**FLOAT, "md5sum": "0" * 32, "message_definition": "uint8 id\nfloat32 data\n"}
+    assert reader.read(raw(longer, b"\x07\x00\x00\x9cA")) == 19.5
     assert reader.read(raw(FLOAT)) == 19.5
+    assert lines == []
+
+
+def test_a_publisher_of_another_definition_that_it_does_not_send_is_not_read() -> None:
+    lines: List[str] = []
+    reader = field_reader("data", lambda severity, text: lines.append(text))
+    assert reader.read(raw({"type": "std_msgs/Float32", "md5sum": "0" * 32})) is ABSENT
+    (line,) = lines
+    assert line.startswith("/in: std_msgs/Float32 has no field data; ")
+    assert reader.read(raw({"type": "std_msgs/Float32", "md5sum": FLOAT["md5sum"]})) == 19.5
+
+
+def test_the_same_bytes_are_decoded_as_the_type_of_each_publisher() -> None:
+    """Python has each byte once, so that messages of one byte are the same object."""
+    reader = field_reader("data", lambda severity, text: None)
+    signed = {"type": "std_msgs/Int8", "message_definition": "int8 data\n"}
+    unsigned = {"type": "std_msgs/UInt8", "message_definition": "uint8 data\n"}
+    assert [reader.read(raw(header, b"\xff")) for header in (signed, unsigned, signed)] == [-1, 255, -1]

@@ -10,7 +10,7 @@ import pytest
 def test_the_definition_of_a_bounded_string_can_be_parsed() -> None:
     pytest.importorskip("type_description_interfaces.msg")
     from robot_health_monitor.core.messages.definitions import Field, parse_msg
-    from robot_health_monitor.ros2.definitions import raw_format
+    from robot_health_monitor.ros2.messages import raw_format
 
     name = "type_description_interfaces/IndividualTypeDescription"
     text = raw_format(name).schema
@@ -19,7 +19,7 @@ def test_the_definition_of_a_bounded_string_can_be_parsed() -> None:
 
 
 def test_constants_and_comments_are_those_of_the_installed_file() -> None:
-    from robot_health_monitor.ros2.definitions import raw_format
+    from robot_health_monitor.ros2.messages import raw_format
 
     battery = raw_format("sensor_msgs/BatteryState")
     assert battery[:3] == ("cdr", "sensor_msgs/msg/BatteryState", "ros2msg")
@@ -33,13 +33,13 @@ def test_constants_and_comments_are_those_of_the_installed_file() -> None:
 @pytest.mark.parametrize("name", ["std_msgs/Empty", "std_msgs/Float32", "diagnostic_msgs/DiagnosticArray"])
 def test_what_is_installed_without_its_file_is_described_by_its_class(name: str, monkeypatch: Any) -> None:
     from robot_health_monitor.core.messages.definitions import parse_definition
-    from robot_health_monitor.ros2 import definitions
+    from robot_health_monitor.ros2 import messages
 
-    from_file = parse_definition(name, definitions.raw_format(name).schema, "msg")
-    monkeypatch.setattr(definitions, "_installed_text", lambda native_class: "")
-    definitions._format_of.cache_clear()
-    generated = parse_definition(name, definitions.raw_format(name).schema, "msg")
-    definitions._format_of.cache_clear()
+    from_file = parse_definition(name, messages.raw_format(name).schema, "msg")
+    monkeypatch.setattr(messages, "_installed_text", lambda native_class: "")
+    messages._format_of.cache_clear()
+    generated = parse_definition(name, messages.raw_format(name).schema, "msg")
+    messages._format_of.cache_clear()
     if name != "std_msgs/Empty":
         assert {kind: found.fields for kind, found in generated.items()} == {
             kind: found.fields for kind, found in from_file.items()

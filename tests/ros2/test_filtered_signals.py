@@ -6,13 +6,9 @@ from typing import Any, List
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from geometry_msgs.msg import TransformStamped
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
-from robot_health_monitor.core.messages.native_fields import bind_path
 from robot_health_monitor.core.nodes import AlertSystem
-from robot_health_monitor.core.values.field_path import ABSENT, parse_field_path
-from robot_health_monitor.ros2 import messages
 
 
 def test_errors_in_the_log_are_counted(ros: Any) -> None:
@@ -55,28 +51,3 @@ def test_static_frames_that_were_published_before_are_received(ros: Any) -> None
     system = AlertSystem(ros.node("alert_system", parameters={"signals": {"frames": signal}}))
     names = {"frames", "frames[base_link]", "frames[camera]"}
     ros.wait_until(lambda: system.read(lambda monitor, _: set(monitor.signals())) == names)
-
-
-class Tree:
-    """As rosidl describes a tf2_msgs/TFMessage."""
-
-    def __init__(self, transforms: List[TransformStamped]) -> None:
-        self.transforms = transforms
-
-    @staticmethod
-    def get_fields_and_field_types() -> Any:
-        return {"transforms": "sequence<geometry_msgs/TransformStamped>"}
-
-
-def test_frames_of_native_messages_are_selected_by_their_child_frame_id() -> None:
-    frames = [TransformStamped(child_frame_id=name) for name in ("base_link", "wheel_left")]
-    frames[1].header.stamp.sec = 5
-    message = Tree(frames)
-
-    def get(path: str) -> Any:
-        reader = messages.native._reader
-        return bind_path(messages.native._dialect, reader, Tree, parse_field_path(path))(message)
-
-    assert get('transforms["wheel_left"].header.stamp') == 5.0
-    assert get('transforms["map"].header.stamp') is ABSENT
-    assert get('transforms["*"].header.stamp') == [("base_link", 0.0), ("wheel_left", 5.0)]

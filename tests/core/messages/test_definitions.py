@@ -15,7 +15,7 @@ SEPARATOR = "=" * 80
 
 def fields(text: str, form: str = "msg") -> List[Tuple[str, str, Any]]:
     """Returns the fields of my_robot/Load."""
-    return [tuple(field) for field in parse_definition("my_robot/Load", text, form)["my_robot/Load"].fields]  # type: ignore[misc]
+    return [field[:3] for field in parse_definition("my_robot/Load", text, form)["my_robot/Load"].fields]
 
 
 def test_a_msg_has_fields_arrays_defaults_and_constants() -> None:

@@ -4,51 +4,47 @@ from __future__ import annotations
 
 import math
 import struct
-from typing import Any, Dict, Mapping, Optional
+from typing import Any, Optional, Tuple
 
 import pytest
 
-from robot_health_monitor.core.messages.dialect import FieldType
+from robot_health_monitor.core.messages.definitions import SEQUENCE, TIMES, Definition, Definitions, Field
 from robot_health_monitor.core.messages.fixed_fields import Getter, number_getter
 from robot_health_monitor.core.values.elements import Stamp
 from robot_health_monitor.core.values.errors import MessageError
 
 
-def plain(kind: str) -> FieldType:
-    return FieldType(kind, kind)
+def fields(*kinds: Tuple[str, str]) -> Definition:
+    return Definition([Field(name, kind) for name, kind in kinds])
 
 
-TYPES: Dict[str, Mapping[str, FieldType]] = {
-    "Float32": {"data": plain("float32")},
-    "Mixed": {"flag": plain("bool"), "small": plain("uint16"), "real": plain("float64"), "level": plain("octet")},
-    "Nested": {"byte": plain("uint8"), "inner": FieldType("Mixed", "Mixed", "Mixed"), "last": plain("int32")},
-    "Named": {"count": plain("int64"), "name": plain("string"), "after": plain("float32")},
-    "Listed": {"values": FieldType("float32", "float32", is_array=True, size=3), "after": plain("float32")},
-    "Counted": {"values": FieldType("float32", "float32", is_array=True), "after": plain("float32")},
-    "Wide": {"text": plain("wstring"), "after": plain("float32")},
-    "Time": {"sec": plain("int32"), "nanosec": plain("uint32")},
-    "Stamped": {
-        "seq": plain("uint8"),
-        "stamp": FieldType("builtin_interfaces/Time", "builtin_interfaces/Time", "Time"),
-        "frame_id": plain("string"),
-        "late": FieldType("time", "time", "Time"),
-        "span": FieldType("builtin_interfaces/Duration", "builtin_interfaces/Duration", "Time"),
-    },
-    "Empty": {},
-    "Endless": {"again": FieldType("Endless", "Endless", "Endless")},
+TYPES: Definitions = {
+    "Float32": fields(("data", "float32")),
+    "Mixed": fields(("flag", "bool"), ("small", "uint16"), ("real", "float64"), ("level", "uint8")),
+    "Nested": fields(("byte", "uint8"), ("inner", "Mixed"), ("last", "int32")),
+    "Named": fields(("count", "int64"), ("name", "string"), ("after", "float32")),
+    "Listed": Definition([Field("values", "float32", 3), Field("after", "float32")]),
+    "Counted": Definition([Field("values", "float32", SEQUENCE), Field("after", "float32")]),
+    "Wide": fields(("text", "wstring"), ("after", "float32")),
+    **TIMES,
+    "Stamped": fields(
+        ("seq", "uint8"),
+        ("stamp", "builtin_interfaces/Time"),
+        ("frame_id", "string"),
+        ("late", "builtin_interfaces/Time"),
+        ("span", "builtin_interfaces/Duration"),
+    ),
+    "Empty": fields(),
+    "Endless": fields(("again", "Endless")),
 }
 
 
-def types(name: Any) -> Mapping[str, FieldType]:
-    return TYPES[name]
-
-
 def cdr_getter(name: str, field: str) -> Optional[Getter]:
-    return number_getter(types, name, field, is_cdr=True)
+    return number_getter(TYPES, name, field, is_cdr=True)
 
 
 def ros1_getter(name: str, field: str) -> Optional[Getter]:
-    return number_getter(types, name, field, is_cdr=False)
+    return number_getter(TYPES, name, field, is_cdr=False)
 
 
 def test_a_float32_follows_the_header_of_cdr() -> None:
@@ -63,7 +59,7 @@ def test_cdr_aligns_each_number_to_its_size() -> None:
     # flag at 0, small at 2, real at 8, level at 16
     body = b"\x01\xaa" + struct.pack("<H", 7) + b"\xaa" * 4 + struct.pack("<d", 2.5) + b"\x03"
     data = b"\x00\x01\x00\x00" + body
-    found = {field: cdr_getter("Mixed", field) for field in TYPES["Mixed"]}
+    found = {field: cdr_getter("Mixed", field) for field in ("flag", "small", "real", "level")}
     assert {field: get and get(data) for field, get in found.items()} == {
         "flag": True,
         "small": 7,
@@ -103,8 +99,8 @@ def test_a_duration_and_an_unknown_field_are_no_times(field: str) -> None:
 
 
 def test_a_time_behind_an_array_cannot_be_read_from_the_bytes() -> None:
-    known = {**TYPES, "Behind": {"values": TYPES["Counted"]["values"], "stamp": TYPES["Stamped"]["stamp"]}}
-    assert number_getter(known.__getitem__, "Behind", "stamp", is_cdr=True) is None
+    behind = Definition([Field("values", "float32", SEQUENCE), Field("stamp", "builtin_interfaces/Time")])
+    assert number_getter({**TYPES, "Behind": behind}, "Behind", "stamp", is_cdr=True) is None
 
 
 def test_ros1_has_no_padding() -> None:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import random
 import struct
-from typing import Any, Dict, List, Mapping, Sequence, Tuple
+from typing import Any, List, Sequence, Tuple
 
 import pytest
 
-from robot_health_monitor.core.messages.dialect import FieldType
+from robot_health_monitor.core.messages.definitions import SEQUENCE, Definition, Definitions, Field
 from robot_health_monitor.core.messages.serialized_statuses import serialized_getter, statuses_getter
 from robot_health_monitor.core.values.elements import BadDatum, DriverStatus, Elements
 from robot_health_monitor.core.values.errors import MessageError
@@ -17,30 +17,22 @@ from robot_health_monitor.core.values.field_path import ABSENT
 Status = Tuple[int, bytes, bytes, Sequence[Tuple[bytes, bytes]]]
 
 
-def message(type_name: str, *, is_array: bool = False) -> FieldType:
-    return FieldType(type_name, type_name, type_name, is_array=is_array)
-
-
-def text() -> FieldType:
-    return FieldType("string", "string")
-
-
-TYPES: Dict[str, Mapping[str, FieldType]] = {
-    "diagnostic_msgs/DiagnosticArray": {
-        "header": message("std_msgs/Header"),
-        "status": message("diagnostic_msgs/DiagnosticStatus", is_array=True),
-    },
-    "diagnostic_msgs/DiagnosticStatus": {
-        "level": FieldType("byte", "int8"),
-        "name": text(),
-        "message": text(),
-        "hardware_id": text(),
-        "values": message("diagnostic_msgs/KeyValue", is_array=True),
-    },
-    "std_msgs/Header": {"stamp": message("time"), "frame_id": text()},
-    "time": {"secs": FieldType("uint32", "uint32"), "nsecs": FieldType("uint32", "uint32")},
-    "other/Array": {"status": message("diagnostic_msgs/DiagnosticStatus", is_array=True)},
-    "other/Float": {"data": FieldType("float32", "float32")},
+TYPES: Definitions = {
+    "diagnostic_msgs/DiagnosticArray": Definition(
+        [Field("header", "std_msgs/Header"), Field("status", "diagnostic_msgs/DiagnosticStatus", SEQUENCE)]
+    ),
+    "diagnostic_msgs/DiagnosticStatus": Definition(
+        [
+            Field("level", "int8"),
+            Field("name", "string"),
+            Field("message", "string"),
+            Field("hardware_id", "string"),
+            Field("values", "diagnostic_msgs/KeyValue", SEQUENCE),
+        ]
+    ),
+    "std_msgs/Header": Definition([Field("stamp", "builtin_interfaces/Time"), Field("frame_id", "string")]),
+    "other/Array": Definition([Field("status", "diagnostic_msgs/DiagnosticStatus", SEQUENCE)]),
+    "other/Float": Definition([Field("data", "float32")]),
 }
 
 
@@ -80,7 +72,7 @@ def serialized(form: str, statuses: Sequence[Status], frame_id: bytes = b"map") 
 
 
 def read(form: str, data: bytes, field: str = 'status["*"]') -> Any:
-    get = serialized_getter(TYPES.__getitem__, "diagnostic_msgs/DiagnosticArray", field, is_cdr=form != "ros1")
+    get = serialized_getter(TYPES, "diagnostic_msgs/DiagnosticArray", field, is_cdr=form != "ros1")
     assert get is not None
     return get(data)
 
@@ -186,11 +178,11 @@ def test_random_bytes_are_an_error_or_statuses(form: str) -> None:
     ],
 )
 def test_other_types_and_fields_need_messages(type_name: str, field: str) -> None:
-    assert statuses_getter(TYPES.__getitem__, type_name, field, is_cdr=True) is None
-    assert serialized_getter(TYPES.__getitem__, type_name, field, is_cdr=True) is None
+    assert statuses_getter(TYPES, type_name, field, is_cdr=True) is None
+    assert serialized_getter(TYPES, type_name, field, is_cdr=True) is None
 
 
 def test_numbers_are_read_as_before() -> None:
-    get = serialized_getter(TYPES.__getitem__, "other/Float", "data", is_cdr=False)
+    get = serialized_getter(TYPES, "other/Float", "data", is_cdr=False)
     assert get is not None
     assert get(struct.pack("<f", 19.5)) == 19.5

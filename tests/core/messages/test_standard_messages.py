@@ -16,8 +16,8 @@ from robot_health_monitor.core.messages.standard_messages import (
     check_type,
     complete,
     definition,
+    field_getter,
     is_stamped,
-    messages,
 )
 from robot_health_monitor.core.values.errors import ConfigError, MessageError
 
@@ -59,7 +59,7 @@ def test_the_packages_are_those_that_are_always_checked() -> None:
 )
 def test_a_field_that_does_not_exist_is_refused(type_name: str, field: str) -> None:
     with pytest.raises(ConfigError):
-        messages.field_getter("/topic", type_name, field)
+        field_getter("/topic", type_name, field)
 
 
 def test_a_message_is_completed_with_defaults_and_its_floats_are_rounded_to_32_bits() -> None:

@@ -14,7 +14,7 @@ from robot_health_monitor.core.messages.mapping_field import MappingField
 from robot_health_monitor.core.messages.raw_messages import ros1_format, ros2_format
 from robot_health_monitor.core.messages.serialized import SerializedType, json_getter
 from robot_health_monitor.core.values.field_path import ABSENT
-from robot_health_monitor.core.values.where import Comparison, parse_selection, parse_where, selection
+from robot_health_monitor.core.values.where import Comparison, parse_where, selected, selection
 
 
 def test_a_condition_is_split_into_its_comparisons() -> None:
@@ -107,9 +107,17 @@ def test_a_path_and_its_condition_are_one_text_for_the_port() -> None:
     assert selection("", "") is None
     key = 'status["a where b"].level'
     for path in ("data", "", key):
-        found, comparisons = parse_selection(selection(path, "x == 1") or "")
-        assert (found, [each.path for each in comparisons]) == (path, ["x"])
-    assert parse_selection(key) == (key, ())
+        bound: List[str] = []
+
+        def bind(one: str, bound: List[str] = bound) -> Any:
+            bound.append(one)
+            return lambda message: message[one]
+
+        read = selected("/a", "", selection(path, "x == 1") or "", bind, lambda *_: lambda message: 0.0)
+        assert bound == ([path] if path else []) + ["x"]
+        assert read({"x": 2.0, path: 5.0}) is ABSENT
+        assert read({"x": 1.0, path: 5.0}) == (5.0 if path else 1.0)
+    assert selected("/a", "", key, lambda path: lambda message: path, lambda *_: lambda message: 0.0)({}) == key
 
 
 DEFINITION = (

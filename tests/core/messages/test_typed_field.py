@@ -1,4 +1,4 @@
-"""Paths bound to native messages; the same path reads the same from a message that is a mapping."""
+"""Paths bound to the definition of a type; the same path reads the same from bytes and from a mapping."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ from typing import Any, Dict
 
 import pytest
 
-from robot_health_monitor.core.messages.definitions import SEQUENCE, TIMES, parse_msg
-from robot_health_monitor.core.messages.dialect import Dialect, FieldType
-from robot_health_monitor.core.messages.native_fields import as_it_is
-from robot_health_monitor.core.messages.native_messages import NativeMessages
+from robot_health_monitor.core.messages.definitions import parse_msg
+from robot_health_monitor.core.messages.raw_messages import RawFormat, ros1_format
+from robot_health_monitor.core.messages.serialized import SerializedType
 from robot_health_monitor.core.values.elements import NOT_A_NUMBER, BadDatum, DriverStatus, Elements, Stamp
 from robot_health_monitor.core.values.errors import ConfigError
 from robot_health_monitor.core.values.field_path import ABSENT, mapping_getter
+from robot_health_monitor.rosbridge.protocol.definitions import _serialized
 
 DEFINITION = """
 time stamp
@@ -33,6 +33,10 @@ MSG: demo/Interfaces
 string[] interface_names
 float64[] values
 ================================================================================
+MSG: demo/Limits
+float64[2] limits
+Transform[] transforms
+================================================================================
 MSG: demo/Transform
 time stamp
 float64 x
@@ -47,44 +51,28 @@ MSG: diagnostic_msgs/KeyValue
 string key
 string value
 """
-TYPES = {**parse_msg("demo/Everything", DEFINITION), "time": TIMES["builtin_interfaces/Time"]}
-CLASSES = {name: type("Message", (), {"type_name": name}) for name in TYPES}
 
 
-def field_types(native_class: Any) -> Dict[str, FieldType]:
-    return {
-        field.name: FieldType(
-            field.kind,
-            field.kind,
-            CLASSES.get(field.kind),
-            field.size is not None,
-            None if field.size == SEQUENCE else field.size,
-        )
-        for field in TYPES[native_class.type_name].fields
-    }
+def format_of(type_name: str) -> RawFormat:
+    """Returns the format of a type of `DEFINITION`."""
+    first, *others = DEFINITION.strip().split("=" * 80 + "\n")
+    texts = {"demo/Everything": first, **dict(part[len("MSG: ") :].split("\n", 1) for part in others)}
+    own = texts.pop(type_name)
+    parts = [own, *(f"MSG: {name}\n{text}" for name, text in texts.items() if name != "demo/Everything")]
+    return ros1_format(type_name, ("=" * 80 + "\n").join(parts))
 
 
-def new(native_class: Any) -> Any:
-    message = native_class()
-    for name, of in field_types(native_class).items():
-        setattr(message, name, [] if of.is_array else new(of.message) if of.message else 0)
-    return message
+def getter(type_name: str, field: str) -> Any:
+    return SerializedType("/in", format_of(type_name)).field_getter(field)
 
 
-MESSAGES = NativeMessages(
-    Dialect(
-        lambda package, kind, name: CLASSES.get(f"{package}/{name}"),
-        lambda native_class: native_class.type_name,
-        field_types,
-        {},
-        byte_array=bytes,
-        plain=as_it_is,
-        new=new,
-    )
-)
+def serialized(type_name: str, message: Dict[str, Any]) -> bytes:
+    """Returns a message as genpy would: by code of the server, which shares none with what reads it."""
+    return _serialized(parse_msg(type_name, format_of(type_name).schema), type_name, message)
+
 
 MESSAGE: Dict[str, Any] = {
-    "stamp": {"sec": 1_700_000_000, "nanosec": 500_000_000},
+    "stamp": {"secs": 1_700_000_000, "nsecs": 500_000_000},
     "name": ["wheel_left", "wheel_right", "arm"],
     "effort": [1.5, -2.5, 0.25],
     "limits": [3.0, 4.0],
@@ -101,17 +89,16 @@ MESSAGE: Dict[str, Any] = {
         {"level": 2, "name": "motor", "message": "stalled", "values": []},
     ],
     "transforms": [
-        {"stamp": {"sec": 5, "nanosec": 0}, "x": 1.0},
-        {"stamp": {"sec": 6, "nanosec": 0}, "x": 2.0},
+        {"stamp": {"secs": 5, "nsecs": 0}, "x": 1.0},
+        {"stamp": {"secs": 6, "nsecs": 0}, "x": 2.0},
     ],
-    "transform": {"stamp": {"sec": 7, "nanosec": 0}, "x": 3.0},
+    "transform": {"stamp": {"secs": 7, "nsecs": 0}, "x": 3.0},
 }
 
 
 def read(field: str, message: Dict[str, Any]) -> Any:
-    """Returns what a field reads, which is the same from a native message and from a mapping."""
-    native = MESSAGES.to_native(CLASSES["demo/Everything"], message)
-    found = MESSAGES.field_getter("/in", "demo/Everything", field)(native)
+    """Returns what a field reads, which is the same from a serialized message and from a mapping."""
+    found = getter("demo/Everything", field)(serialized("demo/Everything", message))
     of_mapping = mapping_getter(field)(message)
     assert type(of_mapping) is type(found)
     assert of_mapping == found
@@ -226,7 +213,7 @@ def test_a_mapping_with_something_else_where_an_array_belongs_has_no_such_field(
 @pytest.mark.parametrize(
     ("field", "reason"),
     [
-        ("stamp[*]", "stamp is a time, not an array"),
+        ("stamp[*]", "stamp is a builtin_interfaces/Time, not an array"),
         ('limits["*"].x', "an element of limits is a plain value or a list, without fields"),
         ('transform["*"]', "transform is a demo/Transform, not an array"),
         ("transforms[*].y", "an element of transforms has stamp, x"),
@@ -234,15 +221,13 @@ def test_a_mapping_with_something_else_where_an_array_belongs_has_no_such_field(
 )
 def test_a_wrong_path_with_several_elements_is_refused(field: str, reason: str) -> None:
     with pytest.raises(ConfigError) as caught:
-        MESSAGES.field_getter("/in", "demo/Everything", field)
+        getter("demo/Everything", field)
     assert str(caught.value) == f"/in: demo/Everything has no field {field}; {reason}"
 
 
 def test_elements_without_names_anywhere_cannot_be_selected_by_name() -> None:
-    with pytest.raises(ConfigError, match="the elements of status have no name and no key"):
-        NativeMessages(
-            MESSAGES._dialect._replace(field_types=lambda cls: {"status": FieldType("double", "float64", None, True)})
-        ).field_getter("/in", "demo/Everything", 'status["*"]')
+    with pytest.raises(ConfigError, match="the elements of limits have no name and no key"):
+        getter("demo/Limits", 'limits["*"]')
 
 
 class TestStatusesOfThisPackage:
@@ -292,14 +277,14 @@ class TestStatusesOfThisPackage:
 )
 def test_a_path_may_begin_with_the_name_of_the_message(field: str, value: Any) -> None:
     message = MESSAGE["status"][1]
-    native = MESSAGES.to_native(CLASSES["diagnostic_msgs/DiagnosticStatus"], message)
-    assert MESSAGES.field_getter("/in", "diagnostic_msgs/DiagnosticStatus", field)(native) == value
+    name = "diagnostic_msgs/DiagnosticStatus"
+    assert getter(name, field)(serialized(name, message)) == value
     assert mapping_getter(field)(message) == value
 
 
 def test_a_message_without_a_name_has_none_to_begin_with() -> None:
     with pytest.raises(ConfigError, match="the elements of demo/Transform have no name and no key"):
-        MESSAGES.field_getter("/in", "demo/Transform", '["a"]')
+        getter("demo/Transform", '["a"]')
 
 
 @pytest.mark.parametrize("field", ["[0]", "[*]", "[0].level"])
@@ -308,12 +293,51 @@ def test_a_path_does_not_begin_with_an_index(field: str) -> None:
         mapping_getter(field)
 
 
-def test_an_array_that_is_too_long_is_not_made_plain_first() -> None:
-    def fail(value: Any) -> Any:
-        raise AssertionError("must not be called")
+@pytest.mark.parametrize(
+    ("type_name", "field", "reason"),
+    [
+        ("demo/Transform", "data", "demo/Transform has stamp, x"),
+        ("demo/Everything", "transform.y", "transform has stamp, x"),
+        ("demo/Everything", "transform.x.y", "x is a plain value or a list, without fields"),
+        ("demo/Everything", "status.name", "status is a plain value or a list, without fields"),
+        ("demo/Everything", "status[0].x", "an element of status has level, name, message, values"),
+        ("demo/Everything", "transform[0]", "transform is a demo/Transform, not an array"),
+        ("demo/Everything", "limits[2]", "limits has 2 elements, the last one is [1]"),
+        ("demo/Everything", "limits[1][0]", "an element of limits is a float64, not an array"),
+    ],
+)
+def test_an_invalid_path_is_refused_with_the_available_fields(type_name: str, field: str, reason: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        getter(type_name, field)
+    assert str(caught.value) == f"/in: {type_name} has no field {field}; {reason}"
 
-    own = NativeMessages(MESSAGES._dialect._replace(plain=fail))
-    message = new(CLASSES["demo/Everything"])
-    message.temperatures = bytes(6_000_000)
-    read_all = own.field_getter("/in", "demo/Everything", "temperatures[*]")
-    assert read_all(message) == "6000000 elements (limit 10000)"
+
+def test_a_text_that_is_not_a_path_is_rejected_with_the_topic() -> None:
+    with pytest.raises(ConfigError, match=r"^/in: field '\.data' of demo/Transform: '\.data' is not a name"):
+        getter("demo/Transform", ".data")
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("stamp.sec", 1_700_000_000),
+        ("stamp.secs", 1_700_000_000),
+        ("effort[3]", None),
+        ("effort", [1.5, -2.5, 0.25]),
+        ("temperatures", "Kyo="),
+        ("temperatures[1]", 42),
+        ("transform", {"stamp": {"secs": 7, "nsecs": 0}, "x": 3.0}),
+        ('status["lidar: front"].values["T"].value', "41.5"),
+        ("status[0].values[0].key", "T"),
+        ("status[1].values", []),
+        ("", MESSAGE),
+    ],
+)
+def test_a_field_of_bytes_is_read_by_its_path(field: str, value: Any) -> None:
+    assert getter("demo/Everything", field)(serialized("demo/Everything", MESSAGE)) == value
+
+
+def test_an_array_that_is_too_long_is_not_read() -> None:
+    long = {**MESSAGE, "temperatures": bytes(6_000_000)}
+    data = serialized("demo/Everything", long)
+    assert getter("demo/Everything", "temperatures[*]")(data) == "6000000 elements (limit 10000)"
