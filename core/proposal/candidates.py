@@ -246,21 +246,20 @@ class Candidates:
         fields = list(islice(_walk(topic.definitions or {}, topic.type_name), _MOST_WALKED))
         if topic.definitions is None:
             self.fields[topic.topic, "its fields"] = "the definition of its type is not known"
-        is_bulk = _is_bulk(topic.type_name, fields)
-        named = _named_arrays(topic, fields)
-        for path, kind in named.items():
-            if kind == "frames":
-                yield self._signal(topic, kind, f'{path}["*"].header.stamp', rules=AGE_RULES, unit="s")
-            else:
-                yield self._signal(topic, kind, f'{path}["*"]', path)
+        is_bulk, has_names = _is_bulk(topic.type_name, fields), any(map(_is_names, fields))
+        has_frames = topic.type_name in _FRAMES and not topic.topic.endswith("_static")
         for path, field, unit in fields:
             reason = _why_no_number(topic.type_name, field, is_bulk=is_bulk)
             if path == "header" and field.kind == _HEADER:
                 if self._ages_of_bulk or not is_bulk:
                     yield self._signal(topic, "age", "header.stamp", "age", rules=AGE_RULES, unit="s")
-            elif path not in named and reason:
+            elif has_frames and path == "transforms":
+                yield self._signal(topic, "frames", f'{path}["*"].header.stamp', rules=AGE_RULES, unit="s")
+            elif reason:
                 self.fields[topic.topic, path] = reason
-            elif path not in named:
+            elif has_names and "." not in path and field.size == SEQUENCE and field.kind in ("float32", "float64"):
+                yield self._signal(topic, "elements", f'{path}["*"]', path)
+            else:
                 yield from self._numbers(topic, path, field, unit)
 
     def _numbers(self, topic: Topic, path: str, field: Field, unit: str) -> Iterator[Signal]:
@@ -287,17 +286,20 @@ class Candidates:
     def _only_signal(self, topic: Topic) -> Optional[Signal]:
         """Returns the signal of a topic that has no other one: goals of an action, the drivers' statuses, the log."""
         short = relative(topic.topic, self.namespace)
+        words: Tuple[str, ...] = (topic.topic,)
         given: Dict[str, Any] = {"topic": topic.topic, "type": topic.type_name}
         action = next((short[: -len(end)] for end in STATUS_TOPICS if short.endswith(end)), "")
         if topic.type_name in STATUS_TYPES and action:
+            kind, words = "action", (action, "goals")
             given = {"action": action, "statistic": "mean", "window_s": 1200.0, "window_min_s": 0.0}
-            return Signal(self.names.of(action, "goals"), topic.topic, "action", given)
-        if topic.type_name == _DIAGNOSTICS:
-            return Signal(self.names.of(topic.topic), topic.topic, "statuses", {**given, "field": 'status["*"]'})
-        if topic.type_name in _LOGS:
+        elif topic.type_name == _DIAGNOSTICS:
+            kind, given["field"] = "statuses", 'status["*"]'
+        elif topic.type_name in _LOGS:
+            kind, words = "log", (topic.topic, "errors")
             given.update(field="", where=_ERRORS, statistic="count", window_s=60.0)
-            return Signal(self.names.of(topic.topic, "errors"), topic.topic, "log", given)
-        return None
+        else:
+            return None
+        return Signal(self.names.of(*words), topic.topic, kind, given)
 
 
 def relative(name: str, namespace: str) -> str:
@@ -355,15 +357,7 @@ def _is_bulk(type_name: str, fields: Sequence[Tuple[str, Field, str]]) -> bool:
     return type_name in _CLOUDS or any(field.kind in _EIGHT_BITS and field.size == SEQUENCE for _, field, _ in fields)
 
 
-def _named_arrays(topic: Topic, fields: Sequence[Tuple[str, Field, str]]) -> Mapping[str, str]:
-    """Returns the kind of the arrays whose elements have names: transforms by their frames, if these are not static.
-
-    Otherwise arrays of numbers that have names in an array beside them, as in a JointState.
-    """
-    if topic.type_name in _FRAMES and not topic.topic.endswith("_static"):
-        return {"transforms": "frames"}
-    top = {path: field for path, field, _ in fields if "." not in path}
-    if not any(name in top and top[name].kind in TEXTS and top[name].size is not None for name in NAME_ARRAYS):
-        return {}
-    arrays = [name for name, field in top.items() if field.size == SEQUENCE and field.kind in ("float32", "float64")]
-    return dict.fromkeys(arrays, "elements")
+def _is_names(found: Tuple[str, Field, str]) -> bool:
+    """Returns whether a field has the names of the elements of arrays beside it, as in a JointState."""
+    path, field, _ = found
+    return path in NAME_ARRAYS and field.kind in TEXTS and field.size is not None
