@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import shutil
 import sys
 import time
 from functools import partial
@@ -18,7 +17,7 @@ from ...core.values.formatting import number_text, printable, with_unit
 from ...runtime.interrupts import Interrupts
 from ...runtime.threads import DetachedCalls
 from ..arguments import Parser, add
-from ..output.lines import plain_table, readable
+from ..output.lines import readable
 
 _BETWEEN_READS_S = 0.5
 """Loads and rates are measured between two reads."""
@@ -30,7 +29,7 @@ def add_arguments(parser: Parser) -> None:
     """Adds the arguments of the command."""
     parser.description = (
         "Lists every source for the section `host` of battery_sensor: its configuration, its present "
-        "value, or why it is not available. Shows a table on a terminal and plain lines in a pipe."
+        "value, or why it is not available."
     )
     add(parser, "--json", "one JSON object per source")
 
@@ -41,25 +40,19 @@ def run(arguments: argparse.Namespace, interrupts: Interrupts) -> None:
 
 
 def show_sources(as_json: bool, stream: Optional[TextIO] = None, computer: Optional[Computer] = None) -> None:
-    """Lists every source of this machine: a table on a terminal, plain lines in a pipe, or JSON."""
+    """Lists every source of this machine, on a line each, or as JSON."""
     stream = stream or sys.stdout
-    rows = []
-    lines = []
     for kind, options, answer in _read_sources(computer or Computer(background=DetachedCalls("sources", 200))):
-        unit, problem = HOST_SOURCES[kind].unit, None
-        shown = "-"
+        unit = HOST_SOURCES[kind].unit
+        configuration, shown, problem = {"source": kind, **options}, "", None
         if isinstance(answer, SensorError):
-            problem, answer = str(answer).partition("; ")[0], None  # without the advice for battery_sensor
+            shown = problem = str(answer).partition("; ")[0]  # without the advice for battery_sensor
+            answer = None
         else:
             shown = readable(with_unit(number_text(answer), unit), stream)
-        configuration = yaml_text({"source": kind, **options})
-        rows.append((configuration, shown, problem or HOST_SOURCES[kind].description))
-        record = {"source": kind, **options, "value": answer, "unit": unit, "problem": problem}
-        lines.append(json.dumps(record) if as_json else f"{configuration}: {problem or shown}")
-    if stream.isatty() and not as_json:
-        columns = max(shutil.get_terminal_size().columns, 20)
-        lines = [line[:columns] for line in plain_table([("configuration", "value", "description"), *rows], 3)]
-    stream.write("".join(f"{printable(line)}\n" for line in lines))
+        record = {**configuration, "value": answer, "unit": unit, "problem": problem}
+        line = json.dumps(record) if as_json else f"{yaml_text(configuration)}: {shown}"
+        stream.write(f"{printable(line)}\n")
     stream.flush()
 
 
