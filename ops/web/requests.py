@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import functools
-import hashlib
 import json
 from pathlib import Path
 from typing import Any, Dict, Mapping, Protocol, Tuple
@@ -25,7 +24,8 @@ _PAGE_HEADERS = {
     **SECURITY_HEADERS,
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; "
     "img-src 'self' data:; manifest-src 'self'; frame-ancestors 'none'; base-uri 'none'; form-action 'self'",
-    "Cache-Control": "no-cache",  # may be stored, but asks each time whether it has changed
+    "Cache-Control": "no-cache",  # a page is never older than its monitor
+    "Vary": "Accept-Encoding",
     "X-Frame-Options": "DENY",
 }
 _PAGE = Path(__file__).parent / "page"
@@ -89,22 +89,18 @@ def _refuse(constant: str) -> None:
 async def serve_page_file(request: web.Request) -> web.Response:
     """Answers a request for `/` or `/NAME`: a file of the page, from memory."""
     name = request.match_info.get("name", "index.html")
-    file = _page_files().get(name)
-    if file is None:
+    content = _page_files().get(name)
+    if content is None:
         raise web.HTTPNotFound
-    content, etag = file
-    headers = {**_PAGE_HEADERS, "ETag": etag, "Vary": "Accept-Encoding"}
-    if etag in request.headers.get("If-None-Match", ""):
-        return web.Response(status=304, headers=headers)
-    response = web.Response(body=content, content_type=_TYPES[Path(name).suffix], charset="utf-8", headers=headers)
+    kind = _TYPES[Path(name).suffix]
+    response = web.Response(body=content, content_type=kind, charset="utf-8", headers=_PAGE_HEADERS)
     if "gzip" in request.headers.get("Accept-Encoding", ""):
         response.enable_compression(web.ContentCoding.gzip)
     return response
 
 
 @functools.lru_cache(maxsize=None)
-def _page_files() -> Mapping[str, Tuple[bytes, str]]:
-    """Reads the files in `page/`, and the plot, by their names; each with its ETag."""
-    contents = {file.name: file.read_bytes() for file in sorted(_PAGE.iterdir()) if file.suffix in _TYPES}
-    contents.update({"plot.js": plot_script().encode("utf-8"), "plot.css": plot_style().encode("utf-8")})
-    return {name: (content, f'"{hashlib.sha256(content).hexdigest()[:32]}"') for name, content in contents.items()}
+def _page_files() -> Mapping[str, bytes]:
+    """Reads the files in `page/`, and the plot, by their names."""
+    plot = {"plot.js": plot_script().encode("utf-8"), "plot.css": plot_style().encode("utf-8")}
+    return {**{file.name: file.read_bytes() for file in _PAGE.iterdir() if file.suffix in _TYPES}, **plot}

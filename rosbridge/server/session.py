@@ -102,8 +102,8 @@ class Session:
         """Sends a `status` if the client requested this level: other clients treat it as an error."""
         levels = operations.STATUS_LEVELS
         if levels.index(level) <= levels.index(self._level):
-            known = id if isinstance(id, (str, int)) and len(str(id)) <= operations.LONGEST_NAME else None
-            self.send(_with_id({"op": "status", "level": level, "msg": text}, known))
+            status = {"op": "status", "level": level, "msg": text}
+            self.send(_with_id(status, id if isinstance(id, (str, int)) else None))
 
     async def close(self) -> None:
         """Ends everything that the client has requested."""

@@ -55,18 +55,6 @@ def test_the_page_is_protected_by_a_strict_policy() -> None:
     with_site(use)
 
 
-def test_a_file_that_has_not_changed_is_not_sent_again() -> None:
-    async def use(site: Site) -> None:
-        async with site.session.get(f"{site.url}/") as response:
-            etag = response.headers["ETag"]
-        async with site.session.get(f"{site.url}/", headers={"If-None-Match": etag}) as response:
-            assert (response.status, await response.read()) == (304, b"")
-            assert response.headers["ETag"] == etag
-        assert (await site.get("/", headers={"If-None-Match": '"other"'}))[0] == 200
-
-    with_site(use)
-
-
 @pytest.mark.parametrize(("accepted", "encoding"), [("gzip, deflate", "gzip"), ("identity", None)])
 def test_files_are_sent_compressed_to_clients_that_accept_it(accepted: str, encoding: Optional[str]) -> None:
     async def use(site: Site) -> None:
