@@ -232,7 +232,9 @@ def _ros_robot(ros: str, interrupts: Interrupts) -> Iterator[_Robot]:
                 for topic, found in graph.topics.items()
                 if topic not in known and not topic.startswith(f"/{name}/")  # its own
             }
-            topics = [Topic(topic, kind, _parsed(kind, _definition(node, kind), is_ros1)) for topic, kind in new.items()]
+            topics = [
+                Topic(topic, kind, _parsed(kind, _definition(node, kind), is_ros1)) for topic, kind in new.items()
+            ]
             return topics, {each: info for each, info in graph.nodes.items() if each != node.name}
 
         yield _Robot(node, look, node.exclusively)

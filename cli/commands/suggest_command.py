@@ -146,19 +146,16 @@ class _Study:
             player.on_gap.append(lambda begin_s, end_s: candidates.begin_recording())
             candidates.listen(player.node("survey", {}), {channel.topic for channel in self._channels})
         proposed, alerts = self._replayed()
-        hours = duration_text(self._duration_s)
-        if self._duration_s >= 3600.0:
-            hours = f"{self._duration_s / 3600.0:.1f} h"
+        lasted = duration_text(self._duration_s)
         names = [os.path.basename(os.path.abspath(path)) for path in self._paths]
         heading = [
-            f"Suggested by `robot-health suggest` from {hours} of recordings: {list_text(names, 5)}",
+            f"Suggested by `robot-health suggest` from {lasted} of recordings: {list_text(names, 5)}",
             f"Replayed with these thresholds, the recordings raise {count_text(alerts.total, 'alert')}.",
             "The bounds are those of WARN: recordings of healthy robots do not show where errors begin.",
             "docs/statistics.md explains how each value is computed. Review before use.",
         ]
         for signal in proposed.signals:
-            numbers = {key: alerts.of(signal, key, value) for key, value in signal.settings.items()}
-            signal.alerts = {key: f"{number} in {hours}" for key, number in numbers.items() if number}
+            signal.alerts = {key: alerts.of(signal, key, value) for key, value in signal.settings.items()}
         return thresholds_text(heading, others, proposed)
 
     def _replayed(self) -> Tuple[Proposed, _Alerts]:

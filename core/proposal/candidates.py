@@ -243,18 +243,18 @@ class Candidates:
             yield only
             return
         yield self._signal(topic, "rate", "", "rate", statistic="frequency_hz")
+        if topic.type_name in _FRAMES and not topic.topic.endswith("_static"):
+            yield self._signal(topic, "frames", 'transforms["*"].header.stamp', rules=AGE_RULES, unit="s")
+            return
         fields = list(islice(_walk(topic.definitions or {}, topic.type_name), _MOST_WALKED))
         if topic.definitions is None:
             self.fields[topic.topic, "its fields"] = "the definition of its type is not known"
         is_bulk, has_names = _is_bulk(topic.type_name, fields), any(map(_is_names, fields))
-        has_frames = topic.type_name in _FRAMES and not topic.topic.endswith("_static")
         for path, field, unit in fields:
             reason = _why_no_number(topic.type_name, field, is_bulk=is_bulk)
             if path == "header" and field.kind == _HEADER:
                 if self._ages_of_bulk or not is_bulk:
                     yield self._signal(topic, "age", "header.stamp", "age", rules=AGE_RULES, unit="s")
-            elif has_frames and path == "transforms":
-                yield self._signal(topic, "frames", f'{path}["*"].header.stamp', rules=AGE_RULES, unit="s")
             elif reason:
                 self.fields[topic.topic, path] = reason
             elif has_names and "." not in path and field.size == SEQUENCE and field.kind in ("float32", "float64"):

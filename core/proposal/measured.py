@@ -82,7 +82,7 @@ class Measured:
     def take(self, value: object, now_s: float) -> None:
         """Adds the value of a message, as the monitor judges it without bounds; elements are measured one by one."""
         if isinstance(value, Elements) and not self.config.reduce:
-            self.add(now_s, None)
+            self._arrive(now_s)
             for name, element in value:
                 if name not in self.elements and len(self.elements) < MOST_ELEMENTS:
                     self.elements[name] = Measured(self.config)
@@ -101,13 +101,7 @@ class Measured:
 
     def add(self, now_s: float, value: Optional[float]) -> None:
         """Adds a sample; None: it is not valid, or its statistic is not defined yet. Times must not decrease."""
-        gap_s = now_s - self._last_s
-        self.samples += 1
-        if gap_s >= 0.0:  # False for the first sample
-            self.gaps.add(gap_s)
-            self.duration_s += gap_s
-        self._last_s = now_s
-        self._count_arrival()
+        self._arrive(now_s)
         if value is None or not math.isfinite(value):
             self.bad_samples += self.config.statistic == "last"  # others are also undefined at the start
             return
@@ -177,7 +171,13 @@ class Measured:
         unit = "Hz" if self.config.statistic == "frequency_hz" else self.config.unit
         return with_unit(number_text(value), unit)
 
-    def _count_arrival(self) -> None:
+    def _arrive(self, now_s: float) -> None:
+        gap_s = now_s - self._last_s
+        self.samples += 1
+        if gap_s >= 0.0:  # False for the first sample
+            self.gaps.add(gap_s)
+            self.duration_s += gap_s
+        self._last_s = now_s
         while self.duration_s >= _BINS * self._bin_s:
             half = [self._bins[each] + self._bins[each + 1] for each in range(0, _BINS, 2)]
             self._bins = half + [0] * (_BINS // 2)

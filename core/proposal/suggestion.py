@@ -76,7 +76,7 @@ class Signal:
     """One line for each key that the data cannot justify."""
     note: str = ""
     alerts: Mapping[str, str] = field(default_factory=dict)
-    """How often keys alerted in a replay: `0 alerts in 7.4 h`."""
+    """How often keys alerted in a replay: `0 alerts`; empty for one that raises none."""
 
     @property
     def settings(self) -> Dict[str, Any]:

@@ -62,37 +62,34 @@ def _signal(signal: Signal) -> List[str]:
     settings, measured = signal.given, signal.measured
     lines = [f"      {signal.name}:"]
     if measured.samples or not signal.note:
-        field = str(settings.get("field", "data"))
-        selects_several = ("*" in field or "?" in field) and not settings.get("reduce")
-        has_bad = measured.bad_samples and not selects_several
-        invalid = f", {measured.bad_samples:,} of them invalid" if has_bad else ""
+        invalid = f", {measured.bad_samples:,} of them invalid" if measured.bad_samples else ""
         samples = f"{count_text(measured.samples, 'sample')} in {duration_text(measured.duration_s)}{invalid}"
         lines.append(f"        # {samples}")
     if signal.note:
         lines.append(f"        # {signal.note}")
-
-    def add(text: str, key: str, *comments: str) -> None:
-        unit = "s" if key.endswith("_s") else "" if key == "depends_on" else _unit(settings)
-        lines.append(f"        {text} ".ljust(_COLUMN) + "# " + "; ".join(filter(None, [unit, *comments])))
-
-    for key, value in settings.items():
+    for key in dict.fromkeys([*settings, *ORDER]):
         comments = [signal.alerts.get(key, "")]
-        if key in signal.seen:
-            other, why = signal.seen[key]
-            comments.append(f"suggested: {yaml_text(other)}; {why}")
-        if any(comments):
-            add(f"{key}: {yaml_text(value)}", key, "given", *comments)
-        else:
-            lines.append(f"        {key}: {yaml_text(value)}")
-    if not settings:
-        lines.append("        {}")
-    for key in ORDER:
-        if key in signal.proposed:
+        name, value = key, settings.get(key)
+        if key in settings:
+            if key in signal.seen:
+                comments.append(f"suggested: {yaml_text(signal.seen[key].value)}; {signal.seen[key].evidence}")
+            if any(comments):
+                comments.insert(0, "given")
+        elif key in signal.proposed:
             value, why = signal.proposed[key]
-            add(f"{key}: {yaml_text(value)}", key, signal.alerts.get(key, ""), why)
-        elif key in signal.seen and key not in settings:
-            value, why = signal.seen[key]
-            add(f"# {key}: {yaml_text(value)}", key, why)
+            comments.append(why)
+        elif key in signal.seen:
+            name, (value, why) = f"# {key}", signal.seen[key]
+            comments.append(why)
+        else:
+            continue
+        line = f"        {name}: {yaml_text(value)}"
+        if any(comments):
+            unit = "s" if key.endswith("_s") else "" if key == "depends_on" else _unit(settings)
+            line = f"{line} ".ljust(_COLUMN) + "# " + "; ".join(filter(None, [unit, *comments]))
+        lines.append(line)
+    if not signal.settings:
+        lines.insert(1, "        {}")
     return lines + [f"        # {reason}" for reason in signal.left_out]
 
 

@@ -67,28 +67,28 @@ def test_a_file_with_evidence_that_check_accepts(robot_health_process: Start, tm
         "        type: std_msgs/Float64",
         "        field: ''",
         "        statistic: frequency_hz",
-        "        warn_below: 0.8             # Hz; 0 alerts in 16 min 39 s; lowest 1 Hz; margin 20 %",
-        "        warn_above: 1.2             # Hz; 0 alerts in 16 min 39 s; highest 1 Hz; margin 20 %",
-        "        stale_after_s: 5.0          # s; 0 alerts in 16 min 39 s; longest gap 1 s, median 1 s",
+        "        warn_below: 0.8             # Hz; 0 alerts; lowest 1 Hz; margin 20 %",
+        "        warn_above: 1.2             # Hz; 0 alerts; highest 1 Hz; margin 20 %",
+        "        stale_after_s: 5.0          # s; 0 alerts; longest gap 1 s, median 1 s",
         "      battery:",
         "        # 1,000 samples in 16 min 39 s",
         "        topic: battery",
         "        type: std_msgs/Float64",
         "        field: data",
-        "        warn_below: 39.0            # 0 alerts in 16 min 39 s; lowest 40; margin 0.998",
-        "        warn_above: 51.0            # 0 alerts in 16 min 39 s; 0.1 % of the samples are above 49.98, "
+        "        warn_below: 39.0            # 0 alerts; lowest 40; margin 0.998",
+        "        warn_above: 51.0            # 0 alerts; 0.1 % of the samples are above 49.98, "
         "highest 50; margin 0.998",
         "        hysteresis: 0.02            # 95 % of the steps between samples are at most 0.02",
-        "        stale_after_s: 5.0          # s; 0 alerts in 16 min 39 s; longest gap 1 s, median 1 s",
+        "        stale_after_s: 5.0          # s; 0 alerts; longest gap 1 s, median 1 s",
         "      count_rate:",
         "        # 1,000 samples in 16 min 39 s",
         "        topic: count",
         "        type: std_msgs/Int32",
         "        field: ''",
         "        statistic: frequency_hz",
-        "        warn_below: 0.8             # Hz; 0 alerts in 16 min 39 s; lowest 1 Hz; margin 20 %",
-        "        warn_above: 1.2             # Hz; 0 alerts in 16 min 39 s; highest 1 Hz; margin 20 %",
-        "        stale_after_s: 5.0          # s; 0 alerts in 16 min 39 s; longest gap 1 s, median 1 s",
+        "        warn_below: 0.8             # Hz; 0 alerts; lowest 1 Hz; margin 20 %",
+        "        warn_above: 1.2             # Hz; 0 alerts; highest 1 Hz; margin 20 %",
+        "        stale_after_s: 5.0          # s; 0 alerts; longest gap 1 s, median 1 s",
         "      # /count, data: no bounds: the value only rises: looks like a counter",
     ]
     suggested = tmp_path / "suggested.yaml"
@@ -115,9 +115,7 @@ def test_alerts_that_the_suggestion_raises_are_counted(robot_health: Start, tmp_
     assert process.wait() == 0, process.text
     # The number and the arrival of its messages are of one topic.
     assert out(process)[1] == "# Replayed with these thresholds, the recordings raise 1 alert."
-    assert "        stale_after_s: 5.0          # s; 1 alert in 33 min 19 s; longest gap 1 s, median 1 s" in out(
-        process
-    )
+    assert "        stale_after_s: 5.0          # s; 1 alert; longest gap 1 s, median 1 s" in out(process)
 
 
 def test_recordings_of_several_days_are_no_silence(robot_health: Start, tmp_path: Path) -> None:
@@ -148,7 +146,7 @@ def test_suggestions_for_the_signals_of_a_file(robot_health: Start, tmp_path: Pa
     # 80 - 1.996 and 99.96 + 1.996, outward to whole numbers; the latter is beyond 100 %.
     assert (charge.scale, charge.latch, charge.bounds) == (2.0, True, {"warn_below": 5.0, "error_below": 1.0})
     (given,) = [line for line in out(process) if line.startswith("        warn_below: 5.0")]
-    assert "# %; given; 0 alerts in 16 min 39 s; suggested: 78.0; lowest 80 %" in given
+    assert "# %; given; 0 alerts; suggested: 78.0; lowest 80 %" in given
     assert (arm.bounds, arm.stale_after_s) == ({"warn_above": 3.0}, 9.0)
     assert "        # no warn_above: 102 is not below 100, the limit of its values" in out(process)
     assert "        # no message: unchanged" in out(process)
@@ -308,7 +306,7 @@ def test_a_long_excursion_gives_a_bound_from_the_extreme_and_its_alerts_are_coun
     process = robot_health("suggest", write_bag(tmp_path / "a.bag", [("/battery", "Float64", values, 1.0)]))
     assert process.wait() == 0, process.text
     (bound,) = [line for line in out(process) if line.startswith("        warn_above: 50")]
-    assert "# 0 alerts in 3.9 h; " in bound and "highest 500" in bound
+    assert "# 0 alerts; " in bound and "highest 500" in bound
     assert not any("for_s" in line for line in out(process))
     assert out(process)[1] == "# Replayed with these thresholds, the recordings raise 0 alerts."
 
