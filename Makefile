@@ -4,7 +4,7 @@
 # make docs    the documentation site, in build/docs/html
 # make bench   what it costs, beside bare peers
 # make soak    two thousand kills -9, which must lose nothing; ten minutes of clients: memory and threads must stay flat
-# make fuzz    random input to everything that takes input, for one minute, ten times the random examples of the tests,
+# make fuzz    random input to everything that takes input, for one minute, twenty times the random examples of the tests,
 #              and 100,000 timelines of silence
 # make dist    the wheel and the source distribution of the last commit, in dist/
 # make deb     the Debian packages, in dist/debian; each is installed, started and purged in a new root (as root)

@@ -85,7 +85,9 @@ RANDOM_TESTS = [
     *(f"tests/core/test_referee_{name}.py" for name in ("count", "numpy", "predict_linear", "promtool")),
     *(
         "tests/core/proposal/test_suggestion.py",
+        "tests/recordings/test_recording.py",
         "tests/recordings/test_referee_promtool.py",
+        "tests/recordings/test_sqlite_file.py",
         "tests/rosbridge/protocol",
     ),
 ]
@@ -416,7 +418,7 @@ def soak(session: nox.Session) -> None:
 
 @nox.session(python=NEWEST)
 def fuzz(session: nox.Session) -> None:
-    """The fuzzer: random input to everything for one minute, ten times the tests' examples, 100,000 timelines."""
+    """The fuzzer: random input to everything for one minute, twenty times the tests' examples, 100,000 timelines."""
     set_up(session, {})
     session.run("python", "tests/fuzz", *session.posargs)
     session.run("python", "-m", "pytest", "-q", *RANDOM_TESTS, env={"TEST_EXAMPLES": "10"})

@@ -23,6 +23,8 @@ class Receiver(Protocol):
     """Receives the messages of one topic, in the event loop."""
 
     topic: str
+    is_raw: bool
+    """Whether it takes the messages as bytes, for a capture."""
 
     def bind(self, channel: Channel, messages: SerializedType) -> Optional[Callable[[bytes], None]]:
         """Returns what is called with each message of a channel; None if it cannot read them, after one log line."""
@@ -57,7 +59,9 @@ class Channels:
     def add(self, receiver: Receiver) -> None:
         """Passes the messages of a topic on, from now and after every reconnection."""
         with self._lock:
-            self._receivers[receiver.topic] = (*self._receivers.get(receiver.topic, ()), receiver)
+            others = self._receivers.get(receiver.topic, ())
+            # What is captured comes first: its time must not include that which an alert takes.
+            self._receivers[receiver.topic] = (receiver, *others) if receiver.is_raw else (*others, receiver)
             self._update(receiver.topic)
 
     def remove(self, receiver: Receiver) -> None:

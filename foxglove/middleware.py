@@ -90,7 +90,7 @@ class _Receiver(BridgeReceiver):
         self.callback = callback
         self._node = node
         self._type_name = canonical_type(type_name)
-        self._field, self._is_raw = field, is_raw
+        self._field, self.is_raw = field, is_raw
         self._said: Optional[str] = None
 
     def bind(self, channel: Channel, messages: SerializedType) -> Optional[Callable[[bytes], None]]:
@@ -110,7 +110,7 @@ class _Receiver(BridgeReceiver):
     def _taker(self, channel: Channel, messages: SerializedType) -> Callable[[bytes], None]:
         """Returns what is called with each message of a channel; raises ConfigError if it cannot be read."""
         raw = channel.raw_format
-        if self._is_raw:
+        if self.is_raw:
             return lambda data: self._node.call_back(self, (data, raw))
         if self._field is None:
             return lambda data: self._node.call_back(self, 1.0)

@@ -13,6 +13,7 @@ from harness.line_process import LineProcess
 from harness.reserved import free_port
 from harness.seeds import new_seed
 from harness.separate_network import SeparateNetwork
+from harness.warm_python import start_fork
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -45,7 +46,8 @@ def robot_health(environment: Dict[str, str]) -> Iterator[Callable[..., LineProc
     started: List[LineProcess] = []
 
     def start(*arguments: object) -> LineProcess:
-        started.append(LineProcess([sys.executable, "-m", "robot_health_monitor", *map(str, arguments)], environment))
+        command = [sys.executable, "-m", "robot_health_monitor", *map(str, arguments)]
+        started.append(LineProcess(command, environment, start=start_fork))
         return started[-1]
 
     yield start

@@ -10,7 +10,8 @@ from typing import Any, Callable, Dict, Iterator, List, Optional
 
 import pytest
 from harness import reserved
-from harness.line_process import Line, LineProcess
+from harness.line_process import Line, LineProcess, start_process
+from harness.warm_python import start_fork
 
 from robot_health_monitor.ops.store import history as store_history
 
@@ -72,23 +73,30 @@ def environment() -> Dict[str, str]:
 
 @pytest.fixture
 def robot_health_process(command: List[str], environment: Dict[str, str]) -> Iterator[Callable[..., LineProcess]]:
-    """Returns a function that starts `robot-health` with its output in pipes."""
-    started: List[LineProcess] = []
-
-    def start(*arguments: object, **variables: str) -> LineProcess:
-        words = [*command, *(str(argument) for argument in arguments)]
-        started.append(LineProcess(words, {**environment, **variables}))
-        return started[-1]
-
-    yield start
-    for process in started:
-        process.end()
+    """Returns a function that starts `robot-health` in a new Python, with its output in pipes."""
+    yield from starting(command, environment, start_process)
 
 
 @pytest.fixture
-def robot_health(robot_health_process: Callable[..., LineProcess]) -> Callable[..., LineProcess]:
-    """As `robot_health_process`, unless a module defines it otherwise."""
-    return robot_health_process
+def robot_health(command: List[str], environment: Dict[str, str]) -> Iterator[Callable[..., LineProcess]]:
+    """As `robot_health_process`, in a Python that has imported all; unless a module defines it otherwise."""
+    yield from starting(command, environment, start_fork)
+
+
+def starting(
+    command: List[str], environment: Dict[str, str], start: Callable[..., Any]
+) -> Iterator[Callable[..., LineProcess]]:
+    """Yields a function that starts a program, and ends what it has started."""
+    started: List[LineProcess] = []
+
+    def start_program(*arguments: object, **variables: str) -> LineProcess:
+        words = [*command, *(str(argument) for argument in arguments)]
+        started.append(LineProcess(words, {**environment, **variables}, start=start))
+        return started[-1]
+
+    yield start_program
+    for process in started:
+        process.end()
 
 
 class FinishedCommand:

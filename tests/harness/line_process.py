@@ -13,6 +13,23 @@ from typing import Any, Callable, List, Mapping, NamedTuple, Optional, Sequence
 DEADLINE_S = 30.0
 
 
+def start_process(
+    command: Sequence[object], streams: Sequence[int], environment: Optional[Mapping[str, str]] = None, cwd: Any = None
+) -> subprocess.Popen:
+    """Starts a program in a new session, with these file descriptors as its stdin, stdout and stderr."""
+    stdin, stdout, stderr = streams
+    variables = dict(environment) if environment is not None else None
+    return subprocess.Popen(
+        [str(word) for word in command],
+        env=variables,
+        cwd=cwd,
+        stdin=stdin,
+        stdout=stdout,
+        stderr=stderr,
+        start_new_session=True,
+    )
+
+
 class Line(NamedTuple):
     """One line of output."""
 
@@ -25,27 +42,27 @@ class LineProcess:
     """A running program."""
 
     def __init__(
-        self, command: Sequence[str], environment: Optional[Mapping[str, str]] = None, cwd: Any = None
+        self,
+        command: Sequence[object],
+        environment: Optional[Mapping[str, str]] = None,
+        cwd: Any = None,
+        start: Callable[..., Any] = start_process,
     ) -> None:
-        """Starts `command` in a new process group."""
+        """Starts `command` in a new session; with `start_fork` of `warm_python`, a program of this Python."""
         self.lines: List[Line] = []
         """Its output, as far as `wait_for_line` and `wait` have read."""
         self._arrivals: queue.Queue = queue.Queue()
-        self._process = subprocess.Popen(
-            [str(part) for part in command],
-            env=dict(environment) if environment is not None else None,
-            cwd=cwd,
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-            encoding="utf-8",
-            errors="replace",
-            start_new_session=True,
-        )
+        reading_out, out = os.pipe()
+        reading_err, err = os.pipe()
+        nothing = os.open(os.devnull, os.O_RDONLY)
+        try:
+            self._process = start(command, (nothing, out, err), environment, cwd)
+        finally:
+            for descriptor in (nothing, out, err):
+                os.close(descriptor)
         self._readers = [
-            threading.Thread(target=self._read, args=(name, stream), daemon=True)
-            for name, stream in (("out", self._process.stdout), ("err", self._process.stderr))
+            threading.Thread(target=self._read, args=(name, descriptor), daemon=True)
+            for name, descriptor in (("out", reading_out), ("err", reading_err))
         ]
         for reader in self._readers:
             reader.start()
@@ -135,7 +152,7 @@ class LineProcess:
         while not self._arrivals.empty():
             self.lines.append(self._arrivals.get())
 
-    def _read(self, name: str, stream: Any) -> None:
-        with stream:
+    def _read(self, name: str, descriptor: int) -> None:
+        with open(descriptor, encoding="utf-8", errors="replace") as stream:
             for text in stream:
                 self._arrivals.put(Line(name, text.rstrip("\n")))

@@ -23,10 +23,15 @@ def _printed(seed: int) -> int:
 
 
 def examples(number: int) -> int:
-    """Returns how many random examples a test tries: `number` in `make test`.
+    """Returns how many random examples a test tries: half of `number` in `make test`.
 
-    With TEST_EXAMPLES it is so many times as many, which `make fuzz` sets. On a Python that is not the newest one it is
-    a fifth: another session tries all, and what depends on the version shows in any of them.
+    With TEST_EXAMPLES it is so many times `number`, which `make fuzz` sets. On a Python that is not the newest it is
+    a tenth: another session tries the half, and what depends on the version shows in any of them.
     """
-    factor = float(os.environ.get("TEST_EXAMPLES") or (0.2 if os.environ.get("NEWEST_PYTHON_SESSION") else 1.0))
+    factor = float(os.environ.get("TEST_EXAMPLES") or (0.1 if os.environ.get("NEWEST_PYTHON_SESSION") else 0.5))
     return max(1, round(number * factor))
+
+
+def every(number: int) -> int:
+    """Returns the step of a test that damages a file at one place in `number`: 1 where TEST_EXAMPLES is set."""
+    return 1 if os.environ.get("TEST_EXAMPLES") else number

@@ -7,15 +7,18 @@ import os
 import pty
 import select
 import struct
-import subprocess
 import sys
 import termios
 import time
-from typing import Callable, List, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Callable, List, Mapping, Sequence
 
 import pyte
 
+from harness.line_process import start_process
 from harness.unread import fill
+from harness.waiting import wait_for
+from harness.warm_python import start_fork
 
 DEADLINE_S = 30.0
 
@@ -54,14 +57,12 @@ class TerminalProcess:
         _set_size(inside, columns, lines)
         if full:
             fill(inside)
-        self._process = subprocess.Popen(
-            [sys.executable, "-c", _TAKE_TERMINAL, *command],
-            env=dict(environment),
-            stdin=inside,
-            stdout=inside,
-            stderr=inside,
-            start_new_session=True,
-        )
+        streams = (inside, inside, inside)
+        self._process: Any
+        if command[0] == sys.executable:
+            self._process = start_fork(command, streams, environment)
+        else:
+            self._process = start_process([sys.executable, "-c", _TAKE_TERMINAL, *command], streams, environment)
         os.close(inside)
 
     @property
@@ -100,8 +101,8 @@ class TerminalProcess:
 
     def wait_for_stop(self) -> None:
         """Waits until the program is stopped, as by Ctrl-Z."""
-        _, status = os.waitpid(self._process.pid, os.WUNTRACED)
-        assert os.WIFSTOPPED(status)
+        stat = Path(f"/proc/{self._process.pid}/stat")
+        wait_for(lambda: stat.read_text().rpartition(")")[2].split()[0] == "T")
         while self._read(0.0):
             pass
 

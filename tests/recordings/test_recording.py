@@ -7,6 +7,7 @@ from typing import Callable
 
 import pytest
 from harness.recorded import read, values, write_bag, write_mcap
+from harness.seeds import every
 
 from robot_health_monitor.recordings.recording import RecordingError, in_time_order
 
@@ -28,7 +29,7 @@ def test_a_file_that_ends_at_any_byte_is_read_up_to_there_with_one_line(tmp_path
     write: Callable[[Path], str] = WRITERS[name]
     data = Path(write(tmp_path / name)).read_bytes()
     cut = tmp_path / f"cut{Path(name).suffix}"
-    for size in range(len(data)):
+    for size in range(0, len(data), every(3)):
         if name.endswith(".bag") and size in HEADER_OF_BAG:
             continue
         cut.write_bytes(data[:size])
@@ -48,7 +49,7 @@ def test_a_file_that_ends_at_any_byte_is_read_up_to_there_with_one_line(tmp_path
 def test_a_wrong_bit_anywhere_in_an_mcap_file_is_noticed_or_harmless(tmp_path: Path) -> None:
     data = Path(WRITERS["none.mcap"](tmp_path / "a.mcap")).read_bytes()
     path = tmp_path / "damaged.mcap"
-    for place in range(len(data)):
+    for place in range(0, len(data), every(3)):
         damaged = bytearray(data)
         damaged[place] ^= 1 << place % 8
         path.write_bytes(damaged)

@@ -93,10 +93,12 @@ def test_an_interrupt_ends_it_with_code_0_and_without_a_word(robot_health: Start
 
 
 @pytest.mark.parametrize("number", ENDING_SIGNALS)
-def test_an_interrupt_while_it_starts_ends_it_with_code_0_too(robot_health: Start, tmp_path: Path, number: int) -> None:
+def test_an_interrupt_while_it_starts_ends_it_with_code_0_too(
+    robot_health_process: Start, tmp_path: Path, number: int
+) -> None:
     fifo = tmp_path / "token"
     os.mkfifo(fifo)
-    process = robot_health("run", "--token-file", fifo)
+    process = robot_health_process("run", "--token-file", fifo)
     with open(fifo, "w"):  # returns when the program has opened its end: it now waits for its token
         process.signal(number)
         assert process.wait() == 0
@@ -104,10 +106,12 @@ def test_an_interrupt_while_it_starts_ends_it_with_code_0_too(robot_health: Star
 
 
 @pytest.mark.newest_python
-def test_a_storm_of_interrupts_while_it_starts_ends_it_as_cleanly_as_one(robot_health: Start, tmp_path: Path) -> None:
+def test_a_storm_of_interrupts_while_it_starts_ends_it_as_cleanly_as_one(
+    robot_health_process: Start, tmp_path: Path
+) -> None:
     fifo = tmp_path / "token"
     os.mkfifo(fifo)
-    process = robot_health("run", "--token-file", fifo)
+    process = robot_health_process("run", "--token-file", fifo)
     with open(fifo, "w"):
         while process.is_running:
             process.signal(signal.SIGTERM)

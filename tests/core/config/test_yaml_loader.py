@@ -64,6 +64,7 @@ def test_deep_nesting_is_refused_at_its_64th_level(loader: ModuleType, text: str
     assert refusal(loader, text).problem == "is not valid YAML: expected at most 64 levels of nesting"
 
 
+@pytest.mark.newest_python
 def test_too_many_values_are_refused_where_they_begin(loader: ModuleType) -> None:
     error = refusal(loader, "".join(f"k{number}: 1\n" for number in range(20_000)))
     assert (error.problem, error.line) == ("is not valid YAML: expected at most 20000 keys and values", 10_000)

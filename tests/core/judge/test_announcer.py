@@ -190,6 +190,7 @@ def test_noise_at_400_hz_is_61_transitions_and_the_last_says_that_it_flaps() -> 
     assert (values["flapping"], values["state_change_percent"]) == ("true", "100")
 
 
+@pytest.mark.newest_python
 def test_it_lasts_as_long_as_the_noise_and_ends_with_the_level_that_is_true_then() -> None:
     under_test = monitor()
     observed(under_test, NOISY * 20_000)  # 100 s
@@ -221,6 +222,7 @@ def test_stale_invalid_and_worse_are_still_announced() -> None:
     assert [each.to_level for each in (stale, worse, stale_again, invalid)] == [STALE, ERROR, STALE, ERROR]
 
 
+@pytest.mark.newest_python
 @pytest.mark.parametrize("offset_s", [0.0, 0.1, 1e9 + 0.3])
 def test_once_per_second_is_no_storm(offset_s: float) -> None:
     found = observed(monitor(), NOISY * 300, offset_s, 1.0)
@@ -274,6 +276,7 @@ def test_turning_flap_detection_off_ends_flapping_without_a_storm() -> None:
     assert change.to_level is OK
 
 
+@pytest.mark.newest_python
 def test_the_memory_is_bounded() -> None:
     under_test = announcer()
     for number in range(1_000):

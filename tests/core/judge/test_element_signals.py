@@ -91,6 +91,7 @@ class TestAnElement:
             "cells[0] OK: 3.9 V is no longer below 3.2 V (was WARN for 1 s)"
         ]
 
+    @pytest.mark.newest_python
     def test_that_changes_at_400_hertz_is_no_storm_of_alerts(self) -> None:
         watched = monitor(cells=CELLS)
         announced = sum(len(see(watched, n / 400.0, _0=3.1 if n % 2 else 3.9, _1=3.9)) for n in range(400 * 60))
@@ -354,6 +355,7 @@ class TestARestart:
 
 
 class TestNames:
+    @pytest.mark.newest_python
     @given(st.lists(st.text(), min_size=2, max_size=5, unique=True), st.integers(1, 60))
     def test_are_printable_short_and_different(self, elements: List[str], length: int) -> None:
         template = "c" * length

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import List
 
+import pytest
+
 from robot_health_monitor.core import Level, Monitor, Sample, load_config
 from robot_health_monitor.core.values.model import Transition
 
@@ -32,6 +34,7 @@ def announced_by(robot: str, down_s: int, up_s: int) -> List[Transition]:
     return found
 
 
+@pytest.mark.newest_python
 def test_a_fleet_whose_network_goes_and_comes_is_one_alert_per_robot() -> None:
     found = [each for number in range(ROBOTS) for each in announced_by(f"r{number}", down_s=7, up_s=5)]
     assert len([each for each in found if each.to_level is not Level.OK]) == ROBOTS

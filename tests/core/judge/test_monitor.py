@@ -1129,6 +1129,7 @@ def test_a_report_changes_nothing() -> None:
     assert watched.tick(3.0) is None
 
 
+@pytest.mark.newest_python
 @pytest.mark.parametrize("statistic", ["last", "mean", "stddev", "min", "rate"])
 def test_reports_between_the_calls_change_nothing_to_the_last_bit(statistic: str) -> None:
     chance = random.Random(1)

@@ -632,6 +632,7 @@ def test_a_state_that_cannot_be_used_is_ignored_with_a_notice(value: Any) -> Non
     assert len(monitor.observe(Sample("a", 15.0, 0.0))) == 1
 
 
+@pytest.mark.newest_python
 def test_a_thousand_states_that_cannot_be_used_are_few_notices() -> None:
     monitor = Monitor(load_config({"signals": {"a": {"warn_below": 20.0}}}))
     changes = monitor.restore({f"s{number}": [] for number in range(1000)}, 0.0, 0.0)  # type: ignore[dict-item,misc]

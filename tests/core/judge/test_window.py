@@ -143,6 +143,7 @@ def test_huge_values_that_are_far_apart_are_summed_without_overflow() -> None:
     assert window.stddev() == pytest.approx(math.sqrt(224) / 3 * 1e200, rel=1e-14)
 
 
+@pytest.mark.newest_python
 def test_one_huge_value_costs_no_more_than_any_other() -> None:
     """Each sample is moved once per two window lengths, whatever the values and however often statistics are read."""
 

@@ -137,6 +137,7 @@ def test_what_is_no_utf8_is_replaced(form: str) -> None:
     assert read(form, serialized(form, [(0, b"a\xff", b"\xc3", [])])) == [("a�", DriverStatus(0, "�"))]
 
 
+@pytest.mark.newest_python
 @FORMS
 def test_too_many_statuses_are_a_bad_datum(form: str) -> None:
     found = read(form, serialized(form, [(0, b"", b"", [])] * 10_001))

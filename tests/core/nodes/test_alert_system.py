@@ -37,6 +37,7 @@ def test_exactly_20_percent_and_80_degrees_are_fine(stage: Stage) -> None:
     assert stage.log(Severity.WARN, Severity.ERROR) == []
 
 
+@pytest.mark.newest_python
 def test_an_hour_of_low_battery_is_one_line_and_one_alert(stage: Stage) -> None:
     alerts = stage.listen("alerts")
     stage.alert_system({"signals": {"battery_level": {"unit": "%", "warn_below": 20.0}}, "robot_name": "robot1"})

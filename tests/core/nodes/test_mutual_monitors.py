@@ -25,6 +25,7 @@ def send(stage: Stage, name: str, level: int, message: str) -> None:
     stage.outside.publish("/diagnostics", {"status": [status]})
 
 
+@pytest.mark.newest_python
 @pytest.mark.parametrize("names", [("alert_system", "alert_system2"), ("left", "right")])
 def test_neither_watches_the_other_nor_itself(names: Any) -> None:
     stage = Stage()

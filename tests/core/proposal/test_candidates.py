@@ -164,6 +164,7 @@ def test_numbers_of_a_topic_are_limited() -> None:
     assert found.fields == {("/a", "x100"): "more than 100 numbers"}
 
 
+@pytest.mark.newest_python
 def test_a_robot_with_2000_topics_is_watched_by_the_arrivals_of_the_first_ones() -> None:
     found = listed([topic(f"/t{number:04}", "std_msgs/Float32") for number in range(2000)])
     topics = [each.topic for each in signals(found)]
@@ -174,6 +175,7 @@ def test_a_robot_with_2000_topics_is_watched_by_the_arrivals_of_the_first_ones()
     assert found.not_watched["/t1999"] == "more than 300 signals"
 
 
+@pytest.mark.newest_python
 def test_topics_that_appear_later_count_and_numbers_of_earlier_ones_leave_room_for_their_arrivals() -> None:
     text = "\n".join(f"float64 x{number}" for number in range(6))
     wide = [topic(f"/a{number:03}", "own_msgs/Wide", text) for number in range(100)]

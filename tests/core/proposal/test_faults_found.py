@@ -57,6 +57,7 @@ def watched(bus: LocalBus, text: str) -> List[Transition]:
             heard.append(event)
 
     parameters = yaml.safe_load(text)["alert_system"]["ros__parameters"]
+    parameters["publish_rate"] = 0.1  # nothing here reads the state, which is most of the work
     AlertSystem(bus.node("alert_system", parameters=parameters), {"test": hear}, log_alerts=False)
     return heard
 

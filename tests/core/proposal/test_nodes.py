@@ -84,6 +84,7 @@ def test_a_node_that_publishes_what_is_watched_is_watched(bus: LocalBus) -> None
     assert proposed.not_watched == {"nodes": "/idle publish nothing that is watched"}
 
 
+@pytest.mark.newest_python
 def test_a_node_that_dies_is_one_alert_the_silence_of_its_topics(bus: LocalBus) -> None:
     laser = driver(bus, "laser", "scan", "intensities")
     lines = watched(bus, listened(bus))
@@ -224,6 +225,7 @@ def test_where_the_graph_is_not_known_the_file_says_so(bus: LocalBus) -> None:
     assert proposed.not_watched["nodes"] == "the robot's graph is not known here"
 
 
+@pytest.mark.newest_python
 def test_a_frame_that_stops_while_others_go_on_is_an_alert(bus: LocalBus) -> None:
     node, stopped = bus.node("localization"), set()
     send_frames(node, {"odom": 0.02, "base_link": -0.5, "late": 7200.0}, stopped)
@@ -265,6 +267,7 @@ def errors_of(proposed: Proposed) -> Dict[str, Any]:
     return settings(proposed).get("rosout_errors", {})
 
 
+@pytest.mark.newest_python
 def test_errors_in_the_log_are_counted_with_a_bound_above_what_was_seen(bus: LocalBus) -> None:
     """An error each 5 s: 12 in a minute."""
     driver(bus, "laser", "scan")

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import Any, Callable, Dict, List, Tuple
 
+import pytest
+
 from robot_health_monitor.core.messages.definitions import parse_definition
 from robot_health_monitor.core.messages.standard_messages import definition
 from robot_health_monitor.core.nodes import AlertSystem
@@ -92,6 +94,7 @@ def test_a_bound_that_the_robot_is_beyond_is_only_shown() -> None:
     assert charge.seen["warn_below"].value == 20.0
 
 
+@pytest.mark.newest_python
 def test_efforts_are_shown_by_joint_and_watched_after_10_minutes() -> None:
     def message(now_s: float) -> Any:
         return {"name": ["left"], "effort": [math.sin(now_s)]}
@@ -120,6 +123,7 @@ def test_drivers_that_are_not_ok_while_the_robot_is_listened_to_are_named() -> N
     assert signal.note == "these were not always OK, and raise alerts: lamp, motor"
 
 
+@pytest.mark.newest_python
 def test_the_gap_of_a_fast_topic_is_watched_once_it_was_seen_for_10_minutes() -> None:
     fast: Publisher = ("/a", "std_msgs/String", 20.0, lambda now_s: {})
     assert set(by_name(proposed_of([fast]))) == {"a_rate"}
@@ -138,6 +142,7 @@ def test_how_long_to_listen_is_known_of_what_came_too_rarely() -> None:
     assert heard([often], 60.0).needed_s == heard([rare], 120.0).needed_s == 0.0
 
 
+@pytest.mark.newest_python
 def test_an_array_of_numbers_gets_lines_like_a_number() -> None:
     def message(now_s: float) -> Any:
         return {"data": [math.sin(now_s), 5.0 + math.cos(now_s), 2.0]}
@@ -151,6 +156,7 @@ def test_an_array_of_numbers_gets_lines_like_a_number() -> None:
     assert found["a_min"].settings["warn_below"] < -1.0 < 1.0 < found["a_min"].settings["warn_above"]
 
 
+@pytest.mark.newest_python
 def test_elements_beyond_the_limit_are_listed() -> None:
     joints = {"name": [f"j{number}" for number in range(70)], "effort": [1.0] * 70}
     proposed = proposed_of([("/j", "sensor_msgs/JointState", 5.0, lambda now_s: joints)])

@@ -48,6 +48,7 @@ def test_as_many_numbers_as_are_kept_have_exact_quantiles() -> None:
     assert quantiles.within(2.0, SIZE - 1.0) == (2.0, SIZE - 1.0, pytest.approx(2.0 / SIZE))
 
 
+@pytest.mark.newest_python
 def test_memory_is_bounded() -> None:
     quantiles = Quantiles()
     for _ in range(50 * SIZE):

@@ -229,6 +229,7 @@ def test_a_command_line_of_a_megabyte_and_one_without_text_are_compared(robot: R
     assert [read() for read in sources] == list(patterns.values())
 
 
+@pytest.mark.newest_python
 def test_thousands_of_processes_are_not_read_in_every_period(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
     for pid in range(100, 2100):
         robot.runs(pid, "/usr/bin/sleep 5")
