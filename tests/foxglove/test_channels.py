@@ -27,6 +27,8 @@ def cdr(value: float) -> bytes:
 class Reader:
     """Reads `data` of a topic."""
 
+    is_raw = False
+
     def __init__(self, topic: str, field: str = "data") -> None:
         self.topic = topic
         self.field = field
