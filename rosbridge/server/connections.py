@@ -39,15 +39,14 @@ class Connections:
     ) -> None:
         """Starts without connections.
 
-        Those that wait are closed after `timeout_s`. When the limit is reached, one line is logged until the number
-        falls below nine tenths of it. `call_later` is that of the loop. With `tls`, connections begin with a handshake.
+        Those that wait are closed after `timeout_s`. `log` bounds its lines. `call_later` is that of the loop. With
+        `tls`, connections begin with a handshake.
         """
         self._limit = limit
         self.timeout_s = timeout_s
         self.log = log
         self.tls = tls
         self._call_later = call_later
-        self._full = False
         self._timeouts: Dict[HttpConnection, Optional[asyncio.TimerHandle]] = {}
         """What closes each; None for those in use. Those that have been waiting for the longest time come first."""
 
@@ -56,12 +55,8 @@ class Connections:
 
     def add(self, connection: HttpConnection) -> bool:
         """Adds a connection that waits; returns False if there is no room for it."""
-        if len(self) < 0.9 * self._limit:
-            self._full = False
         if len(self) >= self._limit:
-            if not self._full:
-                self._full = True
-                self.log(f"connection limit reached; closing the oldest idle ones (limit {self._limit})")
+            self.log(f"connection limit reached; closing the oldest idle one (limit {self._limit})")
             oldest = next((one for one in self._timeouts if self.waits(one)), None)
             if oldest is None:
                 return False
