@@ -17,8 +17,9 @@ from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple
 
 from ...core.messages.raw_messages import json_text
 from ...core.values.errors import MessageError
+from ...core.values.formatting import describe
 from ...runtime.libraries import missing_text
-from .limits import DEFAULT_LIMITS, Limits, ProtocolError, shown
+from .limits import DEFAULT_LIMITS, Limits, ProtocolError
 
 try:
     import cbor2
@@ -57,7 +58,7 @@ def decode(data: Wire, limits: Limits) -> Dict[str, Any]:
     else:
         decoded = _decode_json(data, limits)
     if not isinstance(decoded, dict):
-        raise ProtocolError(f"expected an object, got {shown(decoded)}")
+        raise ProtocolError(f"expected an object, got {describe(decoded)}")
     return decoded
 
 

@@ -25,10 +25,8 @@ class Limits(NamedTuple):
     """Topics and services that one client advertises."""
     calls: int = 100
     """Pending service calls of one client."""
-    queue_messages: int = 10_000
-    """Largest `queue_length` of a subscription; a larger one counts as this."""
     queue_bytes: int = 1_000_000
-    """Memory of the messages that wait for one client: those to be sent, and those held back by `throttle_rate`."""
+    """Memory of the messages that wait to be sent to one client."""
     encoding_bytes: int = 8_000_000
     """Estimated size of the messages of a topic that wait to be encoded."""
     sent_bytes: int = 16_000_000
@@ -52,15 +50,3 @@ DEFAULT_LIMITS = Limits()
 
 class ProtocolError(MessageError):
     """A message that is not valid rosbridge or exceeds a limit. `str()` is one line."""
-
-
-def shown(value: object, length: int = 40) -> str:
-    """Returns a value for an error message, at most `length` characters, without control characters."""
-    if isinstance(value, (str, bytes)):
-        value = value[: length + 1]
-    elif isinstance(value, (list, dict)):
-        return "a list" if isinstance(value, list) else "an object"
-    elif isinstance(value, int) and abs(value) >= 10**length:
-        return "a very large number"
-    text = ascii(value)
-    return text if len(text) <= length else text[: length - 3] + "..."

@@ -12,7 +12,8 @@ from typing import Any, Dict, List, Mapping, Optional, Type, Union
 
 from ...core.config.schema import REQUIRED, declared, read_record
 from ...core.values.errors import MessageError
-from .limits import Id, ProtocolError, shown
+from ...core.values.formatting import describe
+from .limits import Id, ProtocolError
 
 COMPRESSIONS = ("none", "png", "cbor", "cbor-raw")
 """Messages of the compression `png`, which is for slow networks, are sent as with `none`: every client takes both."""
@@ -73,7 +74,7 @@ class Subscribe:
     throttle_rate: float = declared(0.0, "", 0)
     """Minimum time between two messages, in ms."""
     queue_length: int = declared(0, "", 0)
-    """Messages to queue under `throttle_rate`; 0: messages in between are dropped."""
+    """With 0, messages in between are left out under `throttle_rate`."""
     compression: str = declared("none", choices=COMPRESSIONS)
 
 
@@ -155,7 +156,7 @@ def read_operation(fields: Mapping[str, Any]) -> Any:
         return None
     name = op if isinstance(op, str) else ""
     if name not in OPERATIONS:
-        raise ProtocolError(_REFUSED.get(name, f"unknown operation {shown(op)}"))
+        raise ProtocolError(_REFUSED.get(name, f"unknown operation {describe(op)}"))
     try:
         return read_record(OPERATIONS[name], fields)
     except MessageError as error:

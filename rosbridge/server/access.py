@@ -23,9 +23,9 @@ from urllib.parse import urlsplit
 
 from aiohttp import web
 
+from ...core.values.formatting import describe
 from ...runtime.http_answers import json_error, json_response
 from ...runtime.origins import is_own_origin
-from ..protocol.limits import shown
 
 _LOCAL_PAGES = ("http://localhost", "http://127.0.0.1", "http://[::1]")
 """Origins of the web pages of this machine, on any port."""
@@ -100,8 +100,8 @@ def refusal_of(request: web.Request, access: Access, *, check_host: bool) -> str
     """
     host, origin = request.headers.get("Host", ""), request.headers.get("Origin", "")
     if check_host and not is_loopback(host):
-        return f"without a token, only loopback names are served, not {shown(host)}"
-    return "" if access.origin_allowed(origin, host) else f"pages of {shown(origin, 100)} may not connect"
+        return f"without a token, only loopback names are served, not {describe(host)}"
+    return "" if access.origin_allowed(origin, host) else f"pages of {describe(origin)} may not connect"
 
 
 class Credentials(enum.Enum):

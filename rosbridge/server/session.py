@@ -12,7 +12,7 @@ from .rosapi import SERVICES
 from .sending import LARGE_BYTES, ClientQueue, estimated_bytes, frame
 from .served_node import ServedNode
 from .services import Services
-from .topics import ByteBudget, Topics, merge
+from .topics import Topics, merge
 
 _FAILURES = (ServiceError, MessageError, ConfigError, OSError)
 """What an operation may fail with."""
@@ -40,7 +40,6 @@ class Session:
         self._services = services
         self._limits = limits = node.limits
         self.queue = ClientQueue(transport, limits.queue_bytes)
-        self.throttled = ByteBudget(limits.queue_bytes)
         self._transport = transport
         self._compression = "cbor" if cbor else "none"
         self._level = "none"
@@ -130,7 +129,7 @@ class Session:
         if CBOR_PROBLEM and request.compression in CBOR_COMPRESSIONS:
             raise MessageError(f"compression {request.compression}: {CBOR_PROBLEM}")
         every = {**requests, request.id: request}
-        await self._topics.subscribe(self, request.topic, request.type, merge(every.values(), self._limits))
+        await self._topics.subscribe(self, request.topic, request.type, merge(every.values()))
         self._subscriptions[request.topic] = every
 
     async def _unsubscribe(self, request: operations.Unsubscribe) -> None:
@@ -138,7 +137,7 @@ class Session:
         requests.pop(request.id, None)
         if requests and request.id is not None:
             self._subscriptions[request.topic] = requests
-            await self._topics.subscribe(self, request.topic, "", merge(requests.values(), self._limits))
+            await self._topics.subscribe(self, request.topic, "", merge(requests.values()))
         else:
             await self._topics.subscribe(self, request.topic, "", None)
 

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import asyncio
-import functools
-from collections import deque
+import math
 from dataclasses import dataclass
-from typing import Callable, Deque, Dict, Iterable, List, NamedTuple, Optional, Protocol, Sequence, Set, Tuple, Union
+from typing import Callable, Collection, Dict, List, Optional, Protocol, Sequence, Set, Tuple, Union
 
 from ...core.messages.dialect import Message
 from ...core.port.local import LogLine
@@ -14,7 +13,6 @@ from ...core.port.middleware import Severity, Subscription
 from ...core.values.errors import MessageError, ServiceError
 from ...core.values.names import canonical_type
 from ...runtime.bounded_queue import BoundedQueue
-from ..protocol import Limits
 from ..protocol.definitions import Serializer, serializer
 from ..protocol.operations import COMPRESSIONS, Subscribe
 from .access import matches
@@ -28,91 +26,30 @@ _LOG_LEVELS = {Severity.DEBUG: 1, Severity.INFO: 2, Severity.WARN: 4, Severity.E
 """Severity in rosgraph_msgs/Log."""
 
 
-class Options(NamedTuple):
+@dataclass
+class Flow:
     """How a client receives the messages of a topic."""
 
     throttle_s: float = 0.0
-    """Minimum time between two messages, in s."""
-    queue_length: int = 0
-    """Messages to queue meanwhile, the newest ones; 0: messages in between are dropped."""
+    """Minimum time between two messages, in s; those in between are left out."""
     compression: str = "none"
+    due_s: float = -math.inf
+    """When the next message may be sent, in s of the loop's time."""
 
 
-def merge(requests: Iterable[Subscribe], limits: Limits) -> Options:
-    """Returns one set of options, within the limits, for all subscriptions of a client to one topic.
+def merge(requests: Collection[Subscribe]) -> Flow:
+    """Returns one flow for all subscriptions of a client to one topic.
 
-    As in the reference server: the fastest rate, the shortest queue, and the compression that is last in COMPRESSIONS.
+    As in the reference server: the fastest rate, and the compression that is last in COMPRESSIONS. A client that asks
+    for a queue does not want to miss messages: it gets them at once.
     """
-    every = list(requests)
-    return Options(
-        min(each.throttle_rate for each in every) / 1000.0,
-        min(limits.queue_messages, *(each.queue_length for each in every)),
-        max((each.compression for each in every), key=COMPRESSIONS.index),
-    )
-
-
-@dataclass
-class ByteBudget:
-    """Bytes that the throttled messages of one client may occupy together."""
-
-    bound: int
-    used: int = 0
-
-
-class Pacer:
-    """The rate at which a client receives the messages of a topic."""
-
-    def __init__(
-        self,
-        options: Options,
-        budget: ByteBudget,
-        send: Callable[[EncodedMessage], None],
-        call_later: Callable[[float, Callable[[], None]], asyncio.TimerHandle],
-    ) -> None:
-        """Starts empty; the first message is sent at once. All subscriptions of a client share `budget`."""
-        self.options = options
-        self._budget = budget
-        self._send = send
-        self._call_later = call_later
-        self._waiting: Deque[EncodedMessage] = deque()
-        self._pause: Optional[asyncio.TimerHandle] = None
-        """Ends when the next message may be sent."""
-
-    def offer(self, message: EncodedMessage) -> None:
-        """Sends a message, or queues it; drops the oldest of the queue if it or the budget is full."""
-        self._waiting.append(message)
-        self._budget.used += message.size
-        if self._pause is None:
-            self._send_next()
-        while self._waiting and (
-            len(self._waiting) > self.options.queue_length or self._budget.used > self._budget.bound
-        ):
-            self._pop()
-
-    def _send_next(self) -> None:
-        self._pause = None
-        if self._waiting:
-            self._pause = self._call_later(self.options.throttle_s, self._send_next)
-            self._send(self._pop())
-
-    def close(self) -> None:
-        """Drops the queue, and sends nothing more."""
-        if self._pause is not None:
-            self._pause.cancel()
-        while self._waiting:
-            self._pop()
-
-    def _pop(self) -> EncodedMessage:
-        message = self._waiting.popleft()
-        self._budget.used -= message.size
-        return message
+    is_queued = any(each.queue_length for each in requests)
+    throttle_s = min(each.throttle_rate for each in requests) / 1000.0
+    return Flow(0.0 if is_queued else throttle_s, max((each.compression for each in requests), key=COMPRESSIONS.index))
 
 
 class Receiver(Protocol):
     """A client, as seen from a topic."""
-
-    throttled: ByteBudget
-    """For the messages that wait because of `throttle_rate`."""
 
     def put(self, frame: bytes) -> None:
         """Sends a frame or queues it."""
@@ -128,7 +65,7 @@ class Topic:
         """The type, empty if it is not known yet."""
         self.serialize: Optional[Serializer] = None
         """Makes raw bytes of a message if the middleware gives none; None: not possible."""
-        self.clients: Dict[Receiver, Pacer] = {}
+        self.clients: Dict[Receiver, Flow] = {}
         """How each client receives the messages."""
         self.sources: Dict[bool, Subscription] = {}
         """The subscriptions of the middleware: to the messages (False) and to their raw bytes (True)."""
@@ -139,6 +76,7 @@ class Topic:
         win."""
         self._is_encoding = False
         self._failed = 0
+        self._clock = asyncio.get_event_loop().time
 
     @property
     def dropped(self) -> int:
@@ -147,20 +85,17 @@ class Topic:
 
     def needs(self) -> Set[bool]:
         """Returns which subscriptions of the middleware the clients need, by the keys of `sources`."""
-        return {self._takes_raw(client.options) for client in self.clients.values()}
+        return set(map(self._takes_raw, self.clients.values()))
 
-    def _takes_raw(self, options: Options) -> bool:
+    def _takes_raw(self, flow: Flow) -> bool:
         """Returns whether a client receives raw bytes of the middleware; those that have threads give them."""
-        return options.compression == "cbor-raw" and self._node.threads
+        return flow.compression == "cbor-raw" and self._node.threads
 
-    def set_options(self, receiver: Receiver, options: Optional[Options]) -> None:
+    def set_flow(self, receiver: Receiver, flow: Optional[Flow]) -> None:
         """Sets how a client receives the messages; with None, it no longer receives them."""
-        if receiver in self.clients:
-            self.clients.pop(receiver).close()
-        if options is not None:
-            send = functools.partial(self._send, compression=options.compression, receivers=[receiver])
-            call_later = asyncio.get_event_loop().call_later
-            self.clients[receiver] = Pacer(options, receiver.throttled, send, call_later)
+        self.clients.pop(receiver, None)
+        if flow is not None:
+            self.clients[receiver] = flow
         if not self.clients:
             self._waiting.clear()
 
@@ -171,14 +106,13 @@ class Topic:
         if message.size > limit:
             self._fail(f"message of {message.size} bytes dropped (limit {limit})")
             return
-        direct: Dict[str, List[Receiver]] = {}
-        for receiver, client in self.clients.items():
-            if self._takes_raw(client.options) is isinstance(content, bytes):
-                if client.options.throttle_s:
-                    client.offer(message)
-                else:
-                    direct.setdefault(client.options.compression, []).append(receiver)
-        for compression, receivers in direct.items():
+        now_s = self._clock()
+        receiving: Dict[str, List[Receiver]] = {}
+        for receiver, flow in self.clients.items():
+            if self._takes_raw(flow) is isinstance(content, bytes) and now_s >= flow.due_s:
+                flow.due_s = now_s + flow.throttle_s
+                receiving.setdefault(flow.compression, []).append(receiver)
+        for compression, receivers in receiving.items():
             self._send(message, compression, receivers)
 
     def _send(self, message: EncodedMessage, compression: str, receivers: Sequence[Receiver]) -> None:
@@ -241,26 +175,26 @@ class Topics:
         content = {"level": _LOG_LEVELS[line.severity], "name": line.node, "msg": line.text}
         rosout.deliver({"header": header, **content, "file": "", "function": "", "line": 0, "topics": []})
 
-    async def subscribe(self, receiver: Receiver, name: str, type_name: str, options: Optional[Options]) -> None:
-        """Sends the messages of a topic to a client as in `options`; with None, no longer.
+    async def subscribe(self, receiver: Receiver, name: str, type_name: str, flow: Optional[Flow]) -> None:
+        """Sends the messages of a topic to a client as in `flow`; with None, no longer.
 
         Raises MessageError, ConfigError, ServiceError or OSError if the type is not known or is not that of the topic,
         or the middleware does not respond.
         """
         async with self._lock:
             topic = self._topics.get(name) or Topic(name, self._node)
-            if options is not None:
+            if flow is not None:
                 known = topic.type_name or await self._node.topic_type(name)
                 _require_same_type(name, known, type_name)
                 if not topic.type_name:
                     topic.type_name = known or type_name
                     topic.serialize = serializer(topic.type_name)
             self._topics[name] = topic
-            topic.set_options(receiver, options)
+            topic.set_flow(receiver, flow)
             try:
                 await self._update(topic)
             except BaseException:  # also if the connection ends meanwhile
-                topic.set_options(receiver, None)
+                topic.set_flow(receiver, None)
                 raise
             finally:
                 if not topic.clients:

@@ -1,23 +1,17 @@
 from __future__ import annotations
 
-from typing import Any
-
-import pytest
-
-from robot_health_monitor.rosbridge.protocol.limits import shown
+from robot_health_monitor.core.values.errors import MessageError
+from robot_health_monitor.rosbridge.protocol.limits import DEFAULT_LIMITS, ProtocolError
 
 
-@pytest.mark.parametrize(
-    ("value", "text"),
-    [
-        ("short", "'short'"),
-        ("x" * 1000, "'" + "x" * 36 + "..."),
-        ("\x1b[2J\u202e\n", r"'\x1b[2J\u202e\n'"),
-        ([1, 2], "a list"),
-        ({}, "an object"),
-        (10**400, "a very large number"),
-        (1.5, "1.5"),
-    ],
-)
-def test_a_shown_value_is_short_and_printable(value: Any, text: str) -> None:
-    assert shown(value) == text
+def test_the_limits_are_those_of_the_documentation() -> None:
+    """docs/bridges.md lists them."""
+    limits = DEFAULT_LIMITS
+    assert (limits.clients, limits.request_timeout_s, limits.slow_client_timeout_s) == (500, 10.0, 10.0)
+    assert (limits.message_bytes, limits.containers, limits.nesting) == (1_000_000, 50_000, 64)
+    assert (limits.queue_bytes, limits.sent_bytes) == (1_000_000, 16_000_000)
+    assert (limits.subscriptions, limits.calls, limits.advertisements) == (1_000, 100, 100)
+
+
+def test_an_invalid_message_is_a_message_error() -> None:
+    assert issubclass(ProtocolError, MessageError)

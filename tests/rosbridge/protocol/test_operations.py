@@ -47,7 +47,7 @@ def test_what_needs_no_action_is_ignored(op: str) -> None:
 @pytest.mark.parametrize(
     ("fields", "problem"),
     [
-        ({}, "unknown operation None"),
+        ({}, "unknown operation nothing"),
         ({"op": 5}, "unknown operation 5"),
         ({"op": "shutdown"}, "unknown operation 'shutdown'"),
         ({"op": "advertise_action", "action": "/dock"}, "actions are not supported"),

@@ -140,14 +140,6 @@ class TestSubscribing:
 
     @staticmethod
     @with_robot()
-    async def test_a_throttled_queue_keeps_the_newest(robot: Robot) -> None:
-        async with robot.peer() as peer:
-            await peer.subscribe("/battery_level", throttle_rate=50, queue_length=2)
-            robot.publish(1.0, 2.0, 3.0, 4.0)
-            assert await peer.receive_many(3) == [1.0, 3.0, 4.0]
-
-    @staticmethod
-    @with_robot()
     async def test_the_log_is_a_topic(robot: Robot) -> None:
         async with robot.peer() as peer:
             await peer.subscribe("/rosout", type="rosgraph_msgs/Log")

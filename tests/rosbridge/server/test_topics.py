@@ -6,9 +6,8 @@ import asyncio
 import json
 import math
 import threading
-from dataclasses import replace
 from types import SimpleNamespace
-from typing import Any, Awaitable, Callable, List, Tuple
+from typing import Any, Awaitable, Callable, List
 
 import pytest
 from harness.rosbridge_peer import FLOAT32, Robot, with_robot
@@ -18,13 +17,12 @@ from robot_health_monitor.rosbridge.protocol.limits import Limits
 from robot_health_monitor.rosbridge.protocol.operations import Subscribe
 from robot_health_monitor.rosbridge.server.access import Access
 from robot_health_monitor.rosbridge.server.sending import EncodedMessage
-from robot_health_monitor.rosbridge.server.topics import MOST_PUBLISHED, ByteBudget, Options, Pacer, Topic, merge
+from robot_health_monitor.rosbridge.server.topics import MOST_PUBLISHED, Flow, Topic, merge
 from robot_health_monitor.runtime.event_loops import ThreadPool
 
 
 class Receiver:
-    def __init__(self, budget: int = 1_000_000) -> None:
-        self.throttled = ByteBudget(budget)
+    def __init__(self) -> None:
         self.frames: List[bytes] = []
 
     def put(self, frames: bytes) -> None:
@@ -51,13 +49,13 @@ def run(scenario: Callable[[Topic, List[str]], Awaitable[None]], **options: Any)
 def test_clients_with_the_same_encoding_share_the_frames() -> None:
     async def scenario(topic: Topic, problems: List[str]) -> None:
         one, other, cbor = Receiver(), Receiver(), Receiver()
-        topic.set_options(one, Options())
-        topic.set_options(other, Options())
-        topic.set_options(cbor, Options(compression="cbor"))
+        topic.set_flow(one, Flow())
+        topic.set_flow(other, Flow())
+        topic.set_flow(cbor, Flow(compression="cbor"))
         topic.deliver({"data": 1.0})
         assert one.frames[0] is other.frames[0]
         assert cbor.frames[0][:1] == b"\x82"
-        topic.set_options(one, None)
+        topic.set_flow(one, None)
         topic.deliver({"data": 2.0})
         assert (one.values, other.values) == ([1.0], [1.0, 2.0])
 
@@ -67,7 +65,7 @@ def test_clients_with_the_same_encoding_share_the_frames() -> None:
 def test_small_messages_do_not_overtake_large_ones() -> None:
     async def scenario(topic: Topic, problems: List[str]) -> None:
         client = Receiver()
-        topic.set_options(client, Options())
+        topic.set_flow(client, Flow())
         large = "x" * 200_000
         for data in ("first", large, "second", large, "third"):
             topic.deliver({"data": data})
@@ -88,7 +86,7 @@ def test_large_messages_are_encoded_in_a_thread(monkeypatch: pytest.MonkeyPatch)
 
     async def scenario(topic: Topic, problems: List[str]) -> None:
         client = Receiver()
-        topic.set_options(client, Options())
+        topic.set_flow(client, Flow())
         monkeypatch.setattr(EncodedMessage, "frame", note)
         topic.deliver({"data": "x" * 200_000})
         while not client.frames:
@@ -101,7 +99,7 @@ def test_large_messages_are_encoded_in_a_thread(monkeypatch: pytest.MonkeyPatch)
 def test_while_the_encoder_is_busy_the_newest_wait_within_the_bound() -> None:
     async def scenario(topic: Topic, problems: List[str]) -> None:
         client = Receiver()
-        topic.set_options(client, Options())
+        topic.set_flow(client, Flow())
         released = threading.Event()
         busy = topic._node.codec.submit(released.wait, 20.0)
         for number in range(100):
@@ -121,7 +119,7 @@ def test_while_the_encoder_is_busy_the_newest_wait_within_the_bound() -> None:
 def test_a_message_that_cannot_be_encoded_is_reported_and_the_next_is_sent() -> None:
     async def scenario(topic: Topic, problems: List[str]) -> None:
         client = Receiver()
-        topic.set_options(client, Options())
+        topic.set_flow(client, Flow())
         topic.deliver({"data": ["x" * 200_000, object()]})
         topic.deliver({"data": 1.0})
         while not client.frames:
@@ -135,10 +133,10 @@ def test_a_message_that_cannot_be_encoded_is_reported_and_the_next_is_sent() -> 
 def test_a_client_that_left_gets_nothing_that_is_still_being_encoded() -> None:
     async def scenario(topic: Topic, problems: List[str]) -> None:
         client, other = Receiver(), Receiver()
-        topic.set_options(client, Options())
-        topic.set_options(other, Options())
+        topic.set_flow(client, Flow())
+        topic.set_flow(other, Flow())
         topic.deliver({"data": "x" * 200_000})
-        topic.set_options(client, None)
+        topic.set_flow(client, None)
         while not other.frames:
             await asyncio.sleep(0)
         assert client.frames == []
@@ -146,16 +144,15 @@ def test_a_client_that_left_gets_nothing_that_is_still_being_encoded() -> None:
     run(scenario)
 
 
-def test_throttled_messages_of_all_topics_share_the_budget_of_the_client() -> None:
+def test_throttled_messages_in_between_are_left_out() -> None:
     async def scenario(topic: Topic, problems: List[str]) -> None:
-        client = Receiver(budget=300_000)
-        topic.set_options(client, Options(throttle_s=3600.0, queue_length=1000))
-        for number in range(100):
-            topic.deliver({"data": f"{number}" + "x" * 50_000})
-            assert client.throttled.used <= 300_000
-        assert client.throttled.used > 200_000
-        topic.set_options(client, None)
-        assert client.throttled.used == 0
+        clock, client, other = SimpleNamespace(now_s=0.0), Receiver(), Receiver()
+        topic._clock = lambda: clock.now_s
+        topic.set_flow(client, Flow(throttle_s=0.25))
+        topic.set_flow(other, Flow())
+        for clock.now_s, data in ((0.0, "a"), (0.125, "b"), (0.1875, "c"), (0.375, "d"), (0.5, "e"), (0.75, "f")):
+            topic.deliver({"data": data})
+        assert (client.values, other.values) == (["a", "d", "f"], list("abcdef"))
 
     run(scenario)
 
@@ -163,7 +160,7 @@ def test_throttled_messages_of_all_topics_share_the_budget_of_the_client() -> No
 def test_a_message_that_cannot_be_sent_is_counted_and_reported() -> None:
     async def scenario(topic: Topic, problems: List[str]) -> None:
         client = Receiver()
-        topic.set_options(client, Options(compression="cbor-raw"))
+        topic.set_flow(client, Flow(compression="cbor-raw"))
         topic.deliver({"data": "a"})
         topic.deliver({"data": "x" * 20_000})
         assert (client.frames, topic.dropped) == ([], 2)
@@ -177,89 +174,18 @@ def test_a_message_that_cannot_be_sent_is_counted_and_reported() -> None:
     run(scenario, sent_bytes=10_000)
 
 
-def test_options_are_read_in_seconds_and_within_the_limits() -> None:
-    request = Subscribe("/a", throttle_rate=250.0, queue_length=7, compression="png")
-    assert merge([request], Limits()) == Options(0.25, 7, "png")
-    assert merge([replace(request, queue_length=10**9)], Limits(queue_messages=50)).queue_length == 50
-
-
 def test_several_requests_for_a_topic_are_merged_as_the_reference_server_does() -> None:
     requests = [
-        Subscribe("/a", throttle_rate=500.0, queue_length=10, compression="none"),
-        Subscribe("/a", throttle_rate=100.0, queue_length=2, compression="cbor"),
-        Subscribe("/a", throttle_rate=1000.0, queue_length=5, compression="png"),
+        Subscribe("/a", throttle_rate=500.0, compression="none"),
+        Subscribe("/a", throttle_rate=100.0, compression="cbor"),
+        Subscribe("/a", throttle_rate=1000.0, compression="png"),
     ]
-    assert merge(requests, Limits()) == Options(0.1, 2, "cbor")
-    every = [Subscribe("/a", compression=each) for each in ("none", "cbor-raw", "cbor")]
-    assert merge(every, Limits()) == Options(0.0, 0, "cbor-raw")
+    assert merge(requests) == Flow(0.1, "cbor")
+    assert merge([Subscribe("/a", compression=each) for each in ("none", "cbor-raw", "cbor")]) == Flow(0.0, "cbor-raw")
 
 
-class Paced:
-    """A pacer in virtual time, with what it has sent and when."""
-
-    def __init__(self, budget: ByteBudget, **options: Any) -> None:
-        self.now_s = 0.0
-        self.sent: List[Tuple[float, str]] = []
-        self._timers: List[Tuple[float, Callable[[], None]]] = []
-        self.pacer = Pacer(Options(**options), budget, self._send, self._call_later)  # type: ignore[arg-type]
-
-    def _send(self, message: Any) -> None:
-        self.sent.append((self.now_s, message.name))
-
-    def _call_later(self, delay_s: float, callback: Callable[[], None]) -> Any:
-        timer = (self.now_s + delay_s, callback)
-        self._timers.append(timer)
-        return SimpleNamespace(cancel=lambda: self._timers.remove(timer))
-
-    def at(self, now_s: float, name: str = "", size: int = 1) -> None:
-        """Lets time pass, then offers a message if it has a name."""
-        for due_s, callback in [timer for timer in self._timers if timer[0] <= now_s]:
-            self._timers.remove((due_s, callback))
-            self.now_s = due_s
-            callback()
-        self.now_s = now_s
-        if name:
-            self.pacer.offer(SimpleNamespace(name=name, size=size))  # type: ignore[arg-type]
-
-
-def test_without_a_queue_messages_in_between_are_left_out() -> None:
-    paced = Paced(ByteBudget(1000), throttle_s=0.25)
-    for now_s, name in ((0.0, "a"), (0.125, "b"), (0.1875, "c"), (0.375, "d"), (0.5, "e"), (0.75, "f")):
-        paced.at(now_s, name)
-    assert paced.sent == [(0.0, "a"), (0.375, "d"), (0.75, "f")]
-
-
-def test_with_a_queue_the_newest_wait_for_their_time() -> None:
-    paced = Paced(ByteBudget(1000), throttle_s=0.25, queue_length=2)
-    for now_s, name in ((0.0, "a"), (0.0625, "b"), (0.125, "c"), (0.1875, "d"), (0.375, "e"), (0.4375, "f")):
-        paced.at(now_s, name)
-    for now_s in (0.5, 0.75, 1.0, 1.25):
-        paced.at(now_s)
-    # "b" made room for "d", and "d" for "f".
-    assert paced.sent == [(0.0, "a"), (0.25, "c"), (0.5, "e"), (0.75, "f")]
-    paced.at(2.0, "g")
-    assert paced.sent[4:] == [(2.0, "g")]
-
-
-def test_the_queues_of_a_client_share_a_bound_in_bytes() -> None:
-    budget = ByteBudget(100)
-    one, other = (Paced(budget, throttle_s=1.0, queue_length=1000) for _ in range(2))
-    one.at(0.0, "sent", 30)
-    other.at(0.0, "sent", 30)
-    assert budget.used == 0
-    for name in "abcd":
-        one.at(0.125, name, 30)
-    assert budget.used == 90  # "a" was dropped
-    other.at(0.125, "x", 30)
-    assert budget.used == 90  # "x" did not fit
-    one.at(1.0)
-    assert one.sent == [(0.0, "sent"), (1.0, "b")]
-    other.at(0.25, "y", 30)
-    assert budget.used == 90
-    one.pacer.close()
-    assert budget.used == 30
-    one.at(9.0)
-    assert len(one.sent) == 2
+def test_a_client_that_asks_for_a_queue_misses_nothing() -> None:
+    assert merge([Subscribe("/a", throttle_rate=500.0, queue_length=1)]) == Flow(0.0, "none")
 
 
 def subscriptions(robot: Robot) -> List[str]:
