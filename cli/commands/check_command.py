@@ -28,7 +28,7 @@ from ...core.nodes import Aggregator, BatterySensor
 from ...core.port.local import LocalBus
 from ...core.port.middleware import Middleware
 from ...core.values.errors import ConfigError, Problems
-from ...core.values.formatting import count_text, printable
+from ...core.values.formatting import count_text, list_text, printable
 from ...core.values.names import split_type_name
 from ...core.values.where import selection
 from ...ops.configuration import SECTIONS, OpsConfig, read_ops
@@ -232,7 +232,7 @@ def _check_fleet(file: YamlFile, problems: Problems, remarks: List[ConfigError])
     parts = [count_text(len(entries), "robot")]
     pushing = [entry.name for entry in entries if not entry.url]
     if pushing:
-        shown = ", ".join(pushing[:_NAMES_SHOWN]) + (", ..." if len(pushing) > _NAMES_SHOWN else "")
+        shown = list_text(pushing, _NAMES_SHOWN)
         parts.append(f"{len(pushing):,} without url, for export fleet only (connect needs one): {shown}")
     thresholds = dict.fromkeys(entry.thresholds for entry in entries if entry.thresholds)
     for name in thresholds:

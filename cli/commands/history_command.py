@@ -6,7 +6,6 @@ import argparse
 import heapq
 import itertools
 import os
-import re
 import sqlite3
 import sys
 import time
@@ -22,7 +21,7 @@ from ...ops.store import samples as stored_samples
 from ...ops.store.notes import notes_of
 from ...ops.store.rows import select
 from ...ops.store.samples import SAMPLES_FIELDS, StoredSamples, samples_fields
-from ...ops.store.silences import silence_events
+from ...ops.store.silences import parse_duration_s, silence_events
 from ...ops.store.summary import SignalSummary, summarize
 from ...runtime.interrupts import Interrupts
 from ...runtime.times import DATE_TIME, local_time
@@ -45,7 +44,6 @@ _SUMMARY_HEADS = ("robot", "signal", *SHARES, "available", "alerts", "longest ou
 _SUMMARY_FIELDS = (
     "robot", "signal", "duration_s", "unknown", "alerts", "longest_outage_s", "availability", "mean_time_to_recover_s",
 )  # fmt: skip
-_UNITS_S = {"s": 1.0, "m": 60.0, "min": 60.0, "h": 3600.0, "d": 86_400.0, "w": 604_800.0}
 
 
 def add_arguments(parser: Parser) -> None:
@@ -87,10 +85,10 @@ def _check_form(arguments: argparse.Namespace) -> str:
 
 def _moment(text: str) -> float:
     """Returns a time in s since 1970: so long ago, or a date and time by ISO 8601."""
-    parts = re.findall(r"(\d{1,9}(?:\.\d{1,9})?)(min|[smhdw])", text, re.ASCII)
-    if parts and "".join(number + unit for number, unit in parts) == text:
-        return time.time() - sum(float(number) * _UNITS_S[unit] for number, unit in parts)
-    return datetime.fromisoformat(text).timestamp()
+    try:
+        return time.time() - parse_duration_s(text)
+    except ConfigError:
+        return datetime.fromisoformat(text).timestamp()
 
 
 def run(arguments: argparse.Namespace, interrupts: Interrupts) -> None:

@@ -8,12 +8,11 @@ import json
 import math
 import sqlite3
 import sys
-from typing import Any, Dict, Iterable, Iterator, List, Mapping, NamedTuple, Sequence, TextIO, Tuple, Union
+from typing import Any, Dict, Iterable, Iterator, Mapping, NamedTuple, Sequence, TextIO, Tuple, Union
 
 from ...core.nodes.outlets import json_line
 from ...core.values.errors import ConfigError
 from ...core.values.formatting import count_text, duration_text, list_text, number_text, printable, with_hint
-from ...core.values.model import Level
 from ...ops.report.summaries import SummaryRow, share_text
 from ...ops.store import queries
 from ...ops.store.notes import Note, notes_of
@@ -200,21 +199,12 @@ def alert_listing(connection: sqlite3.Connection, arguments: argparse.Namespace)
     times = [(iso_time(time_s), value) for time_s, value in samples]
     evidence = [(time, value if math.isfinite(value) else None) for time, value in times]
     line, *notes = entry_lines(alert, is_coloured(sys.stdout))
-    lines = [line, *(f"  {name}: {printable(value)}" for name, value in _details(transition, samples))]
+    statistics = [
+        f"{name} {'undefined' if value is None else number_text(value)}"
+        for name, value in transition.statistics.items()
+    ]
+    lines = [line, printable(f"  {count_text(len(samples), 'sample')} stored; {', '.join(statistics)}")]
     lines += [f"  {each}" for each in notes]
     lines += [f"  {local_time(time_s)} {number_text(value)}" for time_s, value in samples]
     head = ("time", "value")
     return Listing([entry_fields(alert, evidence=evidence)], head, [dict(zip(head, each)) for each in times], lines)
-
-
-def _details(transition: StoredTransition, samples: Sequence[object]) -> List[Tuple[str, str]]:
-    statistics = ", ".join(
-        f"{name} {'undefined' if value is None else number_text(value)}"
-        for name, value in transition.statistics.items()
-    )
-    bound = "none" if transition.bound is None else f"{number_text(transition.bound)} (on {transition.statistic})"
-    count = f"{count_text(len(samples), 'sample')} stored"
-    lasted_s = transition.now_s - transition.since_s
-    never_known = transition.from_level is Level.OK and lasted_s <= 0.0
-    level = "unknown" if never_known else f"{transition.from_level.name} for {duration_text(lasted_s)}"
-    return [("level before", level), ("bound", bound), ("window", f"{count}; {statistics}" if statistics else count)]

@@ -7,7 +7,7 @@ Rows that do not fit are counted.
 from __future__ import annotations
 
 import time
-from typing import Callable, List, Mapping, NamedTuple, Sequence, Tuple, Union
+from typing import TYPE_CHECKING, Callable, List, Mapping, NamedTuple, Sequence, Tuple, Union
 
 from rich.console import Console, Group
 from rich.table import Table
@@ -19,6 +19,9 @@ from ...core.values.formatting import with_hint
 from ...core.values.model import Level, Status
 from ...runtime.times import local_time
 from .lines import Monitors
+
+if TYPE_CHECKING:
+    from ...core.nodes import AlertSystem
 
 STYLE_OF_LEVEL = {
     Level.OK: "green",
@@ -127,44 +130,39 @@ def robot_view(robot: str, signals: Sequence[Status], configs: Mapping[str, Sign
 
 
 def fleet_view(fleet: Monitors, lines: int, shown: Escape) -> View:
-    """Returns what is shown of several robots, with the worst signal of each.
+    """Returns what is shown of several robots, with the worst signal of each, the worst robot first.
 
     Statuses are made only for what a terminal of `lines` lines can show.
     """
-    systems = [robot.alert_system for robot in fleet.robots]
-    levels = [
-        {name: _rank_of(level, state) for name, (level, state) in system.monitor.levels().items()} for system in systems
-    ]
-    worst = [max(of_robot.values(), default=1) for of_robot in levels]
-    order = sorted(range(len(systems)), key=lambda index: -worst[index])
-    rows: List[Tuple[int, Sequence[Union[str, Text]]]] = []
-    for index in order[:lines]:
-        system, of_robot = systems[index], levels[index]
-        # Effects are counted at their cause.
-        judgements = system.monitor.judgements(fleet.robots[index].now_s) if worst[index] > 1 else {}
-        effects = {name for name, judgement in judgements.items() if judgement.cause}
-        names = sorted((each for each in of_robot if each not in effects), key=lambda each: -of_robot[each])
-        name, *others = names or [""]
-        status = system.announcements.status(name) if worst[index] else None
-        cells: Sequence[Union[str, Text]] = (Text("waiting", _STYLE_OF_UNKNOWN), "", "no connection yet")
-        if status is not None:
-            more = sum(of_robot[each] > 1 for each in others)
-            reason = f"{name} {_reason(status)}" + (f" (+ {more} more)" if more else "")
-            cells = level_text(status), _since_text(status), reason
-        elif not worst[index]:
-            main = map(system.announcements.status, system.monitor.config.main_signals)
-            values = ", ".join(f"{each.name} {each.message}" for each in main if each is not None)
-            cells = Text("OK", STYLE_OF_LEVEL[Level.OK]), "", values
-        rows.append((worst[index], (system.robot, *cells)))
-    ranks = [worst[index] for index in order]
-    title = Text(f"{len(systems)} robots", style="bold")
+    robots = [robot.alert_system for robot in fleet.robots]
+    worst = [max((_rank_of(*each) for each in system.monitor.levels().values()), default=1) for system in robots]
+    order = sorted(range(len(robots)), key=lambda at: -worst[at])
+    ranks = [worst[at] for at in order]
+    rows = [(worst[at], (robots[at].robot, *_robot_cells(robots[at], worst[at]))) for at in order[:lines]]
+    title = Text(f"{len(robots)} robots", style="bold")
     if ranks and ranks[0] > 0:
-        title.append(f", worst: {shown(systems[order[0]].robot)} ", style="not bold").append(rows[0][1][1])
+        name, level, *_ = rows[0][1]
+        title.append(f", worst: {shown(str(name))} ", style="not bold").append(level)
     title.append(f"   {rank_counts(ranks)}", style="not bold")
-    silenced = sum(system.announcements.count_silenced() for system in systems)
+    silenced = sum(system.announcements.count_silenced() for system in robots)
     if silenced:
         title.append(f"   {silenced} silenced", style="not bold")
     return View(title, ("robot", "level", "since", "reason"), 4, rows, ranks[lines:])
+
+
+def _robot_cells(system: AlertSystem, worst: int) -> Sequence[Union[str, Text]]:
+    """Returns level, since when, and reason of the worst signal of a robot, or the main values of one that is OK."""
+    names = system.monitor.levels() if worst else system.monitor.config.main_signals
+    known = [each for each in map(system.announcements.status, names) if each is not None]
+    if not worst:
+        return Text("OK", STYLE_OF_LEVEL[Level.OK]), "", ", ".join(f"{each.name} {each.message}" for each in known)
+    causes = [each for each in known if not each.cause]  # effects are counted at their cause
+    if not causes:
+        return Text("waiting", _STYLE_OF_UNKNOWN), "", "no connection yet"
+    status = max(causes, key=rank)
+    more = sum(rank(each) > 1 for each in causes if each is not status)
+    reason = f"{status.name} {_reason(status)}" + (f" (+ {more} more)" if more else "")
+    return level_text(status), _since_text(status), reason
 
 
 def _since_text(status: Status) -> str:

@@ -128,20 +128,11 @@ def _joined(one: Permissions, other: Permissions) -> Permissions:
 
 
 def _profile(name: str, permissions: Permissions) -> Iterator[str]:
-    """Yields the lines of one node, with names relative to it as `ros2 security generate_policy` writes them."""
+    """Yields the lines of one node; all names are absolute."""
     namespace, _, base = name.rpartition("/")
     yield f"<profile ns={quoteattr(namespace or '/')} node={quoteattr(base)}>"
     for (kind, verb), names in permissions.items():
         yield f'  <{kind}s {verb}="ALLOW">'
-        yield from (f"    <{kind}>{escape(_relative(each, name))}</{kind}>" for each in sorted(names))
+        yield from (f"    <{kind}>{escape(each)}</{kind}>" for each in sorted(names))
         yield f"  </{kind}s>"
     yield "</profile>"
-
-
-def _relative(found: str, node: str) -> str:
-    namespace = node.rpartition("/")[0]
-    if found.startswith(f"{node}/"):
-        return f"~{found[len(node) :]}"
-    if namespace and found.startswith(f"{namespace}/"):
-        return found[len(namespace) + 1 :]
-    return found

@@ -26,27 +26,27 @@ ALONE = """<?xml version="1.0" encoding="UTF-8"?>
         <profile ns="/fleet/r1" node="alert_system">
           <topics publish="ALLOW">
             <topic>/diagnostics</topic>
-            <topic>~/_executor_probe</topic>
-            <topic>alerts</topic>
+            <topic>/fleet/r1/alert_system/_executor_probe</topic>
+            <topic>/fleet/r1/alerts</topic>
             <topic>/parameter_events</topic>
             <topic>/rosout</topic>
           </topics>
           <topics subscribe="ALLOW">
             <topic>/clock</topic>
-            <topic>_simulated_sensors</topic>
-            <topic>_unavailable_sensors</topic>
-            <topic>~/_executor_probe</topic>
-            <topic>bms/soc</topic>
+            <topic>/fleet/r1/_simulated_sensors</topic>
+            <topic>/fleet/r1/_unavailable_sensors</topic>
+            <topic>/fleet/r1/alert_system/_executor_probe</topic>
+            <topic>/fleet/r1/bms/soc</topic>
           </topics>
           <services reply="ALLOW">
-            <service>~/describe_parameters</service>
-            <service>~/get_parameter_types</service>
-            <service>~/get_parameters</service>
-            <service>~/get_type_description</service>
-            <service>~/list_parameters</service>
-            <service>~/reset</service>
-            <service>~/set_parameters</service>
-            <service>~/set_parameters_atomically</service>
+            <service>/fleet/r1/alert_system/describe_parameters</service>
+            <service>/fleet/r1/alert_system/get_parameter_types</service>
+            <service>/fleet/r1/alert_system/get_parameters</service>
+            <service>/fleet/r1/alert_system/get_type_description</service>
+            <service>/fleet/r1/alert_system/list_parameters</service>
+            <service>/fleet/r1/alert_system/reset</service>
+            <service>/fleet/r1/alert_system/set_parameters</service>
+            <service>/fleet/r1/alert_system/set_parameters_atomically</service>
           </services>
         </profile>
       </profiles>
@@ -83,14 +83,15 @@ def test_only_a_host_lists_sensors_that_it_does_not_have() -> None:
     def published(sensors: str) -> List[str]:
         return names(export_policy(TREE, Robot("r1", sensors)), "battery_sensor", "topic", "publish")
 
-    assert "_unavailable_sensors" in published("host") and "_unavailable_sensors" not in published("simulated")
+    name = "/r1/_unavailable_sensors"
+    assert name in published("host") and name not in published("simulated")
 
 
 def test_remapped_and_absolute_names_are_written_in_full() -> None:
     tree = {"alert_system": {"ros__parameters": {"signals": {"a": {"topic": "/scan", "field": ""}, "b": {}}}}}
     policy = export_policy(tree, Robot("r1", "none", {"b": "/other/b"}))
     subscribed = names(policy, "alert_system", "topic", "subscribe")
-    assert "/scan" in subscribed and "/other/b" in subscribed and "b" not in subscribed
+    assert "/scan" in subscribed and "/other/b" in subscribed and "/r1/b" not in subscribed
 
 
 def test_without_a_namespace_names_are_absolute_and_the_enclave_is_at_the_root() -> None:
@@ -113,14 +114,14 @@ def ops(tmp_path: Path) -> OpsConfig:
 
 def test_a_black_box_subscribes_to_its_topics(ops: OpsConfig) -> None:
     subscribed = names(export_policy(TREE, Robot("r1", ops=ops)), "alert_system", "topic", "subscribe")
-    assert {"/scan", "/camera*/info", "bms/soc"} <= set(subscribed)
+    assert {"/scan", "/camera*/info", "/r1/bms/soc"} <= set(subscribed)
 
 
 def test_the_clients_of_a_server_may_read_everything_and_what_was_granted(ops: OpsConfig) -> None:
     policy = export_policy(TREE, Robot("r1", ops=ops))
     assert names(policy, "rosbridge", "topic", "subscribe") == ["/*"]
     assert names(policy, "rosbridge", "topic", "publish") == ["/cmd_vel", "/parameter_events", "/rosout"]
-    assert names(policy, "rosbridge", "service", "request") == ["/dock*", "alert_system/reset"]
+    assert names(policy, "rosbridge", "service", "request") == ["/dock*", "/r1/alert_system/reset"]
     assert "/assist" in names(policy, "rosbridge", "service", "reply")
 
 
