@@ -28,7 +28,7 @@ from ..recordings.reading import Recordings
 from .arguments import find_installed
 from .embedded import sections_of_nodes
 from .output.events import Entry
-from .output.lines import COLOURS, ProgressLine, coloured, is_coloured, plain_line, plain_table, readable
+from .output.lines import ProgressLine, plain_line, plain_table, readable
 from .report_file import ReportFile
 from .testing.black_box_alert import attached_file, attached_states
 
@@ -253,7 +253,6 @@ class ReplayOutput:
     def __init__(self, as_json: bool) -> None:
         """Prepares the output; `as_json`: one JSON object per transition on stdout, the rest on stderr."""
         self._as_json = as_json
-        self._is_coloured = is_coloured(sys.stdout) and not as_json
         self._progress = ProgressLine()
         self._started_s = time.monotonic()
         self._error: Optional[OSError] = None
@@ -274,7 +273,7 @@ class ReplayOutput:
         if self._as_json:
             self._write(json_line(transition, **({"file": file} if file else {})))
         else:
-            self._write(plain_line(Entry(wall_s, transition), prefix=file), COLOURS[transition.to_level])
+            self._write(plain_line(Entry(wall_s, transition), prefix=file))
 
     def log(self, wall_s: float, line: LogLine) -> None:
         """Writes a line of a node; INFO lines go where the alerts are, except with JSON."""
@@ -282,7 +281,7 @@ class ReplayOutput:
         if line.severity >= Severity.WARN or self._as_json:
             self.warn(text)
         else:
-            self._write(text, "2")
+            self._write(text)
 
     def warn(self, text: str) -> None:
         """Writes a line to stderr."""
@@ -300,14 +299,13 @@ class ReplayOutput:
         if self._error is not None:
             raise self._error
 
-    def _write(self, line: str, colour: str = "", stream: Optional[TextIO] = None) -> None:
+    def _write(self, line: str, stream: Optional[TextIO] = None) -> None:
         stream = stream or sys.stdout
         try:
             self._progress.clear()
             if stream is not sys.stdout:
                 sys.stdout.flush()
-            line = line if self._as_json else readable(line, stream)
-            print(coloured(line, colour) if self._is_coloured else line, file=stream)
+            print(line if self._as_json else readable(line, stream), file=stream)
         except OSError as error:
             self._error = self._error or error
 

@@ -38,7 +38,7 @@ from ..history.history_entries import (  # fmt: skip
     time_text,
 )
 from ..history.history_file import DEFAULT_FILE, history_file, reading_history
-from ..output.lines import is_coloured, plain_table
+from ..output.lines import plain_table
 
 _SUMMARY_HEADS = ("robot", "signal", *SHARES, "available", "alerts", "longest outage", "recovery")
 _SUMMARY_FIELDS = (
@@ -124,12 +124,11 @@ def _transitions(connection: sqlite3.Connection, arguments: argparse.Namespace) 
         """Yields alerts in their order, and each event before those that are younger."""
         return heapq.merge(sorted(itertools.chain(*events), key=_wall_s), noted, key=_wall_s)
 
-    is_lit = is_coloured(sys.stdout)
     return Listing(
         json=map(entry_fields, merged(silences)),
         head=CSV_HEAD,
         rows=(row for entry in merged(silences) for row in entry_rows(entry)),
-        lines=(line for entry in merged(silences, others) for line in entry_lines(entry, is_lit)),
+        lines=(line for entry in merged(silences, others) for line in entry_lines(entry)),
         nothing="no alerts",
     )
 

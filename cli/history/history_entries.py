@@ -21,7 +21,7 @@ from ...ops.store.rows import StoredTransition
 from ...ops.store.silences import SilenceEvent
 from ...ops.store.summary import SignalSummary
 from ...runtime.times import DATE_TIME, iso_time, local_time
-from ..output.lines import COLOURS, coloured, is_coloured, readable
+from ..output.lines import readable
 
 CSV_HEAD = (
     "id", "time", "robot", "signal", "from_level", "to_level", "value", "statistic", "bound", "repeat", "fingerprint",
@@ -78,14 +78,13 @@ def time_text(wall_s: float) -> str:
     return local_time(wall_s, f"{DATE_TIME} %z")
 
 
-def entry_lines(entry: Entry, with_colour: bool) -> Iterator[str]:
-    """Yields an entry in lines; with colours, the line of an alert has that of its new level."""
+def entry_lines(entry: Entry) -> Iterator[str]:
+    """Yields an entry in lines."""
     if not isinstance(entry, NotedAlert):
         yield f"{time_text(entry.wall_s)} {printable(event_text(entry))}"
         return
     alert = entry.transition
-    text = printable(f"{time_text(alert.wall_s)} #{alert.id} {alert.robot}: {with_hint(alert.text, alert.hint)}")
-    yield coloured(text, COLOURS[alert.to_level]) if with_colour else text
+    yield printable(f"{time_text(alert.wall_s)} #{alert.id} {alert.robot}: {with_hint(alert.text, alert.hint)}")
     if alert.effects:
         yield printable(f"{time_text(alert.wall_s)} #{alert.id} {effects_text(alert.effects)}")
     for note in entry.notes:
@@ -198,7 +197,7 @@ def alert_listing(connection: sqlite3.Connection, arguments: argparse.Namespace)
     samples = queries.evidence(connection, transition.id)
     times = [(iso_time(time_s), value) for time_s, value in samples]
     evidence = [(time, value if math.isfinite(value) else None) for time, value in times]
-    line, *notes = entry_lines(alert, is_coloured(sys.stdout))
+    line, *notes = entry_lines(alert)
     statistics = [
         f"{name} {'undefined' if value is None else number_text(value)}"
         for name, value in transition.statistics.items()

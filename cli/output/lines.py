@@ -12,7 +12,7 @@ from ...core.port.local import LogLine
 from ...core.port.middleware import Severity
 from ...core.values.errors import ServiceError
 from ...core.values.formatting import printable, with_degree_sign, with_hint
-from ...core.values.model import Level, Transition
+from ...core.values.model import Transition
 from ...runtime.times import DATE_TIME, local_time
 from .events import Entry
 from .stream_writer import StreamWriter
@@ -119,20 +119,6 @@ def dropped_line(dropped: int) -> str:
 def is_terminal(stream: TextIO) -> bool:
     """Returns whether a stream is a terminal that can show colours and move its cursor."""
     return stream.isatty() and os.environ.get("TERM") not in (None, "", "dumb", "unknown")
-
-
-COLOURS = {Level.OK: "32", Level.WARN: "33", Level.ERROR: "1;31", Level.STALE: "35"}
-"""Codes of a terminal."""
-
-
-def is_coloured(stream: TextIO) -> bool:
-    """Returns whether lines on a stream have colours."""
-    return is_terminal(stream) and "NO_COLOR" not in os.environ
-
-
-def coloured(line: str, code: str) -> str:
-    """Returns a line in a colour; an empty code is none."""
-    return f"\x1b[{code}m{line}\x1b[0m" if code else line
 
 
 class ProgressLine:

@@ -136,16 +136,12 @@ def _is_exported(readme: str) -> bool:
 
 def _require_silence(settings: FleetSettings, has_fleet_file: bool) -> None:
     """Raises ConfigError if a silent robot would be an alert after a lost scrape, or never."""
-    silent_after_s, least_s = settings.silent_after_s, 4.0 * settings.interval_s
-    if silent_after_s < least_s:
-        raise ConfigError(
-            f"a robot must be silent for at least 4 intervals ({duration(least_s)}), got {duration(silent_after_s)}"
-        )
-    most_s = _LONGEST_SILENCE_S if has_fleet_file else EXPECTED_S / 2.0
-    if silent_after_s > most_s:
+    least_s, most_s = 4.0 * settings.interval_s, _LONGEST_SILENCE_S if has_fleet_file else EXPECTED_S / 2.0
+    if not least_s <= settings.silent_after_s <= most_s:
         without = "" if has_fleet_file else ": without a fleet.yaml, it is expected for 24 h after it last reported"
         raise ConfigError(
-            f"a robot must be an alert after at most {_hours(most_s)} of silence, got {_hours(silent_after_s)}{without}"
+            f"a robot must be an alert after {_hours(least_s)} (4 intervals) to {_hours(most_s)} of silence, "
+            f"got {_hours(settings.silent_after_s)}{without}"
         )
 
 

@@ -58,7 +58,7 @@ class PlottedSignal:
 
     def add_bad(self, time_s: float) -> None:
         """Adds a bad sample, which has no value."""
-        place = self._place(time_s)
+        place = self._place(time_s)  # which may make another set of them
         self._bad.add(place)
 
     def add_band(self, start_s: float, seconds: float, low: float, high: float) -> None:
