@@ -4,11 +4,38 @@ from __future__ import annotations
 
 import argparse
 import math
+import os
+import sys
+import time
+from typing import Callable, Counter, Dict, List, Optional, Sequence, TextIO, Tuple
 
-from ...core.values.errors import ServiceError
+from ...core.config.monitor_config import Section
+from ...core.config.signal_config import SignalConfig
+from ...core.config.yaml_file import YamlFile, read_yaml
+from ...core.judge.attachments import SavedMonitor
+from ...core.judge.sources import is_source
+from ...core.nodes.outlets import json_line
+from ...core.port.local import LogLine
+from ...core.port.middleware import Severity
+from ...core.values.errors import ConfigError, ServiceError
+from ...core.values.formatting import count_text, duration_text, list_text, printable
+from ...core.values.model import Level, Transition
+from ...ops.report.plotted_signal import PlottedSignal
+from ...ops.report.report import MOST_ALERTS, Report, ReportedAlert, buckets_of, render
+from ...ops.report.summaries import SHARES, SummaryRow, range_cells, table
+from ...recordings.judging import Differences, Judge, JudgedEvent, JudgedSample, SignalSummary
+from ...recordings.middleware import Player
+from ...recordings.reading import Recordings
 from ...runtime.interrupts import Interrupts
-from ..arguments import INTERRUPTED, Parser, add, add_recordings, checked
+from ..arguments import INTERRUPTED, Parser, add, add_recordings, checked, find_installed
+from ..embedded import sections_of_nodes
 from ..exit_codes import ExitCode
+from ..output.events import Entry
+from ..output.lines import ProgressLine, plain_line, plain_table, readable
+from ..report_file import ReportFile
+from ..testing.past_alert import attached
+
+_NUMBERS = ("samples", "bad", *SHARES, "alerts", "min", "mean", "max", "longest gap")
 
 
 def add_arguments(parser: Parser) -> None:
@@ -39,10 +66,303 @@ def add_arguments(parser: Parser) -> None:
 
 
 def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
-    """Judges recordings, and shows the alerts; returns the exit code."""
-    try:
-        from ..replay import replay
+    """Judges recordings, and shows the alerts; returns the exit code.
 
-        return ExitCode.ALERTS if replay(arguments) else ExitCode.SUCCESS
+    It is `ALERTS` if there were alerts to fail on (with `--against`: if the alerts differ), or a signal was not judged.
+    Raises ConfigError: a configuration or an argument cannot be used, or none of its signals is recorded.
+    Raises RecordingError: a recording cannot be read. Raises OutputError: the report cannot be written.
+    """
+    try:
+        with Recordings(arguments.recordings) as recordings:
+            file, saved = (None, None) if arguments.thresholds else attached(recordings)
+            configurations = _configurations(arguments, file)
+            report = None
+            if arguments.report:
+                inputs = [*arguments.recordings, *(each.file for _, each, _ in configurations)]
+                report = ReportFile(arguments.report, inputs, arguments.force)
+            # What is saved are the states at the beginning.
+            states = saved if arguments.from_s == 0.0 else None
+            has_failed = _Replay(arguments, configurations, recordings, report, states).run()
     except KeyboardInterrupt:  # half a result must not look like success
         raise ServiceError(INTERRUPTED) from None
+    return ExitCode.ALERTS if has_failed else ExitCode.SUCCESS
+
+
+_Configuration = Tuple[str, YamlFile, Section]
+"""The name of a thresholds file, its content, and its section of alert_system."""
+
+
+class _Replay:
+    def __init__(
+        self,
+        arguments: argparse.Namespace,
+        configurations: List[_Configuration],
+        recordings: Recordings,
+        report_file: Optional[ReportFile],
+        saved: Optional[SavedMonitor],
+    ) -> None:
+        self._arguments = arguments
+        self._report_file = report_file
+        self._several = len(configurations) > 1
+        self._output = ReplayOutput(arguments.json)
+        self._player = Player(
+            recordings,
+            namespace=arguments.namespace,
+            from_s=arguments.from_s,
+            to_s=arguments.to_s,
+            use_sim_time=arguments.use_sim_time or configurations[0][2].tree.get("use_sim_time") is True,
+            begin_ns=None if saved is None else round(saved.time_s * 1e9),
+            on_log=self._on_log,
+        )
+        self._start_s = self._player.wall_s
+        self._plots: Dict[Tuple[str, str], PlottedSignal] = {}
+        """By configuration, empty if there is only one, and signal; only for a report."""
+        self._shown: List[ReportedAlert] = []
+        self._shown_levels: Counter[Level] = Counter()  # new levels of all transitions that were shown
+        self._names = [name for name, _, _ in configurations]
+        self._differences = Differences(self._names, self._show) if self._several else None
+        self._judge = Judge(self._player, self._on_event, self._plot if report_file else None)
+        self._player.on_gap.append(self._on_gap)
+        for name, file, section in configurations:
+            with file.located(section.path):
+                self._judge.add(name, section.tree, saved)
+        topics = list_text(sorted({channel.topic for channel in recordings.channels})) or "no topic"
+        hint = f"; the recordings have {topics}; is a --namespace missing?"
+        self._require("is recorded", lambda summary: summary.recorded, hint)
+        self._buckets = buckets_of(sum(summary.recorded for summary in self._judge.summaries))
+
+    def run(self) -> bool:
+        output = self._output
+        try:
+            self._judge.run(output.progress)
+            if self._differences is not None:
+                self._differences.flush()
+        finally:
+            output.finish()
+        self._require("was judged", lambda summary: not summary.missing)
+        summaries = self._summaries()
+        missing = {summary.config.name: summary.missing for summary in summaries if summary.missing}
+        problems = self._player.problems
+        if missing:
+            reasons = ", ".join(f"{name} ({reason})" for name, reason in missing.items())
+            problems.append(f"not judged: {reasons}")
+        for problem in problems:
+            output.warn(f"WARN: {problem}")
+        rows = [row(summary, self._several) for summary in summaries]
+        heads = ["signal", *(["file"] if self._several else []), *_NUMBERS]
+        number, noun = sum(self._shown_levels.values()), "difference"
+        if not self._several:  # else OK counts: an alert may end at another time
+            number, noun = sum(summary.alerts for summary in summaries), "alert"
+        verdict = count_text(number, noun) if number else f"no {noun}s"
+        if missing:
+            verdict += f"; {count_text(len(missing), 'signal')} not judged"
+        output.table(table(heads, rows), verdict)
+        if self._report_file is not None:
+            self._report_file.write(self._page(rows, verdict, problems))
+        if self._arguments.fail_on == "never":
+            return False
+        fail_on = Level[self._arguments.fail_on.upper()]
+        if missing and not self._arguments.allow_missing:
+            return True
+        if self._several:
+            return bool(self._shown_levels)
+        return max((level.severity for level in self._shown_levels), default=0) >= fail_on.severity
+
+    def _summaries(self) -> List[SignalSummary]:
+        """Returns the summaries; those of one signal follow each other, so that configurations can be compared."""
+        found = self._judge.summaries
+        names = list(dict.fromkeys(summary.config.name for summary in found))
+        return sorted(found, key=lambda summary: names.index(summary.config.name))
+
+    # While the recordings are played
+
+    def _on_event(self, judged: JudgedEvent) -> None:
+        event = judged.event
+        if isinstance(event, Transition):
+            plot = self._plot_of(judged.file, event.signal) if self._report_file else None
+            if plot is not None:
+                plot.add_level(judged.wall_s, event.to_level.name)
+            (self._differences.add if self._differences else self._show)(judged)
+        elif judged.file == self._names[0]:
+            self._output.log(judged.wall_s, LogLine(event.now_s, "alert_system", event.severity, event.text))
+
+    def _show(self, judged: JudgedEvent) -> None:
+        transition = judged.event
+        assert isinstance(transition, Transition)
+        file = judged.file if self._several else ""
+        self._shown_levels[transition.to_level] += 1
+        if self._report_file and len(self._shown) < MOST_ALERTS:
+            self._shown.append(ReportedAlert(judged.wall_s, file, transition, effects=judged.effects))
+        self._output.transition(judged.wall_s, transition, file)
+
+    def _on_log(self, line: LogLine) -> None:
+        if line.severity >= Severity.WARN:
+            self._output.log(self._player.wall_s, line)
+
+    # The report
+
+    def _on_gap(self, begin_s: float, end_s: float) -> None:
+        for plot in self._plots.values():
+            plot.add_gap(begin_s, end_s)
+
+    def _plot(self, file: str, config: SignalConfig, sample: JudgedSample) -> None:
+        plot = self._plot_of(file, config.name)
+        if plot is not None and sample.value is None:
+            plot.add_bad(sample.wall_s)
+        elif plot is not None:
+            # A forecast is shown by its line, and by the values that it follows from.
+            plot.add(sample.wall_s, sample.value if config.statistic == "forecast" else sample.judged)
+
+    def _plot_of(self, file: str, signal: str) -> Optional[PlottedSignal]:
+        """Returns the plot of a signal, which begins here; None if it is not of the configuration."""
+        config = self._judge.config_of(file, signal)
+        key = file if self._several else "", signal
+        if key not in self._plots and config is not None:
+            span_s = self._player.end_s - self._start_s
+            self._plots[key] = PlottedSignal(config, key[0], self._start_s, span_s, self._buckets)
+        return self._plots.get(key)
+
+    def _page(self, rows: List[SummaryRow], verdict: str, problems: List[str]) -> str:
+        names = list_text([os.path.basename(os.path.abspath(name)) for name in self._arguments.recordings])
+        return render(
+            Report(
+                title=f"Replay of {names}",
+                verdict=verdict,
+                problems=problems,
+                start_s=self._start_s,
+                end_s=self._player.wall_s,
+                columns=_NUMBERS,
+                rows=worst_first(rows),
+                plots=self._plots,
+                alerts=self._shown,
+                all_alerts=sum(self._shown_levels.values()),
+                judged_by=" and ".join(self._names),
+            )
+        )
+
+    def _require(self, done: str, is_done: Callable[[SignalSummary], bool], hint: str = "") -> None:
+        """Raises ConfigError if no signal of a configuration is recorded, or was judged."""
+        for name in self._names:
+            summaries = [each for each in self._judge.summaries if each.file == name]
+            signals = [each for each in summaries if not is_source(each.config.name)]
+            if not any(map(is_done, signals)):
+                reasons = list_text([f"{summary.config.name} ({summary.missing})" for summary in signals])
+                raise ConfigError(f"no signal {done}: {reasons}{hint}")
+
+
+def _configurations(arguments: argparse.Namespace, attached: Optional[YamlFile]) -> List[_Configuration]:
+    """Returns what is to be judged by: the file that was given, the one that a black box has, or the installed one."""
+    if attached is not None:
+        folder, name = os.path.split(attached.file)
+        section = sections_of_nodes(attached)["alert_system"]
+        configurations = [(f"{name} in {os.path.basename(folder)}", attached, section)]
+    else:
+        first = arguments.thresholds or find_installed("config/thresholds.yaml")
+        if first is None:
+            raise ConfigError("no thresholds.yaml is installed; expected --thresholds FILE")
+        configurations = [_read(arguments, os.fspath(first))]
+    if arguments.against:
+        name, file, section = _read(arguments, arguments.against)
+        configurations.append((f"{name} (2)" if name == configurations[0][0] else name, file, section))
+    return configurations
+
+
+def _read(arguments: argparse.Namespace, name: str) -> _Configuration:
+    file_name = os.path.basename(os.path.abspath(arguments.recordings[0]))
+    robot = arguments.namespace.strip("/") or printable(file_name).strip() or "recorded"  # any bytes but / are a name
+    file = read_yaml(name)
+    section = sections_of_nodes(file)["alert_system"]
+    # The host that replays is not the robot.
+    tree = {**section.tree, "robot_name": section.tree.get("robot_name") or robot}
+    return name, file, section._replace(tree=tree)
+
+
+class ReplayOutput:
+    """Writes alerts to stdout and everything else about the replay to where it does not disturb them.
+
+    What is called while recordings are played must not raise: an error waits for the next `progress`, or for `finish`.
+    """
+
+    def __init__(self, as_json: bool) -> None:
+        """Prepares the output; `as_json`: one JSON object per transition on stdout, the rest on stderr."""
+        self._as_json = as_json
+        self._progress = ProgressLine()
+        self._started_s = time.monotonic()
+        self._error: Optional[OSError] = None
+
+    def progress(self, fraction: float) -> None:
+        """Shows how much has been judged, 0 to 1, on a terminal."""
+        self._raise_error()
+        left_s = (time.monotonic() - self._started_s) * (1.0 - fraction) / max(fraction, 0.01)
+        self._progress.show(f"judging: {fraction:.0%}, {left_s:.0f} s left")
+
+    def finish(self) -> None:
+        """Removes the progress; raises an OSError if something could not be written."""
+        self._progress.clear()
+        self._raise_error()
+
+    def transition(self, wall_s: float, transition: Transition, file: str) -> None:
+        """Writes a transition at a time in s since 1970; `file` is its configuration, empty if there is only one."""
+        if self._as_json:
+            self._write(json_line(transition, **({"file": file} if file else {})))
+        else:
+            self._write(plain_line(Entry(wall_s, transition), prefix=file))
+
+    def log(self, wall_s: float, line: LogLine) -> None:
+        """Writes a line of a node; INFO lines go where the alerts are, except with JSON."""
+        text = plain_line(Entry(wall_s, line))
+        if line.severity >= Severity.WARN or self._as_json:
+            self.warn(text)
+        else:
+            self._write(text)
+
+    def warn(self, text: str) -> None:
+        """Writes a line to stderr."""
+        self._write(printable(text), stream=sys.stderr)
+
+    def table(self, rows: Sequence[Sequence[str]], last_line: str) -> None:
+        """Writes the table, with a line below it."""
+        stream = sys.stderr if self._as_json else sys.stdout
+        cells = [[readable(cell, stream) for cell in row] for row in rows]
+        for line in ("", *plain_table(cells, len(rows[0]) - len(_NUMBERS)), printable(last_line)):
+            self._write(line, stream=stream)
+        self._raise_error()
+
+    def _raise_error(self) -> None:
+        if self._error is not None:
+            raise self._error
+
+    def _write(self, line: str, stream: Optional[TextIO] = None) -> None:
+        stream = stream or sys.stdout
+        try:
+            self._progress.clear()
+            if stream is not sys.stdout:
+                sys.stdout.flush()
+            print(line if self._as_json else readable(line, stream), file=stream)
+        except OSError as error:
+            self._error = self._error or error
+
+
+def row(summary: SignalSummary, several_files: bool) -> SummaryRow:
+    """Returns what the table and the report show of one signal; with `several_files`, also its configuration."""
+    statistics, name = summary.statistics, summary.config.name
+    figures = {**dict.fromkeys(_NUMBERS, ""), "samples": "not recorded"}
+    if summary.recorded:
+        samples, bad = (["-"] * 2) if is_source(name) else map(str, (statistics.samples, statistics.bad_samples))
+        gap_s = statistics.longest_gap_s
+        figures = {
+            "samples": samples,
+            "bad": bad,
+            **range_cells(summary.config, statistics.min, statistics.mean, statistics.max),
+            "longest gap": "-" if gap_s is None else duration_text(gap_s),
+        }
+    file = summary.file if several_files else ""
+    return SummaryRow(name, file, summary.cause, summary.shares, summary.unknown, summary.alerts, figures)
+
+
+def worst_first(rows: Sequence[SummaryRow]) -> List[SummaryRow]:
+    """Returns the rows in the order of badness; those of one signal, which follow each other, stay together."""
+    worst: Dict[str, Tuple[float, ...]] = {}
+    for each in rows:
+        worst[each.signal] = max(each.badness, worst.get(each.signal, ()))
+    return sorted(rows, key=lambda each: worst[each.signal], reverse=True)

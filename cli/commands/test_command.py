@@ -13,11 +13,10 @@ from ...core.values.errors import ConfigError, ServiceError
 from ...core.values.formatting import count_text, printable
 from ...ops.configuration import read_ops
 from ...runtime.interrupts import Interrupts
-from ...runtime.libraries import RECORDINGS, libraries
 from ..arguments import Parser, add, checked, identifier, whole_number
 from ..exit_codes import ExitCode
 from ..history.history_file import add_history_options, history_file, reading_history
-from ..testing.past_alert import PastAlert, alert_test, history_alert
+from ..testing.past_alert import PastAlert, alert_test, black_box_alerts, history_alert
 from ..testing.threshold_cases import Difference, compare, read_tests, run_test
 
 
@@ -70,7 +69,7 @@ def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
         return max(_run_file(file) for file in arguments.files)
     if isinstance(arguments.from_alert, str):
         path, number = arguments.from_alert, arguments.number
-        found = _recorded_alerts(path)
+        found = black_box_alerts(path)
         if number is None and len(found) > 1:
             sys.stderr.write(f"{printable(path)}: has {len(found)} alerts; choose one with --number N:\n")
             for place, each in enumerate(found, 1):
@@ -90,12 +89,6 @@ def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
     return ExitCode.SUCCESS if test.passes else ExitCode.ALERTS
 
 
-def _recorded_alerts(path: str) -> List[PastAlert]:
-    with libraries(*RECORDINGS):
-        from ..testing.black_box_alert import black_box_alerts
-    return black_box_alerts(path)
-
-
 def _in_black_box(alert: PastAlert, ops: Optional[str]) -> Optional[PastAlert]:
     """Returns an alert of a history as its black box has it; None if there is none, or it cannot be read."""
     settings = read_ops(read_yaml(ops)).black_box if ops and alert.black_box else None
@@ -103,7 +96,7 @@ def _in_black_box(alert: PastAlert, ops: Optional[str]) -> Optional[PastAlert]:
     if not os.path.isfile(path):
         return None
     try:
-        found = _recorded_alerts(path)
+        found = black_box_alerts(path)
     except (ConfigError, ServiceError):
         return None
     for each in found:

@@ -1,28 +1,36 @@
 """The unit test of a past alert: its recorded series, the thresholds in force then, and the alert that came.
 
-`history_alert` reads the alert from a history, `black_box_alert.py` from a black box. What they have is written as
-a person would write it: a period and digits that are easy to read. If the alert does not come again with them, its
-exact times and values are tried; if it does not come with those either, something is missing, and is named.
+`history_alert` reads the alert from a history, `black_box_alerts` those of a black box: what a replay announces. What
+they have is written as a person would write it: a period and digits that are easy to read. If the alert does not come
+again with them, its exact times and values are tried; if it does not come with those either, something is missing, and
+is named.
 """
 
 from __future__ import annotations
 
 import math
+import os
 import sqlite3
 from itertools import groupby
 from statistics import median
 from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple, Union
 
 from ...core.config.kept_settings import read_kept, settings_of
-from ...core.config.monitor_config import MonitorConfig, load_config
+from ...core.config.monitor_config import MonitorConfig, Section, load_config, read_monitor
 from ...core.config.signal_config import LINK, LINK_CONFIG, OF_ARRIVALS, SignalConfig, template_name
+from ...core.config.yaml_file import YamlFile, parse_yaml
+from ...core.judge.attachments import STATE, THRESHOLDS, SavedMonitor, read_saved_monitor
 from ...core.judge.continuity import MAX_EVIDENCE
 from ...core.nodes.alert_system import TICK_PERIOD_S
-from ...core.values.errors import ConfigError
+from ...core.values.errors import ConfigError, MessageError
 from ...core.values.formatting import count_text, printable
 from ...core.values.model import Level, Transition
 from ...ops.store import queries
 from ...ops.store.rows import StoredTransition
+from ...recordings.judging import Judge, JudgedEvent, JudgedSample
+from ...recordings.middleware import Player
+from ...recordings.reading import Recordings
+from ..embedded import sections_of_nodes
 from ..history.history_entries import time_text
 from .threshold_cases import TIME_TOLERANCE_S, ThresholdTest, compare, parse_tests, run_test
 
@@ -275,3 +283,75 @@ def history_alert(connection: sqlite3.Connection, number: int) -> PastAlert:
         missing=f"{missing}; {recorder}",
         black_box=transition.black_box,
     )
+
+
+def black_box_alerts(path: str) -> List[PastAlert]:
+    """Returns the alerts that a black box has recorded, in the order in which they came.
+
+    It is judged by its own thresholds, from its own states on.
+
+    Raises:
+        ConfigError: it cannot be read, is no black box, or has no alert that a test can have.
+    """
+    events: List[JudgedEvent] = []
+    samples: Dict[str, List[Tuple[float, float]]] = {}
+
+    def collect(_: str, signal: SignalConfig, sample: JudgedSample) -> None:
+        value = math.nan if sample.value is None else sample.value
+        samples.setdefault(signal.name, []).append((sample.now_s, value))
+
+    with Recordings([path]) as recordings:
+        file, saved = attached(recordings)
+        if file is None:
+            raise ConfigError(f"{FROM_ALERT}: has no thresholds.yaml; expected a black box", file=path)
+        section = sections_of_nodes(file)["alert_system"]
+        with file.located(section.path):
+            config = read_monitor(Section((), section.tree))
+            player = Player(
+                recordings,
+                use_sim_time=section.tree.get("use_sim_time") is True,
+                begin_ns=None if saved is None else round(saved.time_s * 1e9),
+            )
+            begin_s = player.wall_s
+            judge = Judge(player, events.append, collect)
+            judge.add("", section.tree, saved)
+            judge.run()
+    alerts: List[PastAlert] = []
+    for judged in events:
+        transition = judged.event
+        if not isinstance(transition, Transition) or transition.repeat or transition.to_level is Level.OK:
+            continue
+        signal = config.signals.get(template_name(transition.signal))
+        if signal is None or (signal.is_template and signal.name == transition.signal):
+            continue  # a source, the link or a template: they have no samples
+        names = [transition.signal, *depends_on(signal)]
+        before_s = math.ceil(judged.wall_s - begin_s)
+        longer_s = max(needed_before_s(signal), 2 * before_s)
+        alerts.append(
+            PastAlert(
+                title=f"alert {len(alerts) + 1} of {printable(os.path.basename(path))}",
+                transition=transition,
+                wall_s=judged.wall_s,
+                settings=needed_settings(config.signals, transition.signal, config.robot_name),
+                time_s=transition.now_s,
+                samples={each: samples[each] for each in names if each in samples},
+                missing=f"what came before the recording, which begins {before_s} s before it, is missing; "
+                f"black_box: before_s: {longer_s} in ops.yaml would have recorded it",
+            )
+        )
+    if not alerts:
+        raise ConfigError(f"{FROM_ALERT}: gives no alert when it is replayed", file=path)
+    return alerts
+
+
+def attached(recordings: Recordings) -> Tuple[Optional[YamlFile], Optional[SavedMonitor]]:
+    """Returns the thresholds and the states at the beginning that a black box has attached, as far as there are any.
+
+    Raises ConfigError if they cannot be read.
+    """
+    path, texts = recordings.paths[0], {name: each.text for name, each in recordings.attachments.items()}
+    file = parse_yaml(texts[THRESHOLDS], os.path.join(path, THRESHOLDS)) if THRESHOLDS in texts else None
+    try:
+        return file, read_saved_monitor(texts[STATE]) if STATE in texts else None
+    except MessageError as error:
+        raise ConfigError(str(error), file=path) from None

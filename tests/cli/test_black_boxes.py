@@ -51,7 +51,7 @@ def test_replay_uses_what_is_attached(black_box: Path) -> None:
 def test_what_is_attached_needs_no_installed_thresholds(
     black_box: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("robot_health_monitor.cli.replay.find_installed", lambda name: None)
+    monkeypatch.setattr("robot_health_monitor.cli.commands.replay_command.find_installed", lambda name: None)
     assert main(["replay", str(black_box)]) == 1
     assert capsys.readouterr().out.endswith("1 alert\n")
 

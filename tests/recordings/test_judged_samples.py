@@ -20,7 +20,7 @@ from harness.recorded import ROS2, START_NS, Recorded, message_of, write_mcap
 from robot_health_monitor.__main__ import main
 from robot_health_monitor.cli.embedded import sections_of_nodes
 from robot_health_monitor.cli.operations import Operations
-from robot_health_monitor.cli.testing.black_box_alert import attached_file, attached_states
+from robot_health_monitor.cli.testing.past_alert import attached
 from robot_health_monitor.core.config.signal_config import STATISTICS
 from robot_health_monitor.ops.configuration import BlackBoxSettings, HistorySettings, OpsConfig
 from robot_health_monitor.recordings.judging import Judge
@@ -104,11 +104,10 @@ def replayed(file: str, tree: Optional[Mapping[str, Any]] = None) -> Dict[str, T
     """Returns the samples of a replay, as its table has them; of a black box with its own thresholds and states."""
     found = {}
     with Recordings([file]) as recordings:
-        attached = attached_file(recordings)
-        saved = attached_states(recordings)
+        file, saved = attached(recordings)
         begin_ns = None if saved is None else round(saved.time_s * 1e9)
         judge = Judge(Player(recordings, begin_ns=begin_ns), lambda event: None)
-        judge.add("", tree or sections_of_nodes(attached)["alert_system"].tree, saved)
+        judge.add("", tree or sections_of_nodes(file)["alert_system"].tree, saved)
         judge.run()
         for summary in judge.summaries:
             each = summary.statistics

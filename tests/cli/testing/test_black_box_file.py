@@ -7,7 +7,7 @@ from typing import Any, Dict
 import pytest
 
 from robot_health_monitor.cli.embedded import sections_of_nodes
-from robot_health_monitor.cli.testing.black_box_alert import attached_file, attached_states
+from robot_health_monitor.cli.testing.past_alert import attached
 from robot_health_monitor.core.judge.attachments import SavedMonitor
 from robot_health_monitor.core.values.errors import ConfigError
 from robot_health_monitor.recordings.recording import Attachment
@@ -26,13 +26,12 @@ def opened(**texts: str) -> Any:
 
 
 def test_a_recording_without_attachments_is_no_black_box() -> None:
-    assert attached_file(opened()) is None
-    assert attached_states(opened()) is None
+    assert attached(opened()) == (None, None)
 
 
 def test_the_thresholds_are_those_of_alert_system() -> None:
     text = "alert_system:\n  ros__parameters:\n    robot_name: r1\n    signals: {battery: {warn_below: 20.0}}\n"
-    file = attached_file(opened(thresholds_yaml=text))
+    file, _ = attached(opened(thresholds_yaml=text))
     assert file is not None
     assert file.file == "/box/r1.mcap/thresholds.yaml"
     tree: Dict[str, Any] = dict(sections_of_nodes(file)["alert_system"].tree)
@@ -41,7 +40,7 @@ def test_the_thresholds_are_those_of_alert_system() -> None:
 
 def test_the_states_are_those_at_the_beginning() -> None:
     saved = SavedMonitor("r1", 12.5, {"battery": {"since": {"announced": 3.0}}})
-    assert attached_states(opened(state_json=saved.to_json())) == saved
+    assert attached(opened(state_json=saved.to_json())) == (None, saved)
 
 
 @pytest.mark.parametrize(
@@ -52,7 +51,6 @@ def test_the_states_are_those_at_the_beginning() -> None:
     ],
 )
 def test_an_attachment_that_cannot_be_read_is_one_line(texts: Dict[str, str], problem: str) -> None:
-    read: Any = attached_states if "state_json" in texts else attached_file
     with pytest.raises(ConfigError) as caught:
-        read(opened(**texts))
+        attached(opened(**texts))
     assert str(caught.value) == problem

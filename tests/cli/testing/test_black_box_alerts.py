@@ -15,7 +15,7 @@ from harness.black_boxes import RecordedRobot
 from harness.random_black_boxes import random_signal
 
 from robot_health_monitor.__main__ import main
-from robot_health_monitor.cli.testing.black_box_alert import black_box_alerts
+from robot_health_monitor.cli.testing.past_alert import black_box_alerts
 from robot_health_monitor.core import Level
 from robot_health_monitor.core.values.errors import ConfigError
 

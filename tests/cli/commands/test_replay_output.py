@@ -8,8 +8,8 @@ from typing import Any, Callable, List, Mapping, Optional
 
 from harness.recorded import values, write_bag
 
+from robot_health_monitor.cli.commands.replay_command import row, worst_first
 from robot_health_monitor.cli.output.lines import plain_table
-from robot_health_monitor.cli.replay import row, worst_first
 from robot_health_monitor.core.config.signal_config import read_signal
 from robot_health_monitor.core.values.model import Level
 from robot_health_monitor.recordings.judging import SignalStatistics, SignalSummary
