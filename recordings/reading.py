@@ -12,7 +12,6 @@ from itertools import chain
 from operator import itemgetter
 from typing import Any, Collection, Iterator, List, Mapping, Optional, Sequence, Tuple
 
-from ..core.config.yaml_loader import load
 from ..core.values.errors import ConfigError, Problems
 from ..runtime.libraries import RECORDINGS, libraries
 from .recording import LARGEST, Attachment, Channel, RawMessage, RecordedFile, RecordingError, Span, Target, log_time
@@ -177,6 +176,8 @@ class Recordings:
         return [self._open_file(os.path.join(path, name)) for name in present]
 
     def _read_metadata(self, path: str) -> Mapping[str, Any]:
+        from ..core.config.yaml_loader import load  # here, so that --help does not need PyYAML
+
         file = os.path.join(path, _METADATA)
         with contextlib.suppress(OSError, ConfigError, LookupError, TypeError, ValueError, RecursionError):
             if os.path.isfile(file):
