@@ -7,8 +7,6 @@ import re
 from itertools import chain, groupby
 from typing import Any, Dict, Iterable, List, Mapping, Tuple
 
-import yaml
-
 from ..values.formatting import count_text, duration_text, list_text, number_text, printable
 from .proposal import ORDER, Proposed
 from .suggestion import Signal
@@ -112,15 +110,13 @@ def _unit(settings: Mapping[str, Any]) -> str:
     )
 
 
-class _Dumper(yaml.SafeDumper):
-    """Writes values for the parsers of both versions of ROS."""
-
-
-_ONE_LINE: Mapping[str, Any] = {"default_flow_style": True, "sort_keys": False, "width": math.inf}
-_Dumper.add_implicit_resolver("tag:yaml.org,2002:bool", re.compile(r"[yYnN]\Z"), list("yYnN"))  # as in YAML 1.1
-
-
 def yaml_text(value: Any) -> str:
     """Returns a value as YAML on one line."""
-    text: str = yaml.dump([value], Dumper=_Dumper, **_ONE_LINE)
+    import yaml  # here, so that --help does not need PyYAML
+
+    class Dumper(yaml.SafeDumper):
+        """Writes values for the parsers of both versions of ROS."""
+
+    Dumper.add_implicit_resolver("tag:yaml.org,2002:bool", re.compile(r"[yYnN]\Z"), list("yYnN"))  # as in YAML 1.1
+    text: str = yaml.dump([value], Dumper=Dumper, default_flow_style=True, sort_keys=False, width=math.inf)
     return text[1:-2]
