@@ -15,7 +15,7 @@ from ..core.config.signal_config import LINK, SignalConfig, read_signal, templat
 from ..core.judge.attachments import TICKS, SavedMonitor
 from ..core.judge.element_signals import own_config
 from ..core.judge.monitor import Monitor
-from ..core.judge.sample_summary import SampleCollector, WallClock
+from ..core.judge.sample_summary import NO_SAMPLES, SampleCollector, SampleSummary
 from ..core.judge.signal_monitor import SignalMonitor
 from ..core.judge.sources import is_source
 from ..core.nodes import AlertSystem
@@ -52,47 +52,9 @@ class JudgedSample(NamedTuple):
     """Value of the statistic that the bounds apply to; None for a bad sample, and while it is undefined."""
 
 
-class SignalStatistics:
-    """Number, range, mean and longest gap of one signal's samples over a whole recording."""
-
-    def __init__(self) -> None:
-        """Starts before the first sample."""
-        self.samples = 0
-        """With the bad ones."""
-        self.bad_samples = 0
-        self.min: Optional[float] = None
-        """Smallest value of the signal's statistic, in its unit (`judged_unit`); None if it was never defined."""
-        self.max: Optional[float] = None
-        self.longest_gap_s: Optional[float] = None
-        """Between two samples in a row; None with fewer than two."""
-        self._last_s: Optional[float] = None
-        self._mean = 0.0
-        self._ranged = 0
-
-    @property
-    def mean(self) -> Optional[float]:
-        """Of the values of the statistic at the samples."""
-        # Rounding must not carry it beyond the samples.
-        return None if self.min is None or self.max is None else min(max(self._mean, self.min), self.max)
-
-    def add(self, played_s: float, value: Optional[float], good: bool) -> None:
-        """Adds a sample that came after the others; the value of the statistic is None while it is undefined."""
-        self.samples += 1
-        if self._last_s is not None:
-            self.longest_gap_s = max(self.longest_gap_s or 0.0, played_s - self._last_s)
-        self._last_s = played_s
-        if not good:
-            self.bad_samples += 1
-        elif value is not None:
-            self.min = value if self.min is None else min(self.min, value)
-            self.max = value if self.max is None else max(self.max, value)
-            self._ranged += 1
-            self._mean += value / self._ranged - self._mean / self._ranged  # a difference could overflow
-
-
 @dataclass
 class SignalSummary:
-    """How one configuration judged one signal; shares, `unknown` and `cause` are there after `finish`.
+    """How one configuration judged one signal; samples, shares, `unknown` and `cause` are there after `finish`.
 
     Times are log times minus the time that was skipped before them.
     """
@@ -103,7 +65,10 @@ class SignalSummary:
     recorded: bool  # whether the recordings have its topic, with its type
     missing: str
     """Why it was not judged: it is not recorded, or has no sample that can be read; empty if it was."""
-    statistics: SignalStatistics = field(default_factory=SignalStatistics)
+    samples: SampleSummary = NO_SAMPLES
+    """All of them; the values are those of the signal's statistic, in its unit (`judged_unit`)."""
+    longest_gap_s: Optional[float] = None
+    """Between two samples in a row; None with fewer than two."""
     shares: Mapping[Level, float] = field(default_factory=dict)
     """Share of the recorded time per announced level, 0 to 1; empty if it was never known."""
     unknown: float = 1.0
@@ -116,11 +81,17 @@ class SignalSummary:
     since_s: Optional[float] = None  # since when it is known that it has this level
     begun_s: float = -math.inf  # when its latest alert began
     caused: Tuple[float, str] = (-math.inf, "")  # begin and name of the latest alert of which it was an effect
+    _collector: SampleCollector = field(default_factory=SampleCollector)
+    _last_s: float = math.nan
+    """When the latest sample came."""
     _lasted_s: Dict[Level, float] = field(default_factory=lambda: dict.fromkeys(Level, 0.0))
 
     def note_sample(self, played_s: float, value: Optional[float], good: bool) -> None:
         """Notes a sample; with the first one it is OK, unless an alert came before."""
-        self.statistics.add(played_s, value, good)
+        self._collector.note(value, played_s, good=good)
+        if not math.isnan(self._last_s):
+            self.longest_gap_s = max(self.longest_gap_s or 0.0, played_s - self._last_s)
+        self._last_s = played_s
         if self.since_s is None:
             self.since_s = played_s
 
@@ -147,7 +118,8 @@ class SignalSummary:
         self.unknown = 0.0 if unknown < 1e-9 else unknown
         if known_s <= self._lasted_s[Level.OK]:
             self.cause = self.caused[1]
-        if not self.statistics.samples and not is_source(self.config.name):
+        (self.samples,) = self._collector.take(math.inf) or [NO_SAMPLES]
+        if self.samples is NO_SAMPLES and not is_source(self.config.name):
             self.missing = self.missing or f"{self.topic} has no samples"
 
     def _end_level(self, played_s: float) -> None:
@@ -297,7 +269,7 @@ class _Collector(SampleCollector):
     """Passes on what a signal's monitor made of its samples."""
 
     def __init__(self, note_sample: Callable[[Optional[float], float, bool], None]) -> None:
-        super().__init__(WallClock(0.0))
+        super().__init__()
         self._note_sample = note_sample
 
     def note(self, value: Optional[float], now_s: float, *, good: bool = True) -> None:

@@ -345,15 +345,15 @@ class ReplayOutput:
 
 def row(summary: SignalSummary, several_files: bool) -> SummaryRow:
     """Returns what the table and the report show of one signal; with `several_files`, also its configuration."""
-    statistics, name = summary.statistics, summary.config.name
+    samples, name = summary.samples, summary.config.name
     figures = {**dict.fromkeys(_NUMBERS, ""), "samples": "not recorded"}
     if summary.recorded:
-        samples, bad = (["-"] * 2) if is_source(name) else map(str, (statistics.samples, statistics.bad_samples))
-        gap_s = statistics.longest_gap_s
+        number, bad = (["-"] * 2) if is_source(name) else map(str, (samples.good + samples.bad, samples.bad))
+        gap_s = summary.longest_gap_s
         figures = {
-            "samples": samples,
+            "samples": number,
             "bad": bad,
-            **range_cells(summary.config, statistics.min, statistics.mean, statistics.max),
+            **range_cells(summary.config, samples.least, samples.mean, samples.most),
             "longest gap": "-" if gap_s is None else duration_text(gap_s),
         }
     file = summary.file if several_files else ""

@@ -39,6 +39,9 @@ class SampleSummary(NamedTuple):
     """The worst level."""
 
 
+NO_SAMPLES = SampleSummary(0.0, None, None, None, None, 0, 0, Level.OK)
+
+
 class WallClock:
     """What wall time is, by the monitor's clock; one for all signals of a monitor."""
 
@@ -57,12 +60,14 @@ class SampleCollector:
         "_number", "_waiting",
     )  # fmt: skip
 
-    def __init__(self, clock: WallClock) -> None:
-        """Starts without a period; the owner of `clock` corrects it when the wall clock is set."""
-        self._clock = clock
+    def __init__(self, clock: Optional[WallClock] = None) -> None:
+        """Starts without a period; the owner of `clock` corrects it when the wall clock is set. None: one, endless."""
+        self._clock = clock or WallClock(0.0)
         self._waiting: List[SampleSummary] = []
         self._end_s = math.inf
         self._clear()
+        if clock is None:
+            self._begin_s = -math.inf
 
     def _clear(self) -> None:
         """Leaves no period open."""
@@ -115,7 +120,7 @@ class SampleCollector:
     def _close(self) -> None:
         if self._level is not None or self._good + self._bad:
             start_s, level, last = self._number * PERIOD_S, self._level or Level.OK, self._last
-            summary = SampleSummary(start_s, None, None, None, None, self._good, self._bad, level)
+            summary = NO_SAMPLES._replace(start_s=start_s, good=self._good, bad=self._bad, level=level)
             if last is not None:
                 summary = summary._replace(least=self._least, most=self._most, mean=self._mean, last=last)
             self._waiting.append(summary)

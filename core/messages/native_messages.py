@@ -8,6 +8,7 @@ rclpy passes wrong values to C. So every value is checked and converted here, by
 from __future__ import annotations
 
 import base64
+import contextlib
 import functools
 import importlib
 import math
@@ -16,13 +17,13 @@ import os
 import re
 import sys
 from array import array
-from typing import Any, Dict, Mapping, Optional, Sequence, Tuple
+from typing import Any, Dict, Mapping, Sequence, Tuple
 
 from ..values.errors import ConfigError, MessageError
 from ..values.field_path import Getter
 from ..values.formatting import describe
 from ..values.names import split_type_name
-from .definitions import OTHER_NAMES, SEQUENCE, Field
+from .definitions import NUMBERS, OTHER_NAMES, SEQUENCE, Field
 from .dialect import Dialect, Message
 
 _INTEGER_RANGES: Mapping[str, Tuple[int, int]] = {
@@ -136,9 +137,11 @@ class NativeMessages:
             values = _bytes_from(found) if field.kind in _BYTES else found
             if isinstance(values, (str, Mapping)) or not hasattr(values, "__iter__"):
                 raise MessageError(f"expected a list, got {describe(found)}")
-            elements = _plain_elements(field.kind, values)
-            if elements is None:
-                elements = [write_one(value) for value in values]
+            elements: Sequence[Any]
+            if field.kind == "uint8" and isinstance(values, bytes):
+                elements = values
+            else:
+                elements = _numbers(field.kind, values) or [write_one(value) for value in values]
             if size not in (SEQUENCE, len(elements)):
                 raise MessageError(f"expected {size} elements, got {len(elements)}")
             if most is not None and len(elements) > most:
@@ -157,21 +160,12 @@ def bytes_as_text(values: Any) -> str:
     return base64.b64encode(bytes(values)).decode("ascii")
 
 
-def _plain_elements(kind: str, values: Any) -> Optional[Sequence[Any]]:
-    """Returns the elements of an array without a call for each, as a picture has a million; None if that is needed."""
-    if kind == "uint8" and isinstance(values, bytes):
-        return values
-    if not isinstance(values, (list, tuple)):
-        return None
-    types = set(map(type, values))
-    if kind in _INTEGER_RANGES and kind != "octet" and types == {int}:
-        low, high = _INTEGER_RANGES[kind]
-        return list(values) if low <= min(values) and max(values) <= high else None
-    if kind == "float64" and types == {float}:
-        return list(values)
-    if kind == "float32" and types == {float}:
-        return array("f", values).tolist()
-    return None
+def _numbers(kind: str, values: Any) -> Sequence[Any]:
+    """Returns the numbers of an array without a call for each, as a cloud has a million; none if that is needed."""
+    if isinstance(values, (list, tuple)) and set(map(type, values)) in ({int}, {float}):
+        with contextlib.suppress(KeyError, OverflowError, TypeError, ValueError):
+            return array(NUMBERS[kind], values).tolist()
+    return ()
 
 
 def _integer(kind: str, found: Any) -> int:

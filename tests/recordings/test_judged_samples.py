@@ -110,8 +110,8 @@ def replayed(file: str, tree: Optional[Mapping[str, Any]] = None) -> Dict[str, T
         judge.add("", tree or sections_of_nodes(file)["alert_system"].tree, saved)
         judge.run()
         for summary in judge.summaries:
-            each = summary.statistics
-            found[summary.config.name] = Totals(each.samples - each.bad_samples, each.bad_samples, each.min, each.max)
+            each = summary.samples
+            found[summary.config.name] = Totals(each.good, each.bad, each.least, each.most)
     return found
 
 

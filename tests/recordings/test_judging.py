@@ -10,7 +10,9 @@ import pytest
 from harness.recorded import ROS1, ROS2, START_NS, Recorded, message_of, values, write_bag, write_mcap
 
 from robot_health_monitor.core import Monitor, Sample, load_config
+from robot_health_monitor.core.config.signal_config import read_signal
 from robot_health_monitor.core.judge.attachments import SavedMonitor
+from robot_health_monitor.core.judge.sample_summary import SampleSummary
 from robot_health_monitor.core.nodes.outlets import Notice
 from robot_health_monitor.core.port.middleware import Severity
 from robot_health_monitor.core.values.model import Level, Status, Transition
@@ -19,7 +21,6 @@ from robot_health_monitor.recordings.judging import (
     Judge,
     JudgedEvent,
     JudgedSample,
-    SignalStatistics,
     SignalSummary,
 )
 from robot_health_monitor.recordings.middleware import Player
@@ -79,9 +80,9 @@ def test_a_battery_that_falls_and_recovers(tmp_path: Path) -> None:
     summary = result.summaries["a", "battery"]
     assert (summary.recorded, summary.topic, summary.alerts) == (True, "/battery", 1)
     assert summary.shares == pytest.approx({Level.OK: 0.75, Level.WARN: 0.25, Level.ERROR: 0.0, Level.STALE: 0.0})
-    statistics = summary.statistics
-    assert (statistics.samples, statistics.min, statistics.max, statistics.longest_gap_s) == (41, 10.0, 50.0, 1.0)
-    assert statistics.mean == pytest.approx((31 * 50.0 + 10 * 10.0) / 41)
+    samples = summary.samples
+    assert (samples.good, samples.least, samples.most, summary.longest_gap_s) == (41, 10.0, 50.0, 1.0)
+    assert samples.mean == pytest.approx((31 * 50.0 + 10 * 10.0) / 41)
 
 
 def test_silence_is_stale_but_the_end_of_the_recording_is_not(tmp_path: Path) -> None:
@@ -106,7 +107,7 @@ def test_a_topic_that_is_not_recorded_raises_no_alert(tmp_path: Path) -> None:
     result = judge(tmp_path, values("/battery", [50.0] * 60), both)
     assert result.transitions == []
     summary = result.summaries["a", "gps"]
-    assert (summary.recorded, summary.alerts, summary.shares, summary.statistics.samples) == (False, 0, {}, 0)
+    assert (summary.recorded, summary.alerts, summary.shares, summary.samples.good) == (False, 0, {}, 0)
     assert summary.unknown == 1.0
 
 
@@ -122,7 +123,7 @@ def test_two_configurations_are_judged_in_one_pass(tmp_path: Path) -> None:
     strict = {"signals": {"battery": {"type": "std_msgs/Float32", "warn_below": 40.0}}}
     result = judge(tmp_path, values("/battery", [50.0, 30.0, 10.0]), BATTERY, strict)
     assert result.transitions == [(1.0, "b", "battery", "WARN"), (2.0, "a", "battery", "WARN")]
-    assert [result.summaries[file, "battery"].statistics.samples for file in "ab"] == [3, 3]
+    assert [result.summaries[file, "battery"].samples.good for file in "ab"] == [3, 3]
 
 
 def test_samples_are_those_of_the_signal_in_its_unit(tmp_path: Path) -> None:
@@ -139,7 +140,7 @@ def test_samples_are_those_of_the_statistic_that_is_judged(tmp_path: Path) -> No
     shown = [pair for pair in result.samples["a", "battery"] if pair[1] == pair[1]]
     # The mean of the last 2 s, bounds included; undefined until samples have come for 1 s.
     assert shown == [(1.0, 3.0), (2.0, 4.0), (3.0, 6.0)]
-    assert result.summaries["a", "battery"].statistics.max == 6.0  # the mean of 4 to 8
+    assert result.summaries["a", "battery"].samples.most == 6.0  # the mean of 4 to 8
 
 
 def test_a_forecast_is_shown_by_the_values_that_it_follows_from(tmp_path: Path) -> None:
@@ -150,18 +151,18 @@ def test_a_forecast_is_shown_by_the_values_that_it_follows_from(tmp_path: Path) 
     found = judge(tmp_path, messages, {"signals": signals})
     summary = found.summaries["a", "soon"]
     assert [value for _, value in found.samples["a", "soon"]] == [60.0 - 0.5 * second for second in range(51)]
-    assert summary.statistics.min == pytest.approx(15.0)
+    assert summary.samples.least == pytest.approx(15.0)
 
 
 def test_arrivals_are_counted_where_no_field_is_read(tmp_path: Path) -> None:
     config = {"signals": {"battery": {"field": "", "type": "std_msgs/Float32"}}}
-    statistics = judge(tmp_path, values("/battery", [7.0, 8.0, 9.0]), config).summaries["a", "battery"].statistics
-    assert (statistics.samples, statistics.min, statistics.max) == (3, 1.0, 1.0)
+    samples = judge(tmp_path, values("/battery", [7.0, 8.0, 9.0]), config).summaries["a", "battery"].samples
+    assert (samples.good, samples.least, samples.most) == (3, 1.0, 1.0)
 
 
 def test_every_sample_is_passed_on(tmp_path: Path) -> None:
     result = judge(tmp_path, values("/battery", [50.0] * 10_000, period_s=0.01), BATTERY)
-    assert result.summaries["a", "battery"].statistics.samples == 10_000
+    assert result.summaries["a", "battery"].samples.good == 10_000
     assert len(result.samples["a", "battery"]) == 10_000
 
 
@@ -196,7 +197,7 @@ def test_the_time_between_two_recordings_is_no_silence(tmp_path: Path) -> None:
     # 9 s and 7 s are recorded; WARN lasts 4 s of the first and 5 s of the second.
     summary = result.summaries["a", "battery"]
     assert (summary.shares[Level.OK], summary.shares[Level.WARN]) == pytest.approx((7 / 16, 9 / 16))
-    assert summary.statistics.longest_gap_s == 1.0
+    assert summary.longest_gap_s == 1.0
 
 
 def test_time_before_the_first_sample_is_unknown_in_a_second_recording_either(tmp_path: Path) -> None:
@@ -227,44 +228,46 @@ def test_recordings_that_overlap_have_no_gap(tmp_path: Path) -> None:
     assert levels == ["STALE", "OK", "STALE"]
 
 
-def statistics(*values: Optional[float]) -> SignalStatistics:
-    """Returns the statistics of values that came every second; None is bad."""
-    found = SignalStatistics()
-    for second, value in enumerate(values):
-        found.add(float(second), value, value is not None)
+def noted(*samples: Tuple[float, Optional[float], bool]) -> SignalSummary:
+    """Returns the summary of samples: time in s, value and whether it is good."""
+    found = SignalSummary("a", read_signal("battery", {}), "/battery", True, "")
+    for sample in samples:
+        found.note_sample(*sample)
+    found.finish(0.0, 100.0)
     return found
+
+
+def statistics(*values: Optional[float]) -> SampleSummary:
+    """Returns the statistics of values that came every second; None is bad."""
+    return noted(*((float(second), value, value is not None) for second, value in enumerate(values))).samples
 
 
 def test_range_and_mean_are_those_of_all_good_samples() -> None:
     found = statistics(1.0, 2.0, 9.0, 4.0, None, 4.0)
-    assert (found.samples, found.bad_samples, found.min, found.max, found.mean) == (6, 1, 1.0, 9.0, 4.0)
+    assert (found.good, found.bad, found.least, found.most, found.mean) == (5, 1, 1.0, 9.0, 4.0)
 
 
 def test_a_statistic_that_is_not_defined_yet_is_a_good_sample_without_a_value() -> None:
-    found = SignalStatistics()
-    found.add(0.0, None, True)
-    assert (found.samples, found.bad_samples, found.min, found.mean) == (1, 0, None, None)
+    found = noted((0.0, None, True)).samples
+    assert (found.good, found.bad, found.least, found.mean) == (1, 0, None, None)
 
 
 def test_without_samples_nothing_is_known() -> None:
-    found = statistics()
-    assert (found.samples, found.min, found.mean, found.max, found.longest_gap_s) == (0, None, None, None, None)
+    found = noted()
+    assert found.samples == (0.0, None, None, None, None, 0, 0, Level.OK)
+    assert (found.longest_gap_s, found.missing) == (None, "/battery has no samples")
 
 
 def test_the_longest_gap_is_that_between_two_samples_in_a_row() -> None:
-    found = SignalStatistics()
-    for time_s in (0.0, 1.0, 31.0, 33.0, 34.0):
-        found.add(time_s, 0.0, True)
-    assert found.longest_gap_s == 30.0
+    assert noted(*((time_s, 0.0, True) for time_s in (0.0, 1.0, 31.0, 33.0, 34.0))).longest_gap_s == 30.0
 
 
 def test_one_sample_has_no_gap() -> None:
-    assert statistics(1.0).longest_gap_s is None
+    assert noted((5.0, 1.0, True)).longest_gap_s is None
 
 
 def test_the_mean_of_the_largest_doubles_is_a_double() -> None:
-    found = statistics(*[1.7e308] * 13)
-    assert found.mean == pytest.approx(1.7e308)
+    assert statistics(*[1.7e308] * 13).mean == pytest.approx(1.7e308)
 
 
 def announced(wall_s: float, file: str, level: Level, signal: str = "battery", text: str = "") -> JudgedEvent:
@@ -349,9 +352,9 @@ def test_each_element_is_a_signal_of_its_own(tmp_path: Path) -> None:
     lidar, motor = (result.summaries["a", f"drivers[{name}]"] for name in ("lidar", "motor"))
     assert (lidar.alerts, motor.alerts) == (1, 0)
     assert lidar.shares[Level.ERROR] == pytest.approx(0.25)
-    assert (lidar.statistics.samples, lidar.statistics.bad_samples, lidar.statistics.max) == (21, 0, 2.0)
+    assert (lidar.samples.good, lidar.samples.bad, lidar.samples.most) == (21, 0, 2.0)
     assert result.samples["a", "drivers[lidar]"][4:6] == [(4.0, 0.0), (5.0, 2.0)]
-    assert (result.summaries["a", "drivers"].statistics.max, result.summaries["a", "drivers"].missing) == (2.0, "")
+    assert (result.summaries["a", "drivers"].samples.most, result.summaries["a", "drivers"].missing) == (2.0, "")
 
 
 def test_elements_beyond_the_limit_are_not_measured(tmp_path: Path) -> None:
@@ -359,7 +362,7 @@ def test_elements_beyond_the_limit_are_not_measured(tmp_path: Path) -> None:
     signals = {"drivers": {**drivers, "max_elements": 1, "statistic": "mean", "window_s": 4.0}}
     result = judge(tmp_path, [diagnostics(float(n), lidar=n % 2, motor=0) for n in range(9)], {"signals": signals})
     assert [name for _, name in result.summaries] == ["drivers", "drivers[lidar]"]
-    assert result.summaries["a", "drivers[lidar]"].statistics.max == pytest.approx(0.6)
+    assert result.summaries["a", "drivers[lidar]"].samples.most == pytest.approx(0.6)
 
 
 def state_of_a_low_battery() -> Dict[str, Any]:

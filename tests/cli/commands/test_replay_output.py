@@ -12,7 +12,7 @@ from robot_health_monitor.cli.commands.replay_command import row, worst_first
 from robot_health_monitor.cli.output.lines import plain_table
 from robot_health_monitor.core.config.signal_config import read_signal
 from robot_health_monitor.core.values.model import Level
-from robot_health_monitor.recordings.judging import SignalStatistics, SignalSummary
+from robot_health_monitor.recordings.judging import SignalSummary
 
 THRESHOLDS = """
 alert_system:
@@ -80,11 +80,13 @@ def summary(
 ) -> SignalSummary:
     """Returns the summary of a battery with the values 10, 20 and 60."""
     config = read_signal("battery", {"unit": "%"})
-    statistics = SignalStatistics()
+    found = SignalSummary("a.yaml", config, "/battery", recorded, "", alerts=2)
     if samples:
         for time_s, number in ((0.0, 10.0), (1.0, 20.0), (701.0, 60.0)):
-            statistics.add(time_s, number, True)
-    return SignalSummary("a.yaml", config, "/battery", recorded, "", statistics, shares or {}, unknown, 2)
+            found.note_sample(time_s, number, True)
+    found.finish(0.0, 1000.0)
+    found.shares, found.unknown = shares or {}, unknown
+    return found
 
 
 HEADS = (
