@@ -87,7 +87,7 @@ class Channels:
                 if len(others) >= MOST_OF_TOPIC:
                     self._warn(f"the server offers more than {MOST_OF_TOPIC} channels of one topic")
                     continue
-                self._channels[channel.id] = channel._replace(schema=self._known_schema(channel))
+                self._channels[channel.id] = self._with_known_schema(channel)
                 self._by_topic[channel.topic] = (*others, channel.id)
                 self._serve(channel.id)
 
@@ -119,23 +119,24 @@ class Channels:
         """Returns why a topic brings no samples, None if nothing is known; see `core/port/hints.py`."""
         with self._lock:
             offered = [self._channels[id] for id in self._by_topic.get(topic, ())]  # noqa: A001
-            types = {name: channel.type_name for name, channel in self.topics().items()}
+            types = {name: channel.raw_format.type_name for name, channel in self.topics().items()}
         problems = [channel.problem for channel in offered]
         if offered and all(problems):
             return printable(problems[0])
         similar = () if offered else similar_topics(topic, type_name, types, own)
-        return explain(topic, type_name, [channel.type_name for channel in offered], similar)
+        return explain(topic, type_name, [channel.raw_format.type_name for channel in offered], similar)
 
-    def _known_schema(self, channel: Channel) -> str:
-        """Returns a schema, the same object for all channels that have it; empty once they take too much memory."""
-        text = self._schemas.get(channel.schema)
-        if text is None:
-            if self._schema_chars + len(channel.schema) > _MOST_SCHEMA_CHARS:
-                self._warn("the server's schemas take too much memory; some messages cannot be read")
-                return ""
-            text = self._schemas[channel.schema] = channel.schema
+    def _with_known_schema(self, channel: Channel) -> Channel:
+        """Returns a channel whose schema is one object for all that have it; empty once they take too much memory."""
+        schema = channel.raw_format.schema
+        text = self._schemas.get(schema)
+        if text is None and self._schema_chars + len(schema) > _MOST_SCHEMA_CHARS:
+            self._warn("the server's schemas take too much memory; some messages cannot be read")
+            text = ""
+        elif text is None:
+            text = self._schemas[schema] = schema
             self._schema_chars += len(text)
-        return text
+        return channel._replace(raw_format=channel.raw_format._replace(schema=text))
 
     def _update(self, topic: str) -> None:
         for channel_id in self._by_topic.get(topic, ()):

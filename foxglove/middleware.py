@@ -41,8 +41,9 @@ class FoxgloveClient(BridgeClient["FoxgloveMiddleware"]):
         known = []
         for channel in self.connection.channels.topics().values():
             if not channel.problem:
-                schema = "" if channel.encoding == "json" else channel.schema
-                known.append(KnownTopic(channel.topic, channel.type_name, schema, channel.form))
+                raw = channel.raw_format
+                definition = () if raw.message_encoding == "json" else (raw.schema, raw.schema_encoding)
+                known.append(KnownTopic(channel.topic, raw.type_name, *definition))
         return known
 
 
@@ -61,7 +62,7 @@ class FoxgloveMiddleware(BridgeNode):
         return _Receiver(self, topic, type_name, field, callback, is_raw)
 
     def topic_types(self) -> Mapping[str, str]:
-        return {topic: channel.type_name for topic, channel in self._channels.topics().items()}
+        return {topic: channel.raw_format.type_name for topic, channel in self._channels.topics().items()}
 
     def look_up_silence(self, topic: str, type_name: str, answer: Answer) -> None:
         own = self.own_topics()
@@ -95,8 +96,9 @@ class _Receiver(BridgeReceiver):
 
     def bind(self, channel: Channel, messages: SerializedType) -> Optional[Callable[[bytes], None]]:
         """Returns what is called with each message of a channel; None, after one ERROR line, if it cannot be read."""
-        if self._type_name and channel.type_name and channel.type_name != self._type_name:
-            problem = f"{self.topic}: expected messages of type {self._type_name}, got {channel.type_name}"
+        type_name = channel.raw_format.type_name
+        if self._type_name and type_name not in ("", self._type_name):
+            problem = f"{self.topic}: expected messages of type {self._type_name}, got {type_name}"
         else:
             try:
                 return self._taker(channel, messages)
@@ -115,7 +117,7 @@ class _Receiver(BridgeReceiver):
         if self._field is None:
             return lambda data: self._node.call_back(self, 1.0)
         get = messages.field_getter(self._field)
-        largest_bytes = _LARGEST_JSON_BYTES if channel.encoding == "json" else math.inf
+        largest_bytes = _LARGEST_JSON_BYTES if raw.message_encoding == "json" else math.inf
 
         def take(data: bytes) -> None:
             value: Any = ABSENT  # a message that cannot be read is a sign of life

@@ -13,7 +13,6 @@ from typing import Any, Iterator, List, Mapping, NamedTuple, Optional, Sequence,
 
 from ..core.messages.raw_messages import RawFormat
 from ..core.values.errors import MessageError
-from ..core.values.names import canonical_type, split_type_name
 
 SUBPROTOCOLS = ("foxglove.sdk.v1", "foxglove.websocket.v1")
 """WebSocket subprotocols, the current one first; a server answers with the one that it speaks."""
@@ -39,38 +38,18 @@ class Channel(NamedTuple):
 
     id: int
     topic: str
-    encoding: str
-    """Of messages: `cdr`, `ros1`, `json`, or another."""
-    schema_name: str
-    """The type of messages, as the server spells it."""
-    schema_encoding: str
-    schema: str
-    """The definition of the type; empty if the server sends none."""
-
-    @property
-    def type_name(self) -> str:
-        """The type as `package/Type`; empty if the name of the schema is no type of ROS, as JSON may have it."""
-        return canonical_type(self.schema_name) if split_type_name(self.schema_name) else ""
-
-    @property
-    def form(self) -> str:
-        """The format of the schema, `msg` or `idl`."""
-        return "idl" if self.schema_encoding == "ros2idl" else "msg"
+    raw_format: RawFormat
+    """That of its messages. The encodings may be others than those that can be read."""
 
     @property
     def problem(self) -> str:
         """Why its messages cannot be read, empty if they can."""
-        if self.encoding not in _SCHEMA_ENCODINGS:
-            return f"its messages have the encoding {self.encoding or 'of no name'}, which is not supported"
-        if self.schema_encoding not in _SCHEMA_ENCODINGS[self.encoding]:
-            return f"its schema has the encoding {self.schema_encoding}, which is not supported"
+        encoding, _, schema_encoding, *_ = self.raw_format
+        if encoding not in _SCHEMA_ENCODINGS:
+            return f"its messages have the encoding {encoding or 'of no name'}, which is not supported"
+        if schema_encoding not in _SCHEMA_ENCODINGS[encoding]:
+            return f"its schema has the encoding {schema_encoding}, which is not supported"
         return ""
-
-    @property
-    def raw_format(self) -> RawFormat:
-        """The format of its messages as bytes."""
-        profile = _PROFILES.get(self.encoding, "")
-        return RawFormat(self.encoding, self.schema_name, self.schema_encoding, self.schema, profile)
 
 
 class ServerMessage(NamedTuple):
@@ -143,10 +122,11 @@ def _channels(offered: Sequence[Any]) -> Iterator[Channel]:
         if not isinstance(each, dict) or not _is_id(each.get("id")):
             continue
         texts = [each.get(key) or "" for key in ("topic", "encoding", "schemaName", "schemaEncoding", "schema")]
-        topic, encoding, schema_name, schema_encoding, schema = texts
+        topic, encoding, name, schema_encoding, schema = texts
         if all(isinstance(text, str) for text in texts) and topic and max(map(len, texts[:4])) <= _LONGEST_NAME:
             known = _SCHEMA_ENCODINGS.get(encoding, ("",))
-            yield Channel(each["id"], topic, encoding, schema_name, schema_encoding or known[0], schema)
+            profile = _PROFILES.get(encoding, "")
+            yield Channel(each["id"], topic, RawFormat(encoding, name, schema_encoding or known[0], schema, profile))
 
 
 def _is_id(value: object) -> bool:

@@ -47,10 +47,10 @@ class KnownTopic(NamedTuple):
     topic: str
     type_name: str
     """`package/Type`; empty where the server does not know it."""
-    definition: str
+    definition: str = ""
     """The definition of the type with those that it contains, as from `gendeps --cat`; empty if the server has none."""
     form: str = "msg"
-    """The format of the definition, `msg` or `idl`."""
+    """The format of the definition, whose name ends with `msg` or `idl`."""
 
 
 class BridgeClient(abc.ABC, Generic[Node]):

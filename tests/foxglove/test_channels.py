@@ -8,6 +8,7 @@ from typing import Any, Callable, List, Optional
 
 import pytest
 
+from robot_health_monitor.core.messages.raw_messages import RawFormat
 from robot_health_monitor.core.values.errors import ConfigError
 from robot_health_monitor.foxglove.channels import MOST_CHANNELS, Channels
 from robot_health_monitor.foxglove.protocol import Channel
@@ -16,7 +17,8 @@ FLOAT32 = "std_msgs/msg/Float32"
 
 
 def channel(number: int, topic: str = "/battery", **changes: Any) -> Channel:
-    return Channel(number, topic, "cdr", FLOAT32, "ros2msg", "float32 data\n")._replace(**changes)
+    raw_format = RawFormat("cdr", FLOAT32, "ros2msg", "float32 data\n", "ros2")
+    return Channel(number, topic, raw_format._replace(**changes))
 
 
 def cdr(value: float) -> bytes:
@@ -160,7 +162,9 @@ def test_equal_schemas_are_kept_once_and_different_ones_are_bounded() -> None:
     assert server.warnings == []
     server.channels.advertise(channel(100 + number, f"/u{number}", schema=f"{large}{number}") for number in range(25))
     assert set(server.warnings) == {"the server's schemas take too much memory; some messages cannot be read"}
-    assert sum(bool(found.schema) for topic, found in server.channels.topics().items() if topic[1] == "u") <= 20
+    assert (
+        sum(bool(found.raw_format.schema) for topic, found in server.channels.topics().items() if topic[1] == "u") <= 20
+    )
 
 
 @pytest.mark.parametrize(
@@ -200,7 +204,11 @@ def test_bytes_that_are_no_message_of_the_type_do_not_pass() -> None:
             "sensor_msgs/Temperature",
             "/battery is published as std_msgs/Float32, configured as sensor_msgs/Temperature",
         ),
-        ([channel(1, encoding="protobuf")], "", "its messages have the encoding protobuf, which is not supported"),
+        (
+            [channel(1, message_encoding="protobuf")],
+            "",
+            "its messages have the encoding protobuf, which is not supported",
+        ),
     ],
 )
 def test_hints_say_why_a_topic_is_silent(offered: List[Channel], wanted: str, hint: Optional[str]) -> None:
@@ -221,15 +229,15 @@ def test_hints_say_why_a_topic_is_silent(offered: List[Channel], wanted: str, hi
             cdr(20.5),
         ),
         (
-            {"encoding": "ros1", "schema_encoding": "ros1msg", "schema_name": "std_msgs/Float32"},
+            {"message_encoding": "ros1", "schema_encoding": "ros1msg", "schema_name": "std_msgs/Float32"},
             struct.pack("<f", 20.5),
         ),
-        ({"encoding": "json", "schema_encoding": "jsonschema", "schema": "{}"}, b'{"data": 20.5}'),
+        ({"message_encoding": "json", "schema_encoding": "jsonschema", "schema": "{}"}, b'{"data": 20.5}'),
     ],
 )
 def test_every_encoding_is_read(changes: Any, data: bytes) -> None:
     server, reader = Server(), Reader("/battery")
     server.channels.add(reader)
-    server.channels.advertise([channel(1)._replace(**changes)])
+    server.channels.advertise([channel(1, **changes)])
     server.channels.deliver(0, data)
     assert reader.values == [20.5]

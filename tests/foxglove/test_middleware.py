@@ -107,9 +107,9 @@ async def test_what_is_known_of_the_robot_is_what_the_server_offers() -> None:
     await until(lambda: len(watched.node.topic_types()) == 4)
     known = {each.topic: each[1:] for each in await watched.client.known_topics()}
     assert known == {
-        "/battery": ("std_msgs/Float32", "float32 data\n", "msg"),
+        "/battery": ("std_msgs/Float32", "float32 data\n", "ros2msg"),
         "/json": ("std_msgs/Float32", "", "msg"),
-        "/idl": ("std_msgs/Float32", "module a {};", "idl"),
+        "/idl": ("std_msgs/Float32", "module a {};", "ros2idl"),
     }
     await watched.close()
     await server.close()

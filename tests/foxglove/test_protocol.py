@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from robot_health_monitor.core.messages.raw_messages import RawFormat
 from robot_health_monitor.foxglove.protocol import (
     Channel,
     ProtocolError,
@@ -35,7 +36,8 @@ def channel(**changes: object) -> Channel:
 def test_channels_are_offered_and_withdrawn() -> None:
     offered = read_text(json.dumps({"op": "advertise", "channels": [FLOAT]}))
     assert offered == ServerMessage(
-        "advertise", [Channel(3, "/battery", "cdr", "std_msgs/msg/Float32", "ros2msg", "float32 data")]
+        "advertise",
+        [Channel(3, "/battery", RawFormat("cdr", "std_msgs/msg/Float32", "ros2msg", "float32 data", "ros2"))],
     )
     assert read_text('{"op": "unadvertise", "channelIds": [3, 4]}') == ServerMessage("unadvertise", channel_ids=[3, 4])
 
