@@ -13,9 +13,8 @@ from functools import partial
 from typing import Any, Callable, Iterable, Mapping, NamedTuple, Sequence, Tuple
 
 from ..config.parameters import Parameter
-from . import daemons, disks, gpu, network, operating_system, processes
+from . import daemons, disks, gpu, host, network, operating_system, processes
 from .computer import Computer, Growth, HostPaths, HostReading, load_psutil
-from .host import Battery, busy_percent, core_ticks, fan_rpm, rail_volts, read_cpu_ticks, sensor_names, temperature
 from .processes import ProcessSource
 from .source import Source
 
@@ -56,10 +55,6 @@ def _asked(
     return make
 
 
-def _battery(read: Callable[[Battery], float]) -> Callable[..., Source]:
-    return _asked("the battery", lambda paths: read(Battery(paths)))
-
-
 def _load(index: int) -> Callable[..., Source]:
     return _asked("the load", lambda paths: os.getloadavg()[index])
 
@@ -72,6 +67,7 @@ def _nodes(paths: HostPaths) -> Iterable[Options]:
     return [{"node": name} for name in processes.Processes().scan(paths).nodes()[:50]]
 
 
+_BATTERY = partial(_asked, "the battery")
 _SPACE = partial(_asked, "the disk at", disks.read_space, every_s=5.0)
 _CLOCK = partial(_asked, "the time daemon", daemons.read_clock, every_s=5.0)
 _COMMAND = {"command": "*/amcl *", "node": ""}
@@ -106,14 +102,16 @@ def _option(
 
 
 def _sensor(kind: str, description: str) -> Any:
-    return _option(lambda paths: ["", *sensor_names(paths, kind)], "sensor", str, "", description)
+    return _option(lambda paths: ["", *host.find_sensors(paths, kind)], "sensor", str, "", description)
 
 
 def _interface(names: Callable[[HostPaths], Iterable[Any]], description: str) -> Any:
     return _option(names, "interface", str, "", description)
 
 
-_OF_CORE = _option(read_cpu_ticks, "core", int, None, "core, counted from 0; left out: all cores together", 0, 65535)
+_OF_CORE = _option(
+    host.read_cpu_ticks, "core", int, None, "core, counted from 0; left out: all cores together", 0, 65535
+)
 _ON_DISK = _option(disks.mount_points, "path", str, "/", "mount point of the disk")
 _OF_DISK = _option(disks.read_requests, "device", str, "", "disk, such as sda; left out: the slowest")
 _OF_INTERFACE = _interface(network.read_counters, "network interface; left out: all together")
@@ -122,7 +120,7 @@ _OF_GPU = _option(gpu.gpus, "device", int, 0, "number of the graphics processor"
 
 _TABLE: Sequence[Tuple[Any, ...]] = (
     (
-        "cpu_percent", "%", "CPU load", _asked("the CPU", core_ticks, busy_percent, kind=Growth), *_OF_CORE,
+        "cpu_percent", "%", "CPU load", _asked("the CPU", host.core_ticks, host.busy_percent, kind=Growth), *_OF_CORE,
     ),
     ("load_1min", "", "load average over 1 minute", _load(0)),
     ("load_5min", "", "load average over 5 minutes", _load(1)),
@@ -160,16 +158,16 @@ _TABLE: Sequence[Tuple[Any, ...]] = (
         _asked("the disks", disks.read_requests, disks.latency_ms, kind=Growth), *_OF_DISK,
     ),
     (
-        "temperature", "degC", "temperature", _asked("temperature sensor", temperature),
+        "temperature", "degC", "temperature", _asked("temperature sensor", host.temperature),
         *_sensor("temp", "sensor, as chip/label or chip/number; left out: the hottest of the CPU"),
     ),
     (
         "fan_rpm", "rpm", "speed of a fan",
-        _asked("fan", fan_rpm), *_sensor("fan", "fan, as chip/label; left out: the fastest"),
+        _asked("fan", host.fan_rpm), *_sensor("fan", "fan, as chip/label or chip/fan1; left out: the fastest"),
     ),
     (
-        "voltage_rail", "V", "voltage of a supply", _asked("voltage sensor", rail_volts),
-        *_sensor("in", "voltage, as chip/label; left out: the first"),
+        "voltage_rail", "V", "voltage of a supply", _asked("voltage sensor", host.rail_volts),
+        *_sensor("in", "voltage, as chip/label or chip/in1; left out: the first"),
     ),
     (
         "throttled", "", "1 while a Raspberry Pi is slowed down by its supply or temperature, else 0",
@@ -180,10 +178,10 @@ _TABLE: Sequence[Tuple[Any, ...]] = (
         "gpu_memory_percent", "%", "memory of the graphics processor in use", _gpu("memory_percent"), *_OF_GPU
     ),
     ("gpu_temperature", "degC", "temperature of the graphics processor", _gpu("celsius"), *_OF_GPU),
-    ("battery_percent", "%", "battery charge", _battery(Battery.percent)),
-    ("battery_plugged", "", "1 while the charger is connected, else 0", _battery(Battery.is_plugged)),
-    ("battery_voltage", "V", "battery voltage", _battery(Battery.volts)),
-    ("battery_current", "A", "battery current, negative when discharging", _battery(Battery.amperes)),
+    ("battery_percent", "%", "battery charge", _BATTERY(host.battery_percent)),
+    ("battery_plugged", "", "1 while the charger is connected, else 0", _BATTERY(host.battery_plugged)),
+    ("battery_voltage", "V", "battery voltage", _BATTERY(host.battery_volts)),
+    ("battery_current", "A", "battery current, negative when discharging", _BATTERY(host.battery_amperes)),
     ("network_receive", "MB/s", "data received", _traffic(network.RECEIVED, 1e-6), *_OF_INTERFACE),
     ("network_send", "MB/s", "data sent", _traffic(network.SENT, 1e-6), *_OF_INTERFACE),
     ("network_errors", "1/s", "packets with errors", _traffic(network.ERRORS), *_OF_INTERFACE),

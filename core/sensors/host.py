@@ -10,7 +10,7 @@ online instead of naming them.
 from __future__ import annotations
 
 import os
-from typing import Dict, Iterable, List, NamedTuple, Optional, Tuple
+from typing import Counter, Dict, List, Mapping, Optional, Tuple
 
 from ..values.formatting import list_text, printable
 from .computer import HostPaths, chosen, read_bytes, read_float, read_text, sorted_paths
@@ -47,66 +47,44 @@ def busy_percent(grown: List[List[float]], elapsed_s: float) -> Optional[float]:
     return 100.0 * busy / (busy + idle + iowait) if busy + idle + iowait else None
 
 
-class ChipSensor(NamedTuple):
-    """One sensor of a chip, or a thermal zone."""
+def find_sensors(paths: HostPaths, kind: str) -> Dict[str, str]:
+    """Returns where the reading of each sensor of a kind (temp, fan, in) is, by its name. Reads no value.
 
-    chip: str
-    names: Tuple[str, ...]
-    """Its names, the best one first: chip/label, chip/fan1 (temperatures do not have it), chip/number."""
-    path: str
-    """Where its reading is."""
+    The name is chip/label; without a label that no other sensor has chip/fan1 or chip/in1 or, of a temperature,
+    chip/number: the sensors of chips of this name are counted from 0. Boards such as Jetson have thermal zones only.
+    """
+    found: Dict[str, str] = {}
+    numbers: Counter[str] = Counter()
 
-
-def find_sensors(paths: HostPaths, kind: str) -> List[ChipSensor]:
-    """Returns the sensors of a kind (temp, fan, in). Reads no value."""
-    found: List[ChipSensor] = []
-
-    def add(chip: str, path: str, *names: str) -> None:
-        number = sum(each.chip == chip for each in found)
-        found.append(ChipSensor(chip, tuple(f"{chip}/{name}" for name in (*filter(None, names), number)), path))
+    def add(chip: str, label: str, path: str) -> None:
+        name = f"{chip}/{label}"
+        found.setdefault(name if label and name not in found else f"{chip}/{numbers[chip]}", path)
+        numbers[chip] += 1
 
     for folder in sorted_paths(f"{paths.sys}/class/hwmon/hwmon*"):
         for chip in (folder, os.path.join(folder, "device")):
             inputs = sorted_paths(f"{chip}/{kind}[0-9]*_input")
             for path in inputs:
                 file = os.path.basename(path)[: -len("_input")]
-                add(_name(chip, "name"), path, _name(chip, f"{file}_label", ""), "" if kind == "temp" else file)
+                add(_name(chip, "name"), _name(chip, f"{file}_label", "" if kind == "temp" else file), path)
             if inputs:
                 break
-    if kind == "temp" and not found:  # boards such as Jetson have thermal zones only
+    if kind == "temp" and not found:
         for zone in sorted_paths(f"{paths.sys}/class/thermal/thermal_zone*"):
-            add(_name(zone, "type"), f"{zone}/temp")
+            add(_name(zone, "type"), "", f"{zone}/temp")
     return found
 
 
-def _by_name(sensors: Iterable[ChipSensor]) -> Dict[str, ChipSensor]:
-    """Returns sensors by all of their names; of two with the same name, the one for which it is the better name."""
-    named: Dict[str, ChipSensor] = {}
-    for rank in range(3):
-        for each in sensors:
-            for name in each.names[rank : rank + 1]:
-                named.setdefault(name, each)
-    return named
-
-
-def sensor_names(paths: HostPaths, kind: str) -> List[str]:
-    """Returns the best name of each sensor of a kind that selects it."""
-    best: Dict[ChipSensor, str] = {}
-    for name, each in _by_name(find_sensors(paths, kind)).items():
-        best.setdefault(each, name)
-    return list(best.values())
-
-
-def _select(paths: HostPaths, kind: str, noun: str, sensor: str) -> List[ChipSensor]:
+def _select(paths: HostPaths, kind: str, noun: str, sensor: str) -> Dict[str, str]:
     """Returns the sensors of a kind; only the one with a name, if it is given, so that no other is read."""
     sensors = find_sensors(paths, kind)
-    return list(chosen(_by_name(sensors), noun, sensor, ()).values()) if sensor and sensors else sensors
+    return chosen(sensors, noun, sensor, ()) if sensor and sensors else sensors
 
 
-def _read(sensors: Iterable[ChipSensor], sensor: str) -> List[Tuple[str, float]]:
-    """Returns name and number of the sensors that have a number; the one with a name must have one."""
-    numbers = [(each.names[0], read_float(each.path)) for each in sensors]
-    found = [(name, number) for name, number in numbers if number is not None]
+def _read(sensors: Mapping[str, str], sensor: str) -> Dict[str, float]:
+    """Returns the numbers of the sensors that have one; the one with a name must have one."""
+    numbers = {name: read_float(path) for name, path in sensors.items()}
+    found = {name: number for name, number in numbers.items() if number is not None}
     if sensor and numbers and not found:
         raise SensorError(f"{sensor} cannot be read: it has no number")
     return found
@@ -119,15 +97,15 @@ def temperature(paths: HostPaths, sensor: str = "") -> float:
     """
     sensors = _select(paths, "temp", "temperature sensor", sensor)
     # A chip that is none of the CPU is not even read if one of the CPU answers.
-    of_cpu = [each for each in sensors if each.chip.lower().startswith(_CPU_CHIPS)]
-    readings: List[Tuple[str, float]] = []
-    for group in (of_cpu, [each for each in sensors if each not in of_cpu]):
-        readings += [(name, number / 1000.0) for name, number in _read(group, sensor)]
-        plausible = [celsius for _, celsius in readings if _is_plausible(celsius)]
+    of_cpu = {name: path for name, path in sensors.items() if name.lower().startswith(_CPU_CHIPS)}
+    readings: Dict[str, float] = {}
+    for group in (of_cpu, {name: path for name, path in sensors.items() if name not in of_cpu}):
+        readings.update((name, number / 1000.0) for name, number in _read(group, sensor).items())
+        plausible = [celsius for celsius in readings.values() if _is_plausible(celsius)]
         if plausible:
             return max(plausible)
     if readings:
-        listed = list_text([f"{name} reads {celsius}" for name, celsius in readings], most=3)
+        listed = list_text([f"{name} reads {celsius}" for name, celsius in readings.items()], most=3)
         raise SensorError(f"no plausible temperature: {listed}; set the source to simulated or none")
     raise NoSuchSensor(
         f"no temperature sensor in {paths.sys}/class/hwmon or {paths.sys}/class/thermal (virtual machines and "
@@ -150,7 +128,7 @@ def _read_all(paths: HostPaths, kind: str, noun: str, sensor: str) -> List[float
     found = _read(_select(paths, kind, noun, sensor), sensor)
     if not found:
         raise NoSuchSensor(f"this machine has no {noun}, or no driver for it")
-    return [number for _, number in found]
+    return [*found.values()]
 
 
 def _is_plausible(celsius: float) -> bool:
@@ -167,61 +145,59 @@ def _name(folder: str, file: str, missing: str = "unknown") -> str:
     return printable((read_text(folder, file) or "")[:60]) or missing
 
 
-class Battery:
-    """The battery of this machine: the first by name that does not power a device such as a gamepad.
+def _battery(paths: HostPaths) -> str:
+    """Returns the folder of the battery of this machine: the first by name that does not power a device."""
+    supplies = os.path.join(paths.sys, "class", "power_supply")
+    for folder in sorted_paths(f"{supplies}/*"):
+        name = os.path.basename(folder)
+        if (name.startswith("BAT") or "battery" in name.lower()) and read_text(folder, "scope") != "Device":
+            return folder
+    remedy = "set the source to simulated or none, or publish the battery of the robot from its driver"
+    raise NoSuchSensor(f"no battery in {supplies}; {remedy}")
 
-    Each method reads only the files that it needs, and raises SensorError if its value cannot be read.
-    """
 
-    def __init__(self, paths: HostPaths) -> None:
-        """Finds the battery; raises NoSuchSensor if there is none."""
-        supplies = os.path.join(paths.sys, "class", "power_supply")
-        self._supplies = sorted_paths(f"{supplies}/*")
-        for folder in self._supplies:
-            name = os.path.basename(folder)
-            is_battery = name.startswith("BAT") or "battery" in name.lower()
-            if is_battery and read_text(folder, "scope") != "Device":
-                self._folder = folder
-                return
-        remedy = "set the source to simulated or none, or publish the battery of the robot from its driver"
-        raise NoSuchSensor(f"no battery in {supplies}; {remedy}")
+def battery_percent(paths: HostPaths) -> float:
+    """Returns the charge in %, at most 100: a new battery may hold more than its nominal charge."""
+    battery = _battery(paths)
+    for kind in ("energy", "charge"):
+        now, full = (read_float(battery, f"{kind}_{each}") for each in ("now", "full"))
+        if now is not None and full:
+            return min(100.0 * now / full, 100.0)
+    return min(_number(battery, "capacity"), 100.0)
 
-    def percent(self) -> float:
-        """Returns the charge in %, at most 100: a new battery may hold more than its nominal charge."""
-        for kind in ("energy", "charge"):
-            now, full = (read_float(self._folder, f"{kind}_{each}") for each in ("now", "full"))
-            if now is not None and full:
-                return min(100.0 * now / full, 100.0)
-        return min(self._number("capacity"), 100.0)
 
-    def is_plugged(self) -> bool:
-        """Returns whether a charger is connected."""
-        for supply in self._supplies:
-            online = read_text(supply, "online")
-            if online in ("0", "1") and read_text(supply, "type") in ("Mains", None):
-                return online == "1"
-        status = (read_text(self._folder, "status") or "").lower()
-        if status not in ("charging", "discharging", "full"):
-            raise SensorError("this machine does not report whether its charger is connected")
-        return status != "discharging"
+def battery_plugged(paths: HostPaths) -> float:
+    """Returns 1 if a charger is connected, else 0."""
+    battery = _battery(paths)
+    for supply in sorted_paths(f"{os.path.dirname(battery)}/*"):
+        online = read_text(supply, "online")
+        if online in ("0", "1") and read_text(supply, "type") in ("Mains", None):
+            return float(online)
+    status = (read_text(battery, "status") or "").lower()
+    if status not in ("charging", "discharging", "full"):
+        raise SensorError("this machine does not report whether its charger is connected")
+    return float(status != "discharging")
 
-    def volts(self) -> float:
-        """Returns the voltage in V."""
-        return self._number("voltage_now") / 1e6
 
-    def amperes(self) -> float:
-        """Returns the current in A, negative when discharging as in sensor_msgs/BatteryState."""
-        current = read_float(self._folder, "current_now")
-        if current is None:
-            volts = self.volts()
-            if not volts:
-                raise SensorError("the battery of this machine has no current_now, and its voltage is 0")
-            current = self._number("power_now") / volts
-        sign = -1e-6 if read_text(self._folder, "status") == "Discharging" else 1e-6
-        return sign * abs(current)
+def battery_volts(paths: HostPaths) -> float:
+    """Returns the voltage in V."""
+    return _number(_battery(paths), "voltage_now") / 1e6
 
-    def _number(self, file: str) -> float:
-        number = read_float(self._folder, file)
-        if number is None:
-            raise SensorError(f"the battery of this machine has no {file}")
-        return number
+
+def battery_amperes(paths: HostPaths) -> float:
+    """Returns the current in A, negative when discharging as in sensor_msgs/BatteryState."""
+    battery = _battery(paths)
+    current = read_float(battery, "current_now")
+    if current is None:
+        volts = battery_volts(paths)
+        if not volts:
+            raise SensorError("the battery of this machine has no current_now, and its voltage is 0")
+        current = _number(battery, "power_now") / volts
+    return (-1e-6 if read_text(battery, "status") == "Discharging" else 1e-6) * abs(current)
+
+
+def _number(battery: str, file: str) -> float:
+    number = read_float(battery, file)
+    if number is None:
+        raise SensorError(f"the battery of this machine has no {file}")
+    return number

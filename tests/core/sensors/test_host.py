@@ -17,7 +17,7 @@ from harness.machine import Machine
 from robot_health_monitor.core.sensors.catalogue import HOST_SOURCES
 from robot_health_monitor.core.sensors.computer import Computer
 from robot_health_monitor.core.sensors.disks import mount_points
-from robot_health_monitor.core.sensors.host import Battery, temperature
+from robot_health_monitor.core.sensors.host import battery_percent, temperature
 from robot_health_monitor.core.sensors.source import NotMeasuredYet, SensorError, Source
 
 psutil = pytest.importorskip("psutil")
@@ -179,29 +179,29 @@ def test_a_machine_without_temperature_sensors_says_so(machine: Machine) -> None
 
 def test_battery_is_the_charge_in_percent(machine: Machine) -> None:
     machine(LAPTOP_BATTERY)
-    assert Battery(machine.paths).percent() == pytest.approx(62.5, abs=0.05)  # 31.39 Wh of 50.22 Wh
+    assert battery_percent(machine.paths) == pytest.approx(62.5, abs=0.05)  # 31.39 Wh of 50.22 Wh
 
 
 def test_battery_that_shows_its_capacity_only_is_read_too(machine: Machine) -> None:
     machine({f"{POWER}/BAT1/capacity": "7", f"{POWER}/BAT1/status": "Discharging"})
-    assert Battery(machine.paths).percent() == 7.0
+    assert battery_percent(machine.paths) == 7.0
 
 
 def test_battery_that_holds_more_than_its_nominal_charge_is_full(machine: Machine) -> None:
     machine({**LAPTOP_BATTERY, f"{POWER}/BAT0/energy_now": "50900000"})
-    assert Battery(machine.paths).percent() == 100.0
+    assert battery_percent(machine.paths) == 100.0
 
 
 @pytest.mark.parametrize("tree", [pytest.param({}, id="none"), pytest.param(GAMEPAD_BATTERY, id="a gamepad's")])
 def test_a_machine_without_its_own_battery_reports_it(machine: Machine, tree: Any) -> None:
     machine(tree)
     with pytest.raises(SensorError, match=r"^no battery in .*/sys/class/power_supply; set"):
-        Battery(machine.paths).percent()
+        battery_percent(machine.paths)
 
 
 def test_the_gamepad_does_not_hide_the_battery_of_the_machine(machine: Machine) -> None:
     machine(GAMEPAD_BATTERY, LAPTOP_BATTERY)
-    assert Battery(machine.paths).percent() == pytest.approx(62.5, abs=0.05)
+    assert battery_percent(machine.paths) == pytest.approx(62.5, abs=0.05)
 
 
 def test_cpu_usage_is_what_was_busy_since_the_read_before(machine: Machine) -> None:
@@ -275,7 +275,7 @@ def test_without_psutil_the_disks_cannot_be_listed_and_the_others_are_read(
     machine(stat(user=10, idle=90))
     assert load.read(1.0) == percent(10)
     assert temperature(machine.paths) == 53.0
-    assert Battery(machine.paths).percent() == pytest.approx(62.5, abs=0.05)
+    assert battery_percent(machine.paths) == pytest.approx(62.5, abs=0.05)
 
 
 def test_a_proc_that_cannot_be_read_costs_the_reading_and_is_named(machine: Machine) -> None:

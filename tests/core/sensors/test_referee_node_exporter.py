@@ -115,7 +115,7 @@ def test_a_machine_reads_as_node_exporter_reads_it(tmp_path: Path, name: str) ->
         temperatures = sorted(family(metrics, "node_hwmon_temp_celsius").values())
         zones = sorted(family(metrics, "node_thermal_zone_temp").values())
         celsius, fans, volts = (
-            sorted(read(kind, computer, sensor=sensor.names[-1]) for sensor in find_sensors(paths, files))
+            sorted(read(kind, computer, sensor=sensor) for sensor in find_sensors(paths, files))
             for kind, files in (("temperature", "temp"), ("fan_rpm", "fan"), ("voltage_rail", "in"))
         )
         assert celsius == pytest.approx(temperatures or zones)

@@ -8,7 +8,7 @@ from typing import Dict
 import pytest
 from harness.machine import Machine
 
-from robot_health_monitor.core.sensors.host import Battery, find_sensors, sensor_names, temperature
+from robot_health_monitor.core.sensors.host import battery_percent, battery_plugged, find_sensors, temperature
 from robot_health_monitor.core.sensors.source import NoSuchSensor, SensorError
 
 HWMON = "/sys/class/hwmon"
@@ -47,23 +47,23 @@ def test_a_sensor_without_a_number_does_not_hide_the_others(machine: Machine, te
 def test_a_label_that_is_no_text_is_readable(machine: Machine) -> None:
     machine({f"{HWMON}/hwmon0/name": "chip", f"{HWMON}/hwmon0/temp1_input": "41000"})
     (machine.root / "sys/class/hwmon/hwmon0/temp1_label").write_bytes(b"\xff\xfe\n")
-    assert sensor_names(machine.paths, "temp") == ["chip/" + "\N{REPLACEMENT CHARACTER}" * 2]
+    assert [*find_sensors(machine.paths, "temp")] == ["chip/" + "\N{REPLACEMENT CHARACTER}" * 2]
 
 
 def test_a_machine_without_sys_has_no_sensors(tmp_path: Path, machine: Machine) -> None:
     paths = machine.paths._replace(sys=str(tmp_path / "missing"))
-    assert find_sensors(paths, "temp") == []
+    assert find_sensors(paths, "temp") == {}
     with pytest.raises(NoSuchSensor, match=r"no battery in .*/missing/class/power_supply"):
-        Battery(paths)
+        battery_percent(paths)
 
 
 def test_the_battery_of_a_gamepad_is_not_that_of_the_machine(machine: Machine) -> None:
     gamepad = {f"{POWER}/BATTERY_pad/capacity": "15", f"{POWER}/BATTERY_pad/scope": "Device"}
     machine(gamepad)
     with pytest.raises(NoSuchSensor):
-        Battery(machine.paths)
+        battery_percent(machine.paths)
     machine({f"{POWER}/battery/capacity": "87", f"{POWER}/battery/scope": "System"})
-    assert Battery(machine.paths).percent() == 87.0
+    assert battery_percent(machine.paths) == 87.0
 
 
 @pytest.mark.parametrize(
@@ -77,13 +77,13 @@ def test_the_battery_of_a_gamepad_is_not_that_of_the_machine(machine: Machine) -
 )
 def test_the_charge_is_that_of_the_most_precise_files(machine: Machine, files: Dict[str, str], percent: float) -> None:
     machine({f"{POWER}/BAT0/{name}": text for name, text in files.items()})
-    assert Battery(machine.paths).percent() == percent
+    assert battery_percent(machine.paths) == percent
 
 
 def test_a_battery_without_a_charge_is_an_error_but_not_a_missing_sensor(machine: Machine) -> None:
     machine({f"{POWER}/BAT0/status": "Unknown"})
     with pytest.raises(SensorError, match="has no capacity") as caught:
-        Battery(machine.paths).percent()
+        battery_percent(machine.paths)
     assert not isinstance(caught.value, NoSuchSensor)
 
 
@@ -102,4 +102,4 @@ def test_the_charger_is_connected_if_its_supply_or_the_battery_says_so(
     machine: Machine, files: Dict[str, str], is_plugged: bool
 ) -> None:
     machine({f"{POWER}/{name}": text for name, text in files.items()})
-    assert Battery(machine.paths).is_plugged() is is_plugged
+    assert battery_plugged(machine.paths) == is_plugged
