@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import itertools
 import threading
-from typing import Callable, Container, Dict, Iterable, Mapping, Optional, Protocol, Sequence, Tuple
+from typing import Callable, Dict, Iterable, Mapping, Optional, Protocol, Sequence, Tuple
 
 from ..core.messages.serialized import SerializedType
-from ..core.port.hints import explain, similar_topics
+from ..core.port.hints import explain
 from ..core.values.formatting import printable
 from .protocol import LARGEST_ID, Channel, subscribe, unsubscribe
 
@@ -115,16 +115,14 @@ class Channels:
         with self._lock:
             return {topic: self._channels[ids[0]] for topic, ids in self._by_topic.items()}
 
-    def why_silent(self, topic: str, type_name: str, own: Container[str]) -> Optional[str]:
+    def why_silent(self, topic: str, type_name: str) -> Optional[str]:
         """Returns why a topic brings no samples, None if nothing is known; see `core/port/hints.py`."""
         with self._lock:
             offered = [self._channels[id] for id in self._by_topic.get(topic, ())]  # noqa: A001
-            types = {name: channel.raw_format.type_name for name, channel in self.topics().items()}
         problems = [channel.problem for channel in offered]
         if offered and all(problems):
             return printable(problems[0])
-        similar = () if offered else similar_topics(topic, type_name, types, own)
-        return explain(topic, type_name, [channel.raw_format.type_name for channel in offered], similar)
+        return explain(topic, type_name, [channel.raw_format.type_name for channel in offered])
 
     def _with_known_schema(self, channel: Channel) -> Channel:
         """Returns a channel whose schema is one object for all that have it; empty once they take too much memory."""

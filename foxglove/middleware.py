@@ -26,27 +26,6 @@ _LARGEST_JSON_BYTES = 1_000_000
 """Larger messages in JSON are not decoded, as over rosbridge: a robot's messages must not delay those of others."""
 
 
-class FoxgloveClient(BridgeClient["FoxgloveMiddleware"]):
-    """The connection to one robot's foxglove_bridge, shared by the nodes that `node` makes."""
-
-    connection: FoxgloveConnection
-    connection_class = FoxgloveConnection
-    log_name = "foxglove"
-
-    def _new_node(self, name: str, *binding: Any) -> FoxgloveMiddleware:
-        return FoxgloveMiddleware(self, name, *binding)
-
-    async def known_topics(self) -> List[KnownTopic]:
-        """See `BridgeClient.known_topics`: what the server offers."""
-        known = []
-        for channel in self.connection.channels.topics().values():
-            if not channel.problem:
-                raw = channel.raw_format
-                definition = () if raw.message_encoding == "json" else (raw.schema, raw.schema_encoding)
-                known.append(KnownTopic(channel.topic, raw.type_name, *definition))
-        return known
-
-
 class FoxgloveMiddleware(BridgeNode):
     """One node for a robot behind a foxglove_bridge; implements `core.port.middleware.Middleware`."""
 
@@ -65,14 +44,32 @@ class FoxgloveMiddleware(BridgeNode):
         return {topic: channel.raw_format.type_name for topic, channel in self._channels.topics().items()}
 
     def look_up_silence(self, topic: str, type_name: str, answer: Answer) -> None:
-        own = self.own_topics()
-        self._client.connection.run_in_loop(lambda: answer(self._channels.why_silent(topic, type_name, own)))
+        answer(self._channels.why_silent(topic, type_name))
+
+
+class FoxgloveClient(BridgeClient[FoxgloveMiddleware]):
+    """The connection to one robot's foxglove_bridge, shared by the nodes that `node` makes."""
+
+    connection: FoxgloveConnection
+    connection_class = FoxgloveConnection
+    node_class = FoxgloveMiddleware
+    log_name = "foxglove"
+
+    async def known_topics(self) -> List[KnownTopic]:
+        """See `BridgeClient.known_topics`: what the server offers."""
+        known = []
+        for channel in self.connection.channels.topics().values():
+            if not channel.problem:
+                raw = channel.raw_format
+                definition = () if raw.message_encoding == "json" else (raw.schema, raw.schema_encoding)
+                known.append(KnownTopic(channel.topic, raw.type_name, *definition))
+        return known
 
 
 class _Receiver(BridgeReceiver):
     """A subscription of a node to one topic: to a field, to arrivals if it is None, or to messages as bytes."""
 
-    _largest_bytes = _LARGEST_JSON_BYTES
+    largest_bytes = _LARGEST_JSON_BYTES
 
     def __init__(
         self,

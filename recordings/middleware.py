@@ -13,7 +13,7 @@ from functools import partial
 from itertools import chain
 from typing import Any, Callable, Dict, Iterable, Iterator, List, Mapping, Optional, Tuple
 
-from ..core.port.hints import Answer, similar_topics, with_similar
+from ..core.port.hints import Answer
 from ..core.port.local import LocalBus, LocalMiddleware, LogLine
 from ..core.port.mapping_node import CLOCK, MappingNode
 from ..core.port.middleware import Callback, RawCallback
@@ -163,7 +163,7 @@ class Player:
         """Returns why a topic, by its absolute name, is not recorded with a type, or with any; empty if it is."""
         channels = self._channels.get(topic, [])
         if not channels:
-            return with_similar(f"{topic} is not recorded", similar_topics(topic, type_name, self.topic_types()))
+            return f"{topic} is not recorded"
         if not self._matching(topic, type_name):
             return f"{topic} is recorded as {channels[0].type_name}, configured as {canonical_type(type_name)}"
         return ""

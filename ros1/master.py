@@ -110,16 +110,9 @@ class Master:
 
     def identity(self, node: str) -> Optional[Tuple[Any, ...]]:
         """Returns what differs after a restart of the master; None if this master does not know the node."""
-        calls = xmlrpc.client.MultiCall(self._proxy(self._timeout_s))
-        calls.lookupNode(self._caller, node)
-        calls.getPid(self._caller)
-        calls.getParam(self._caller, "/run_id")
-        try:
-            results: Any = calls()
-            (known, _, _), (_, _, pid), (_, _, run_id) = (results[index] for index in range(3))
-        except _ERRORS as error:
-            raise self._no_answer(error) from None
-        return (pid, run_id) if known == _SUCCESS else None
+        if self._call("lookupNode", node, default=None) is None:
+            return None
+        return self._call("getPid"), self._call("getParam", "/run_id", default=None)
 
     def _call(self, method: str, *arguments: Any, **default: Any) -> Any:
         try:

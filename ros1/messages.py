@@ -16,6 +16,7 @@ from ..core.messages.native_messages import NativeMessages, find_generated
 from ..core.messages.raw_messages import RawFormat, ros1_format
 from ..core.messages.serialized import SerializedType
 from ..core.values.field_path import Getter
+from ..core.values.names import canonical_type
 
 _TIMES = {"time": genpy.Time, "duration": genpy.Duration}
 
@@ -71,8 +72,9 @@ def raw_format(type_name: str) -> RawFormat:
     return ros1_format(native_class._type, native_class._full_text)
 
 
-@functools.lru_cache(maxsize=None)
-def serialized_class(native_class: Any) -> Any:
-    """Returns a class to subscribe with whose messages stay bytes, of the type and checksum of `native_class`."""
-    names = ("_type", "_md5sum", "_full_text")
-    return type(native_class.__name__, (rospy.AnyMsg,), {name: getattr(native_class, name) for name in names})
+def bytes_class(type_name: str) -> Any:
+    """Returns a class to subscribe with whose messages stay bytes, of any publisher.
+
+    The master learns the type. It need not be installed here; empty: it is not known.
+    """
+    return type("Bytes", (rospy.AnyMsg,), {"_type": canonical_type(type_name)}) if type_name else rospy.AnyMsg

@@ -12,28 +12,29 @@ from __future__ import annotations
 import contextlib
 import logging
 import threading
-import time
 from functools import lru_cache, partial
-from typing import Any, Callable, Collection, Container, Dict, Iterator, List, Mapping, Optional, Sequence, Set, Tuple
+from typing import Any, Callable, Collection, Dict, Iterator, List, Mapping, Optional, Sequence, Set, Tuple
 
 import rospy
 import rospy.core
 import rospy.rostime
 import rospy.topics
+from rosgraph_msgs.msg import Clock
 
 from ..core.config.parameters import Parameter
 from ..core.messages.dialect import Message
 from ..core.messages.raw_messages import RawFormat
 from ..core.messages.serialized import SerializedType
 from ..core.port.graph import NOT_COUNTED, Counts, Wanted, count, is_pattern, matching
-from ..core.port.hints import Answer, explain, similar_topics
+from ..core.port.hints import Answer, explain
 from ..core.port.middleware import Callback, OnChange, RawCallback, Severity
-from ..core.port.timers import PeriodicSchedule
+from ..core.port.timers import ClockTimer
 from ..core.values.errors import ConfigError, ServiceError
 from ..core.values.field_path import ABSENT, Getter
 from ..core.values.formatting import with_degree_sign
-from ..core.values.names import canonical_type, resolve_name, split_type_name
-from ..runtime.native_node import NativeNode, ThreadTimer
+from ..core.values.names import resolve_name, split_type_name
+from ..runtime.native_node import NativeNode
+from ..runtime.threads import StepThread
 from . import messages
 from .master import Master, NodeChecks
 from .parameters import NodeParameters, set_log_level
@@ -49,42 +50,10 @@ _MOST_TYPES = 1000
 """Topics whose types are kept: the clients of a server may subscribe to any number of invented ones."""
 
 
-class _Timer(ThreadTimer):
-    """Calls back every period of a clock; `active` says whether to, as a call may have begun when it is cancelled.
-
-    Not a rospy.Timer: that one ends with the first exception, calls at once if time goes back, several times if it
-    jumps ahead, and follows the wall clock when NTP steps it.
-    """
-
-    def __init__(self, node: Ros1Middleware, period_s: float, callback: Callable[[float], None], steady: bool) -> None:
-        super().__init__("timer", self._run_due, node._log_failure)
-        self._node, self._callback, self._simulated = node, callback, not steady
-        self._clock = time.monotonic if steady else node._clock
-        self._last_s = self._clock()
-        self._schedule = PeriodicSchedule(period_s, self._last_s)
-        self.start()
-
-    def _run_due(self) -> float:
-        now_s = self._clock()
-        # Until the first message on /clock rospy's simulated time is 0; periods begin with that message.
-        if now_s < self._last_s or self._last_s == 0.0:
-            self._schedule.restart(now_s)
-        self._last_s = now_s
-        if now_s >= self._schedule.due_s:
-            self._schedule.advance(now_s)
-            self._node._call_timer(self, self._callback)
-        elif self._simulated:
-            _wait_while(self._clock, now_s)
-        else:
-            return self._schedule.due_s - now_s
-        return 0.0
-
-
 class Ros1Middleware(NativeNode):
     """One logical node of this process; implements `core.middleware.Middleware`. Call `rospy.init_node` first."""
 
     graph_period_s = 2.0
-    _timer_class = _Timer
 
     def __init__(self, name: str = "") -> None:
         """Creates the node.
@@ -98,9 +67,15 @@ class Ros1Middleware(NativeNode):
         super().__init__(
             resolve_name(name or rospy.get_name(), rospy.get_name()),
             messages.native,
-            PublisherLookup(self._master, self._own_topics, self._last_publishers).look_up,
-            None if rospy.rostime.is_wallclock() else rospy.get_time,
+            None if rospy.rostime.is_wallclock() else 0.0,
         )
+        self._lookup = PublisherLookup(self._master, self._last_publishers)
+        self._timers: Optional[StepThread] = None
+        self._clock_subscriber: Any = None
+        if self._sim_time_s is not None:
+            self._clock_subscriber = rospy.Subscriber("/clock", Clock, lambda native: self._take_time(native.clock))
+            if self.waiting_for_clock():  # the latest message may have come before this subscription
+                self._take_time(rospy.get_rostime())
         self.parameters = NodeParameters(self._master, self.name)
         self._type_of = lru_cache(maxsize=_MOST_TYPES)(SerializedType)
         """All subscriptions to a topic share the type, which deserializes each message once."""
@@ -115,7 +90,8 @@ class Ros1Middleware(NativeNode):
 
         def apply(proposed: Mapping[str, Any]) -> str:
             with self._lock:
-                self._check_open()
+                if self.closed:
+                    raise ServiceError(f"{self.name} is closed")
                 changes = on_change(proposed)
             if self.name == rospy.get_name():  # the log level is one for the process
                 set_log_level(proposed)
@@ -128,8 +104,10 @@ class Ros1Middleware(NativeNode):
         resolved = self._resolve(topic)
         if resolved not in self._publishers:
             cls = messages.message_class(type_name)
-            mapped = rospy.resolve_name(resolved)
-            _require_same_class(mapped, cls, _shared_class(rospy.topics.get_topic_manager().get_publisher_impl(mapped)))
+            shared = rospy.topics.get_topic_manager().get_publisher_impl(rospy.resolve_name(resolved))
+            if shared is not None and shared.data_class is not cls:  # rospy does not check that
+                other, found = shared.data_class._type, cls._type
+                raise ConfigError(f"{resolved}: expected {other}, the type that this process publishes, got {found}")
             publisher = rospy.Publisher(resolved, cls, queue_size=_QUEUE_SIZE, tcp_nodelay=True, latch=latched)
             self._publishers[resolved] = publisher, cls
         return str(self._publishers[resolved][0].resolved_name)
@@ -141,47 +119,54 @@ class Ros1Middleware(NativeNode):
     def subscribe(
         self, topic: str, type_name: str, callback: Callback, *, field: Optional[str] = "", latched: bool = False
     ) -> Subscription:
-        resolved = self._resolve(topic)
-        cls, get = self._choose_reader(rospy.resolve_name(resolved), type_name, field)
-        return self._deliver(resolved, cls, get, callback)
+        mapped = rospy.resolve_name(self._resolve(topic))
+        if field is None:
+            return self._subscribe(topic, type_name, lambda native: 1.0, callback)
+        if type_name:
+            messages.field_getter(mapped, type_name, field)  # raises
+
+        def getter_of(raw: RawFormat) -> Getter:
+            return self._type_of(mapped, raw).field_getter(field)
+
+        reader = Reader(mapped, type_name, getter_of, partial(self.failures.write, mapped))
+        return self._subscribe(topic, type_name, reader.read, callback)
 
     def subscribe_raw(self, topic: str, type_name: str, callback: RawCallback) -> Subscription:
-        resolved = self._resolve(topic)
-        mapped = rospy.resolve_name(resolved)
-        shared = _shared_class(rospy.topics.get_topic_manager().get_subscriber_impl(mapped))
         if type_name and split_type_name(type_name) is None:
             raise ConfigError(f"expected a type such as std_msgs/Float32, got {type_name!r}")
-        if type_name and shared not in (None, rospy.AnyMsg) and shared._type != canonical_type(type_name):
-            raise _another_type(mapped, shared, canonical_type(type_name))
-        reader = Reader(mapped, type_name, lambda raw: lambda data: (data, raw), partial(self._failures.write, mapped))
+        mapped = rospy.resolve_name(self._resolve(topic))
+        reader = Reader(mapped, type_name, lambda raw: lambda data: (data, raw), partial(self.failures.write, mapped))
 
         def take(item: Any, now_s: float) -> None:
             if item is not ABSENT:
                 callback(item, now_s)
 
-        subscription = self._deliver(resolved, shared or rospy.AnyMsg, reader.read, take)
+        subscription = self._subscribe(topic, type_name, reader.read, take)
         subscription.move_first()
         return subscription
 
-    def _deliver(self, resolved: str, cls: Any, get: Optional[Getter], callback: Callback) -> Subscription:
-        """Subscribes; `get` reads what is passed on, 1.0 without it."""
-        lock, clock, simulated, log_failure = self._lock, self._clock, self._simulated, self._log_failure
-
-        def deliver(native: Any, subscription: Subscription) -> None:
-            subscription.header = native._connection_header
-            if simulated and clock() == 0.0:
-                self._wait_for_first_clock_message(subscription)
-            with lock:
-                if subscription.active:
-                    try:
-                        callback(1.0 if get is None else get(native), clock())
-                    except Exception as error:
-                        log_failure(error)
-
-        subscription = Subscription(resolved, cls, deliver)
+    def _subscribe(self, topic: str, type_name: str, get: Getter, callback: Callback) -> Subscription:
+        """Subscribes; `get` reads what is passed on."""
+        subscription = Subscription(self._resolve(topic), type_name, get, callback, self.deliver)
         with self._lock:
             self._subscriptions.append(subscription)
         return subscription
+
+    def create_timer(self, period_s: float, callback: Callable[[float], None], *, steady: bool = False) -> ClockTimer:
+        timer = super().create_timer(period_s, callback, steady=steady)
+        with self._lock:
+            if self._timers is None:
+                self._timers = StepThread("timers", self._run_timers, self.log_failure)
+                self._timers.start()
+        self._timers.wake()
+        return timer
+
+    def _run_timers(self) -> float:
+        self.run_steady_timers()
+        return self.next_steady_s() - self.steady_s()
+
+    def _take_time(self, time: rospy.Time) -> None:
+        self.set_sim_time(time.to_sec())
 
     def serialize(self, type_name: str, message: Message) -> Tuple[bytes, RawFormat]:
         native = self._stamped(messages.message_class(type_name), message)
@@ -193,6 +178,9 @@ class Ros1Middleware(NativeNode):
 
     def why_silent(self, topic: str, type_name: str) -> Optional[str]:
         return self._hints.get(rospy.resolve_name(self._resolve(topic)), type_name)
+
+    def look_up_silence(self, topic: str, type_name: str, answer: Answer) -> None:
+        self._lookup.look_up(topic, type_name, answer)
 
     def graph_name(self, key: str, name: str) -> str:
         if key == "lifecycle":
@@ -223,49 +211,39 @@ class Ros1Middleware(NativeNode):
         )
 
     def advertise_service(self, service: str, type_name: str, handler: Callable[[Message], Message]) -> None:
-        def locked(request: Message) -> Message:
-            with self._lock:
-                self._check_open()
-                return handler(request)
-
-        self._serve(service, type_name, locked)
+        self._serve(service, type_name, partial(self.answer, handler))
 
     def log(self, severity: Severity, text: str) -> None:
         stream = "stdout" if severity < Severity.WARN else "stderr"
         self.faults.guard(f"log on {stream}", _LOGGER.log, severity, with_degree_sign(text))
 
     def _leave(self) -> None:
+        if self._timers is not None:
+            self._timers.close()
         # A process that shuts down unregisters everything with one call. A call per topic would take long, and fail
         # with a warning each if the master is down.
         if not rospy.core.is_shutdown_requested():
             for subscription in self._subscriptions:
                 subscription.end()
+            if self._clock_subscriber is not None:
+                _unregister(self._clock_subscriber)
             for publisher, _ in self._publishers.values():
                 _unregister(publisher)
             for service in self._services:
                 service.shutdown("node closed")
 
     def _serve(self, service: str, type_name: str, handler: Callable[[Message], Message]) -> None:
-        """Advertises a service whose handler is called without the lock."""
+        """Advertises a service whose handler is called without the lock, and logs what it raises itself."""
         cls = messages.service_class(type_name)
 
         def answer(request: Any) -> Any:
             try:
                 return messages.to_native(cls._response_class, handler(messages.to_mapping(request)))
             except Exception as error:
-                reason = str(error) if self._closed else self._log_failure(error)
+                reason = str(error) if isinstance(error, ServiceError) else self.log_failure(error)
                 raise rospy.ServiceException(reason) from error
 
         self._services.append(rospy.Service(self._resolve(service), cls, answer))
-
-    def _check_open(self) -> None:
-        if self._closed:
-            raise ServiceError(f"{self.name} is shutting down")
-
-    def _wait_for_first_clock_message(self, subscription: Subscription) -> None:
-        """Blocks the thread of one publisher, and so its later messages."""
-        while subscription.active and self._clock() == 0.0 and not rospy.is_shutdown():
-            _wait_while(self._clock, 0.0)
 
     def _end(self, subscription: Subscription) -> None:
         subscription.end()
@@ -281,9 +259,6 @@ class Ros1Middleware(NativeNode):
         """Returns the topics that it subscribes to, as the master knows them. May be called in any thread."""
         return {subscription.topic for subscription in tuple(self._subscriptions)}
 
-    def _own_topics(self) -> Set[str]:
-        return self._published_topics() | self._subscribed_topics()
-
     def _last_publishers(self, topic: str) -> Set[str]:
         """Returns the nodes whose messages on a topic came last. May be called in any thread."""
         headers = [each.header for each in tuple(self._subscriptions) if each.topic == topic]
@@ -293,38 +268,30 @@ class Ros1Middleware(NativeNode):
         """Returns the absolute name. It is not remapped: rospy remaps every name that it gets."""
         return resolve_name(name, self.name)
 
-    def _choose_reader(self, topic: str, type_name: str, field: Optional[str]) -> Tuple[Any, Optional[Getter]]:
-        """Returns the class to subscribe with and the reader of its messages; None: they are only counted.
-
-        All subscriptions of a process to a topic share one connection and the class of the first subscription.
-        """
-        shared = _shared_class(rospy.topics.get_topic_manager().get_subscriber_impl(topic))
-        if field is None:
-            return shared or rospy.AnyMsg, None
-        reader = Reader(
-            topic,
-            type_name,
-            lambda raw: self._type_of(topic, raw).field_getter(field),
-            partial(self._failures.write, topic),
-        )
-        if type_name:
-            cls = messages.message_class(type_name)
-            messages.field_getter(topic, type_name, field)  # raises
-            _require_same_class(topic, cls, None if shared is rospy.AnyMsg else shared)
-            # As bytes, since others may need these: `subscribe_raw`, or the number in them.
-            shared = shared or messages.serialized_class(cls)
-        return shared or rospy.AnyMsg, reader.read
-
 
 class Subscription:
     """A rospy subscriber. It may still call back when it has ended: `active` says whether to deliver."""
 
-    def __init__(self, topic: str, cls: Any, deliver: Callable[[Any, Subscription], None]) -> None:
-        """Subscribes; `deliver` receives each native message with this object, in a thread of its publisher."""
+    def __init__(
+        self, topic: str, type_name: str, get: Getter, callback: Callback, deliver: Callable[[Subscription, Any], None]
+    ) -> None:
+        """Subscribes; `deliver` receives this object and each message as bytes, in a thread of its publisher.
+
+        All subscriptions of a process to a topic share one connection, and the class of the first subscription:
+        messages of /clock have the class with which rospy itself reads them. `type_name` is for the master only.
+        """
         self.active = True
+        self.get, self.callback = get, callback
         self.header: Mapping[str, str] = {}
         """That of the connection which brought the latest message."""
-        self._subscriber = rospy.Subscriber(topic, cls, deliver, self, tcp_nodelay=True)
+
+        def receive(native: Any, subscription: Subscription) -> None:
+            subscription.header = native._connection_header
+            deliver(subscription, native)
+
+        shared = rospy.topics.get_topic_manager().get_subscriber_impl(rospy.resolve_name(topic))
+        cls = messages.bytes_class(type_name) if shared is None else shared.data_class
+        self._subscriber = rospy.Subscriber(topic, cls, receive, self, tcp_nodelay=True)
         self.topic: str = self._subscriber.resolved_name
 
     def move_first(self) -> None:
@@ -357,16 +324,13 @@ class PublisherLookup:
     def __init__(
         self,
         master: Master,
-        own_topics: Callable[[], Container[str]],
         last_publishers: Callable[[str], Collection[str]] = lambda topic: (),
     ) -> None:
         """Asks nothing yet.
 
-        `own_topics` returns the resolved topics that the node itself uses, `last_publishers` the nodes whose messages
-        on a topic came last; both are called in the thread.
+        `last_publishers` returns the nodes whose messages on a topic came last; it is called in the thread.
         """
         self._master = master
-        self._own_topics = own_topics
         self._last_publishers = last_publishers
         self._lock = threading.Lock()
         self._questions: List[Tuple[str, str, Answer]] = []
@@ -397,27 +361,4 @@ class PublisherLookup:
     def _explain(self, topic: str, type_name: str, published: Mapping[str, str]) -> Optional[str]:
         gone = [node for node in self._last_publishers(topic) if self._master.answers(node) is False]
         types = [published[topic]] if topic in published and not gone else []
-        return explain(topic, type_name, types, similar_topics(topic, type_name, published, self._own_topics()), gone)
-
-
-def _wait_while(clock: Callable[[], float], now_s: float) -> None:
-    """Waits for the next message on /clock if simulated time is still `now_s`; at most 0.5 s."""
-    moved = rospy.rostime.get_rostime_cond()
-    with moved:
-        if clock() == now_s:
-            moved.wait(0.5)
-
-
-def _shared_class(impl: Any) -> Any:
-    """Returns the class with which this process already uses a topic; None: it does not use it."""
-    return impl.data_class if impl is not None else None
-
-
-def _require_same_class(topic: str, cls: Any, shared: Any) -> None:
-    """Raises ConfigError if this process already uses the topic with another class, which rospy does not check."""
-    if shared not in (None, cls, messages.serialized_class(cls)):
-        raise _another_type(topic, shared, cls._type)
-
-
-def _another_type(topic: str, shared: Any, found: str) -> ConfigError:
-    return ConfigError(f"{topic}: expected {shared._type}, the type that this process already uses, got {found}")
+        return explain(topic, type_name, types, gone)

@@ -36,10 +36,12 @@ class Reader:
         """By type, checksum and definition."""
         self._header: Any = None
         """That of the latest message. All messages of a connection have the same object."""
-        self._has_failed = False
 
     def read(self, native: Any) -> Any:
-        """Returns what is read of a message; ABSENT, after one ERROR line, if it does not match the type."""
+        """Returns what is read of a message; ABSENT, after one ERROR line, if the publisher's type does not fit.
+
+        Raises ValueError if the message does not match that type.
+        """
         if native._connection_header is not self._header:
             self._header = native._connection_header
             key = tuple(self._header.get(name, "") for name in ("type", "md5sum", "message_definition"))
@@ -54,14 +56,8 @@ class Reader:
                     self._log(Severity.ERROR, str(error))
                     self._getters[key] = lambda data: ABSENT
             self._get = self._getters[key]
-        try:
-            # rospy itself reads /clock as messages.
-            return self._get(native._buff if isinstance(native, rospy.AnyMsg) else messages.serialized(native))
-        except ValueError as error:
-            if not self._has_failed:
-                self._has_failed = True
-                self._log(Severity.ERROR, f"{self._topic}: a message does not match {self._header['type']}: {error}")
-            return ABSENT
+        # rospy itself reads /clock as messages.
+        return self._get(native._buff if isinstance(native, rospy.AnyMsg) else messages.serialized(native))
 
 
 def _format(type_name: str, checksum: str, definition: str) -> RawFormat:

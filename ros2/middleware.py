@@ -6,10 +6,8 @@ A process may hold several `Ros2Middleware`s, each an rclpy node with its own pa
 
 from __future__ import annotations
 
-import collections
 from dataclasses import dataclass
-from functools import partial
-from typing import Any, Callable, Collection, Deque, Dict, Iterator, List, Mapping, Optional, Sequence, Set, Tuple
+from typing import Any, Callable, Collection, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
 
 from rclpy.clock import Clock, ClockType, JumpThreshold, TimeJump
 from rclpy.context import Context
@@ -23,9 +21,10 @@ from ..core.messages.dialect import Message
 from ..core.messages.raw_messages import RawFormat
 from ..core.messages.serialized import SerializedType
 from ..core.port.graph import Counts, Wanted, count, is_pattern, matching
+from ..core.port.hints import Answer
 from ..core.port.middleware import Callback, OnChange, RawCallback, Severity
 from ..core.values.errors import ConfigError
-from ..core.values.field_path import ABSENT, Getter
+from ..core.values.field_path import Getter
 from ..core.values.formatting import with_degree_sign
 from ..core.values.names import canonical_type, resolve_name
 from ..runtime.native_node import NativeNode
@@ -51,7 +50,6 @@ _LOG: Mapping[Severity, Callable[[Any, str], object]] = {
 }
 """One line each: rclpy remembers the severity of each calling line."""
 _GET_STATE = "lifecycle_msgs/GetState"
-_MOST_WAITING_FOR_CLOCK = 1000
 _QOS_CHECK_PERIOD_S = 1.0
 """Period of the check for publishers with an incompatible QoS, in s."""
 
@@ -78,13 +76,13 @@ class _Timer:
                 self._node.node.destroy_timer(self._native)
 
     def _call(self) -> None:
-        self._node._call_timer(self, self._callback)
+        with self._node._lock:
+            if self.active:
+                self._node.call(self._callback, self._node.now_s())
 
 
 class Ros2Middleware(NativeNode):
     """One rclpy node; implements `core.middleware.Middleware`. It works while an executor spins `node`."""
-
-    _timer_class = _Timer
 
     def __init__(self, name: str, context: Optional[Context] = None, **options: Any) -> None:
         """Creates the node.
@@ -97,19 +95,15 @@ class Ros2Middleware(NativeNode):
         self.node = ParameterNode(name, context=context, **options)
         self._logger = self.node.get_logger()
         self._ros_clock = self.node.get_clock()
-        self._lookup = PublisherLookup(self.node, self._own_topics, self._qos_of)
-        super().__init__(
-            self.node.get_fully_qualified_name(),
-            messages.native,
-            self._lookup.look_up,
-            self._ros_time_s if self._ros_clock.ros_time_is_active else None,
-        )
+        self._lookup = PublisherLookup(self.node)
+        sim_time_s = self._ros_clock.now().nanoseconds / 1e9 if self._ros_clock.ros_time_is_active else None
+        super().__init__(self.node.get_fully_qualified_name(), messages.native, sim_time_s)
         self.parameters = NodeParameters(self.node)
         self._states = LifecycleStates(self.node)
         self._steady_clock = Clock(clock_type=ClockType.STEADY_TIME)
         self._channels: Dict[Tuple[str, Any, bool], _Channel] = {}
         self._qos_timer: Optional[Any] = None
-        self._waiting_for_clock: Deque[Callable[[], None]] = collections.deque(maxlen=_MOST_WAITING_FOR_CLOCK)
+        self._timers: List[_Timer] = []
         self._jumps = self._ros_clock.create_jump_callback(
             JumpThreshold(min_forward=Duration(nanoseconds=1), min_backward=Duration(nanoseconds=-1)),
             post_callback=self._on_time_jump,
@@ -189,6 +183,21 @@ class Ros2Middleware(NativeNode):
                 if full_name(info.node_name, info.node_namespace) != self.name:
                     yield topic
 
+    def look_up_silence(self, topic: str, type_name: str, answer: Answer) -> None:
+        self._lookup.look_up(topic, type_name, answer)
+
+    def create_timer(  # type: ignore[override]  # a timer of rclpy
+        self, period_s: float, callback: Callable[[float], None], *, steady: bool = False
+    ) -> _Timer:
+        with self._lock:
+            timer = _Timer(self, period_s, callback, steady or self._sim_time_s is None)
+            self._timers = [*(known for known in self._timers if known.active), timer]
+        return timer
+
+    def cancel_timers(self) -> None:
+        for timer in self._timers:
+            timer.cancel()
+
     def advertise_service(self, service: str, type_name: str, handler: Callable[[Message], Message]) -> None:
         cls = messages.service_class(type_name)
 
@@ -198,7 +207,7 @@ class Ros2Middleware(NativeNode):
                     return messages.to_native(cls.Response, handler(messages.to_mapping(request)))
                 except Exception as error:
                     # ROS 2 has no failed calls. In std_srvs `success` is false by default; `message` gets the reason.
-                    text = self._log_failure(error)
+                    text = self.log_failure(error)
                     if hasattr(response, "message"):
                         response.message = text
                     return response
@@ -216,37 +225,17 @@ class Ros2Middleware(NativeNode):
             self.node.executor.remove_node(self.node)
         self.node.destroy_node()
 
-    def _ros_time_s(self) -> float:
-        nanoseconds: int = self._ros_clock.now().nanoseconds
-        return nanoseconds / 1e9
-
     def _on_time_jump(self, jump: TimeJump) -> None:
-        """Restarts every period if simulated time went back, or if it began: until then it is 0.
-
-        Delivers the messages that arrived before it began.
-        """
-        went_back = jump.delta.nanoseconds < 0
-        began = self._ros_clock.now().nanoseconds == jump.delta.nanoseconds
+        """Takes the time; restarts every period if it went back, or if it began: until then it is 0."""
+        nanoseconds: int = self._ros_clock.now().nanoseconds
         with self._lock:
-            if went_back or began:
+            if jump.delta.nanoseconds < 0 or nanoseconds == jump.delta.nanoseconds:
                 for timer in self._timers:
-                    if isinstance(timer, _Timer):
-                        timer.restart()
-            if began:
-                waiting = list(self._waiting_for_clock)
-                self._waiting_for_clock.clear()
-                for deliver in waiting:
-                    deliver()
+                    timer.restart()
+            self.set_sim_time(nanoseconds / 1e9)
 
     def _stamp(self) -> Any:
         return self._ros_clock.now().to_msg()
-
-    def _own_topics(self) -> Set[str]:
-        return {*self._publishers, *(subscription.topic for subscription in self._subscriptions)}
-
-    def _qos_of(self, topic: str) -> List[QoSProfile]:
-        """Returns the QoS of this node's subscriptions to a topic."""
-        return [channel.native.qos_profile for channel in self._channels.values() if channel.key[0] == topic]
 
     def _resolve(self, name: str) -> str:
         try:
@@ -300,27 +289,12 @@ class Ros2Middleware(NativeNode):
 
     def _open(self, channel: _Channel) -> None:
         """Creates rclpy's subscription: reliable, unless there is a best-effort publisher already."""
-        lock, clock, simulated, log_failure = self._lock, self._clock, self._simulated, self._log_failure
         topic, cls, is_latched = channel.key
 
         def deliver(data: bytes) -> None:
-            with lock:
-                now_s = clock()
-                if simulated and now_s == 0.0:
-                    if channel.readers:
-                        self._waiting_for_clock.append(partial(deliver, data))
-                    return
+            with self._lock:
                 for subscription in channel.readers:
-                    if subscription.active:
-                        try:
-                            try:
-                                value = subscription.get(data)
-                            except Exception as error:
-                                log_failure(error)
-                                value = ABSENT  # a message that cannot be read is a sign of life
-                            subscription.callback(value, now_s)
-                        except Exception as error:
-                            log_failure(error)
+                    self.deliver(subscription, data)
 
         channel.is_best_effort = has_best_effort(self.node, topic)
         reliability = ReliabilityPolicy.BEST_EFFORT if channel.is_best_effort else ReliabilityPolicy.RELIABLE
@@ -369,7 +343,7 @@ class Ros2Middleware(NativeNode):
                     try:
                         self._start(subscription, type_name)
                     except ConfigError as error:
-                        self._failures.write(subscription.topic, Severity.ERROR, str(error))
+                        self.failures.write(subscription.topic, Severity.ERROR, str(error))
             numbers = {topic: self.node.count_publishers(topic) for topic, _, _ in self._channels}
             self._lookup.remember(numbers)
             for channel in tuple(self._channels.values()):

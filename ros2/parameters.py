@@ -9,18 +9,17 @@ import contextlib
 import os
 import re
 from functools import partial
-from typing import Any, Callable, Dict, Iterator, List, Mapping, Sequence
+from typing import Any, Dict, Iterator, List, Mapping, Sequence
 
-from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
+from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.logging import LoggingSeverity
 from rclpy.node import Node
-from rclpy.qos import qos_profile_services_default
 
 from ..core.config.monitor_config import NODE_PARAMETERS, load_config, sections
-from ..core.config.parameters import Parameter, unflatten, unknown_key
-from ..core.config.yaml_file import YamlFile, read_yaml
+from ..core.config.parameters import Parameter, unflatten
+from ..core.config.yaml_file import read_yaml
 from ..core.port.middleware import OnChange
-from ..core.values.errors import ConfigError, Path
+from ..core.values.errors import ConfigError
 from ..runtime.native_node import Log, apply_change
 
 EXECUTOR, USE_SIM_TIME = (
@@ -43,11 +42,6 @@ class ParameterNode(Node):  # type: ignore[misc]  # rclpy is not typed
         """Creates the node; `options` are further arguments of rclpy's Node."""
         super().__init__(name, automatically_declare_parameters_from_overrides=True, **options)
 
-    def create_service(self, srv_type: Any, srv_name: str, callback: Callable[..., Any], **options: Any) -> Any:
-        """Lets 10 requests wait, as rclpy does by default: the 1,000 of its parameter services take 0.2 MB per node."""
-        options["qos_profile"] = qos_profile_services_default
-        return super().create_service(srv_type, srv_name, callback, **options)
-
     def declare_parameters(self, namespace: str, parameters: List[Any], ignore_override: bool = False) -> List[Any]:
         """Declares an empty list too, which rcl gives no type: rclpy could not start the node."""
         untyped = ParameterDescriptor(dynamic_typing=True)
@@ -59,14 +53,6 @@ class ParameterNode(Node):  # type: ignore[misc]  # rclpy is not typed
         ]
         declared: List[Any] = super().declare_parameters(namespace, parameters, ignore_override)
         return declared
-
-    def set_parameters_atomically(self, parameter_list: List[Any]) -> SetParametersResult:
-        """Refuses an unknown parameter by its name, which is missing in rclpy's reason."""
-        names = self.get_parameters_by_prefix("")
-        for parameter in parameter_list:
-            if parameter.name not in names:
-                return SetParametersResult(successful=False, reason=str(unknown_key(parameter.name, list(names))))
-        return super().set_parameters_atomically(parameter_list)
 
 
 class NodeParameters:
@@ -114,13 +100,6 @@ class NodeParameters:
             read_only=parameter.name in _START_ONLY,
             dynamic_typing=True,
         )
-        if parameter.minimum is not None and parameter.maximum is not None:
-            if parameter.kind is int:
-                whole = IntegerRange(from_value=int(parameter.minimum), to_value=int(parameter.maximum))
-                descriptor.integer_range = [whole]
-            else:
-                real = FloatingPointRange(from_value=float(parameter.minimum), to_value=float(parameter.maximum))
-                descriptor.floating_point_range = [real]
         if self._node.has_parameter(parameter.name):
             self._node.set_descriptor(parameter.name, descriptor)
         else:
@@ -168,13 +147,11 @@ class ParameterFiles:
     """
 
     def __init__(self, arguments: Sequence[str]) -> None:
-        """Reads them; raises ConfigError if one cannot be read, is not YAML, or contains an empty mapping."""
+        """Reads them; raises ConfigError if one cannot be read or is not YAML."""
         self._arguments = list(arguments)
         self._places = [place + 1 for place, option in enumerate(arguments[:-1]) if option == _OPTION]
         self._files = {place: read_yaml(arguments[place]) for place in self._places}
         self._copies: Dict[str, int] = {}
-        for file in self._files.values():
-            _refuse_empty_mappings(file, file.tree, ())
 
     @contextlib.contextmanager
     def arguments_for_any_namespace(self) -> Iterator[List[str]]:
@@ -219,14 +196,3 @@ class ParameterFiles:
         for path, place in self._copies.items():
             problem = problem.replace(path, self._arguments[place])
         return ConfigError(" ".join(problem.split()))
-
-
-def _refuse_empty_mappings(file: YamlFile, tree: Mapping[str, Any], path: Path) -> None:
-    """ROS 2 has only leaves: an empty mapping would become a parameter without a value, which rclpy cannot handle."""
-    for key, value in tree.items():
-        below = (*path, str(key))
-        if isinstance(value, Mapping):
-            _refuse_empty_mappings(file, value, below)
-            if not value and "ros__parameters" in path:
-                problem = "expected a mapping with at least one key on ROS 2, for instance topic, got {}"
-                raise file.locate(ConfigError(problem, below))

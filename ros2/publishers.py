@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import time
-from typing import Callable, Collection, Container, Dict, Iterator, List, Mapping, Sequence, Tuple
+from typing import Collection, Dict, List, Mapping, Sequence, Tuple
 
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSCompatibility, QoSProfile, ReliabilityPolicy, qos_check_compatible
+from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
-from ..core.port.hints import INCOMPATIBLE_QOS, Answer, explain, similar_topics
-
-_TOPICS_PERIOD_S = 1.0
-"""Reading the list of all topics takes milliseconds on a large graph; several signals may need it at once."""
+from ..core.port.hints import Answer, explain
 
 
 def full_name(name: str, namespace: str) -> str:
@@ -41,18 +37,9 @@ def are_latched(node: Node, topic: str) -> bool:
 class PublisherLookup:
     """Why a topic brings no samples."""
 
-    def __init__(
-        self, node: Node, own_topics: Callable[[], Container[str]], qos_of: Callable[[str], Sequence[QoSProfile]]
-    ) -> None:
-        """Reads nothing yet.
-
-        `own_topics` returns the resolved topics that the node uses, `qos_of` the QoS of its subscriptions to one.
-        """
+    def __init__(self, node: Node) -> None:
+        """Reads nothing yet."""
         self._node = node
-        self._own_topics = own_topics
-        self._qos_of = qos_of
-        self._topics: Mapping[str, str] = {}
-        self._read_s = float("-inf")
         self._publishers: Dict[str, Tuple[int, Collection[str]]] = {}
         """How many publishers each topic has now, and the nodes of the latest ones."""
 
@@ -74,27 +61,8 @@ class PublisherLookup:
             self._publishers[topic] = len(publishers), _nodes_of(publishers)
         elif topic in self._publishers:
             gone = set(self._publishers[topic][1]).difference(node_names(self._node))
-        text = explain(topic, type_name, types, self._similar(topic, type_name), gone)
-        if publishers and text is None:
-            wanted = self._qos_of(topic)
-            offered = [publisher.qos_profile for publisher in publishers]
-            if wanted and not any(_is_compatible(one, other) for one in offered for other in wanted):
-                text = INCOMPATIBLE_QOS
-        answer(text)
-
-    def _similar(self, topic: str, type_name: str) -> Iterator[str]:
-        now_s = time.monotonic()
-        if now_s - self._read_s >= _TOPICS_PERIOD_S:
-            self._topics = {name: types[0] for name, types in self._node.get_topic_names_and_types() if types}
-            self._read_s = now_s
-        similar = similar_topics(topic, type_name, self._topics, self._own_topics())
-        return (name for name in similar if self._node.count_publishers(name))
+        answer(explain(topic, type_name, types, gone))
 
 
 def _nodes_of(publishers: Sequence[TopicEndpointInfo]) -> Collection[str]:
     return {full_name(each.node_name, each.node_namespace) for each in publishers}
-
-
-def _is_compatible(offered: QoSProfile, wanted: QoSProfile) -> bool:
-    compatibility, _ = qos_check_compatible(offered, wanted)
-    return bool(compatibility != QoSCompatibility.ERROR)

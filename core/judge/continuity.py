@@ -30,10 +30,6 @@ class SignalHistory(Protocol):
     means that its signal is no longer watched: the stored state is deleted.
     """
 
-    @property
-    def is_kept(self) -> bool:
-        """Whether it is still there after a restart; False: it is in memory."""
-
     def wall_s(self) -> float:
         """Returns the time in seconds since 1970."""
 

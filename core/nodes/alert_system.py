@@ -119,10 +119,6 @@ class AlertSystem:
         for name, signal in config.signals.items():
             if name not in self.watched.left_out:
                 middleware.log(Severity.INFO, f"watching {source_text(signal, self.watched.topics.get(name, ''))}")
-        latching = [name for name, signal in config.signals.items() if signal.latch]
-        if latching and (history is None or not history.is_kept):
-            text = f"no history: latched alerts of an earlier run are not restored ({', '.join(latching)})"
-            middleware.log(Severity.INFO, text)
 
     def _begin(self, unknown: Mapping[str, str]) -> None:
         """Subscribes, and continues from the saved states."""

@@ -19,7 +19,7 @@ from ..messages.standard_messages import check_type, definition
 from ..values.errors import ConfigError, ServiceError
 from ..values.names import full_name, split_type_name
 from .graph import Counts, GraphCallback, Wanted, count, state_of
-from .hints import Answer, explain, similar_topics
+from .hints import Answer, explain
 from .mapping_node import CLOCK, MappingNode, MappingSubscription, RawSubscription
 from .middleware import Callback, Graph, NodeInfo, RawCallback, Severity
 from .timers import ClockTimer
@@ -219,11 +219,10 @@ class LocalMiddleware(MappingNode):
 
     def look_up_silence(self, topic: str, type_name: str, answer: Answer) -> None:
         published = {name: kind for node in self._bus.nodes for name, kind in node._advertised.items()}
-        own = {*self._advertised, *(subscription.topic for subscription in self._subscriptions)}
         types = [published[topic]] if topic in published else []
         last = self._bus._topics.get(topic, _Topic()).publisher
         gone = {last}.difference(["", *(node.name for node in self._bus.nodes)])
-        answer(explain(topic, type_name, types, similar_topics(topic, type_name, published, own), gone))
+        answer(explain(topic, type_name, types, gone))
 
     def graph_name(self, key: str, name: str) -> str:
         return self.resolve(name)

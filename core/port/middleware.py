@@ -152,7 +152,7 @@ class Middleware(Protocol):
         path ` where level >= ERROR`, whose value is 1.0): a message for which it does not hold reads as ABSENT.
 
         Raises ConfigError if the type is unknown or has no such field, with topic, type and available fields. Also if
-        `topic` is not a name, or is already used with another type.
+        `topic` is not a name.
         """
 
     def subscribe_raw(self, topic: str, type_name: str, callback: RawCallback) -> Subscription:

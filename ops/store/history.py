@@ -147,7 +147,6 @@ class RobotHistory:
         self._history = history
         self._robot = robot
         self.wall_s = history.wall_s
-        self.is_kept = history.file is not None
         self.keeps_samples = history.keeps_samples
         self._lock = threading.Lock()
         self._open_save: Optional[Dict[str, str]] = None

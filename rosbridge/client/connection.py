@@ -12,7 +12,6 @@ NaN and infinities. With other servers it is JSON, where both are null.
 
 from __future__ import annotations
 
-import asyncio
 import functools
 from typing import Any, Awaitable, Dict, Mapping, Optional
 
@@ -45,6 +44,7 @@ class ServerConnection(BridgeConnection):
         super().__init__(url, **options)
         self._calls = PendingCalls()
         self.receivers = self.subscriptions = Subscriptions(self.send, self.call, self.run_in_loop)
+        self.tasks.append(self.subscriptions.find_types)
         self.limits = limits
         """Bounds for messages that are decoded."""
         self._compression = "none"
@@ -67,14 +67,6 @@ class ServerConnection(BridgeConnection):
             raise LinkError(f"{service} was not called: no connection to {self.address}")
         values = await self._calls.call(self.send, None, service, request, timeout_s)
         return values if isinstance(values, dict) else {}
-
-    async def run(self) -> None:
-        """Keeps the connection up until it is cancelled or `close` is called."""
-        types = asyncio.ensure_future(self.subscriptions.find_types())
-        try:
-            await super().run()
-        finally:
-            types.cancel()
 
     def _begin(self, subprotocol: Optional[str]) -> bool:
         self._compression = "cbor" if subprotocol == CBOR_SUBPROTOCOL else "none"

@@ -20,40 +20,6 @@ from .topics import PublisherLookup, find_types, list_topics
 _ANSWER_TIMEOUT_S = 30.0
 
 
-class RosbridgeClient(BridgeClient["RosbridgeMiddleware"]):
-    """The connection to one robot's rosbridge server, shared by the nodes that `node` makes."""
-
-    connection: ServerConnection
-    connection_class = ServerConnection
-    log_name = "rosbridge"
-
-    def __init__(self, url: str, **options: Any) -> None:
-        """Creates a client that is not connected, with the `options` of `BridgeClient`; `run` connects."""
-        super().__init__(url, **options)
-        self.publishers = PublisherLookup(self.connection.call)
-
-    def _new_node(self, name: str, *binding: Any) -> RosbridgeMiddleware:
-        return RosbridgeMiddleware(self, name, *binding)
-
-    async def known_topics(self) -> List[KnownTopic]:
-        """See `BridgeClient.known_topics`: what its rosapi lists."""
-        try:
-            return await list_topics(self.connection.call)
-        except ServiceError as error:
-            raise ServiceError(f"{self.connection.address} does not list its topics (no rosapi?): {error}") from None
-
-    async def run(self) -> None:
-        """Keeps the connection up and the timers going until it is cancelled."""
-        remembering = asyncio.ensure_future(self.publishers.remember(lambda: self.connection.subscriptions.topics))
-        try:
-            await super().run()
-        finally:
-            remembering.cancel()
-
-    async def known_nodes(self, topics: Collection[str]) -> Mapping[str, NodeInfo]:
-        return await list_nodes(self.connection.call, topics)
-
-
 class RosbridgeMiddleware(BridgeNode):
     """One node for a robot behind rosbridge; implements `core.port.middleware.Middleware`."""
 
@@ -66,10 +32,13 @@ class RosbridgeMiddleware(BridgeNode):
     def _receiver(
         self, topic: str, type_name: str, field: Optional[str], callback: Callback, *, is_raw: bool = False
     ) -> Receiver:
-        largest_bytes = self._connection.limits.message_bytes
+        receiver: Receiver
         if is_raw:
-            return CaptureReceiver(self, largest_bytes, topic, type_name, callback)
-        return FieldReceiver(self, largest_bytes, topic, type_name, field, callback)
+            receiver = CaptureReceiver(self, topic, type_name, callback)
+        else:
+            receiver = FieldReceiver(self, topic, type_name, field, callback)
+        receiver.largest_bytes = self._connection.limits.message_bytes
+        return receiver
 
     def raw_format_of(self, topic: str, type_name: str) -> Optional[RawFormat]:
         return self._connection.subscriptions.format_of(topic)
@@ -93,5 +62,30 @@ class RosbridgeMiddleware(BridgeNode):
         return GraphReader(self, self._connection, wanted, callback)
 
     def look_up_silence(self, topic: str, type_name: str, answer: Answer) -> None:
-        own = self.own_topics()
-        self._connection.run_in_loop(lambda: self._client.publishers.look_up(topic, type_name, own, answer))
+        self._connection.run_in_loop(self._client.publishers.look_up, topic, type_name, answer)
+
+
+class RosbridgeClient(BridgeClient[RosbridgeMiddleware]):
+    """The connection to one robot's rosbridge server, shared by the nodes that `node` makes."""
+
+    connection: ServerConnection
+    connection_class = ServerConnection
+    node_class = RosbridgeMiddleware
+    log_name = "rosbridge"
+
+    def __init__(self, url: str, **options: Any) -> None:
+        """Creates a client that is not connected, with the `options` of `BridgeClient`; `run` connects."""
+        super().__init__(url, **options)
+        self.publishers = PublisherLookup(self.connection.call)
+        topics = self.connection.subscriptions
+        self.connection.tasks.append(lambda: self.publishers.remember(lambda: topics.topics))
+
+    async def known_topics(self) -> List[KnownTopic]:
+        """See `BridgeClient.known_topics`: what its rosapi lists."""
+        try:
+            return await list_topics(self.connection.call)
+        except ServiceError as error:
+            raise ServiceError(f"{self.connection.address} does not list its topics (no rosapi?): {error}") from None
+
+    async def known_nodes(self, topics: Collection[str]) -> Mapping[str, NodeInfo]:
+        return await list_nodes(self.connection.call, topics)

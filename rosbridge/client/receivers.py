@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any, Optional, Union
+from typing import Optional, Union
 
 from ...core.messages.dialect import Message
 from ...core.messages.fixed_fields import Getter
 from ...core.messages.raw_messages import RawFormat
 from ...core.messages.serialized import SerializedType
-from ...core.port.mapping_node import MappingNode, MappingSubscription, RawSubscription
+from ...core.port.mapping_node import MappingSubscription, RawSubscription
 from ...core.values.errors import ConfigError
 from ...core.values.field_path import ABSENT
 from ...core.values.names import canonical_type
@@ -18,19 +18,16 @@ from ...runtime.bridge.receivers import BridgeReceiver
 class _Limited(BridgeReceiver):
     """A receiver of the connection, in front of a subscription of the node."""
 
-    def __init__(self, node: MappingNode, largest_bytes: int, topic: str, type_name: str, *binding: Any) -> None:
-        """Binds topic, type and what is passed on, with arguments, and errors, as of the methods of `Middleware`.
+    _type_name: str
 
-        Messages of more than `largest_bytes` are not decoded.
-        """
-        super().__init__(node, topic, type_name, *binding)  # type: ignore[call-arg]
-        self._largest_bytes = largest_bytes
-        self.type_name = canonical_type(type_name)
+    @property
+    def type_name(self) -> str:
+        """The type, which is empty if it has to be found out."""
+        return canonical_type(self._type_name)
 
     def deliver(self, message: Message) -> None:
         """Passes the message on, or its field."""
-        if self._is_dropping:
-            self.note_readable()
+        self.note_readable()
         super().deliver(message)  # type: ignore[misc]
 
 
@@ -40,13 +37,12 @@ class FieldReceiver(_Limited, MappingSubscription):
     null_is_nan = True
     needs_format = False
     """Whether the format of the messages has to be found out."""
+    _get_from_bytes: Optional[Getter] = None
 
-    def __init__(self, node: MappingNode, largest_bytes: int, *binding: Any) -> None:
-        """Binds the field; see `Middleware.subscribe`."""
-        super().__init__(node, largest_bytes, *binding)
-        self.arrivals_only = self._field is None
+    @property
+    def arrivals_only(self) -> bool:
         """Whether the messages need not be decoded: `deliver` may be called with an empty one."""
-        self._get_from_bytes: Optional[Getter] = None
+        return self._field is None
 
     def takes_bytes(self, raw_format: RawFormat) -> bool:
         """Prepares for serialized messages of a format; returns False if it needs decoded ones."""

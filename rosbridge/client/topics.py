@@ -8,7 +8,6 @@ from typing import (
     Any,
     Awaitable,
     Callable,
-    Container,
     Dict,
     Iterable,
     Iterator,
@@ -19,7 +18,7 @@ from typing import (
     Tuple,
 )
 
-from ...core.port.hints import Answer, explain, similar_topics
+from ...core.port.hints import Answer, explain
 from ...core.values.errors import LinkError, MessageError, ServiceError
 from ...core.values.names import canonical_type
 from ...runtime.bridge.node import KnownTopic
@@ -30,8 +29,6 @@ Call = Callable[[str, Mapping[str, Any], float], Awaitable[Mapping[str, Any]]]
 _TIMEOUT_S = 10.0
 _ANSWER_TIMEOUT_S = 5.0
 _REMEMBER_PERIOD_S = 60.0
-_MOST_CANDIDATES = 3
-"""Similar topics of which the server is asked for publishers, for one question."""
 _MOST_TOPICS = 10_000
 _MOST_TYPES = 200
 _LONGEST_DEFINITION = 200_000
@@ -92,8 +89,8 @@ class PublisherLookup:
     def __init__(self, call: Call) -> None:
         """Asks nothing yet."""
         self._call = call
-        self._questions: Dict[Tuple[str, str], Tuple[Container[str], Answer]] = {}
-        """Topics that the node itself uses, and who is answered; by topic and configured type (empty: any)."""
+        self._questions: Dict[Tuple[str, str], Answer] = {}
+        """What is answered, by topic and configured type (empty: any)."""
         self._task: Optional[asyncio.Task[None]] = None
         self._publishers: Dict[str, Sequence[str]] = {}
         """The nodes that published each topic when it had publishers last."""
@@ -107,9 +104,9 @@ class PublisherLookup:
                 for topic in tuple(topics()):
                     await self._publishers_of(topic)
 
-    def look_up(self, topic: str, type_name: str, own_topics: Container[str], answer: Answer) -> None:
+    def look_up(self, topic: str, type_name: str, answer: Answer) -> None:
         """Answers later why a topic brings no samples, None if nothing is known; as in `core.hints.Hints`."""
-        self._questions[topic, type_name] = own_topics, answer
+        self._questions[topic, type_name] = answer
         if self._task is None or self._task.done():
             self._task = asyncio.get_event_loop().create_task(self._ask())
 
@@ -120,23 +117,19 @@ class PublisherLookup:
             try:
                 topics = await find_types(self._call)
                 while waiting:
-                    (topic, type_name), (own_topics, answer) = waiting[0]
-                    answer(await self._explain(topic, type_name, topics, own_topics))
+                    (topic, type_name), answer = waiting[0]
+                    answer(await self._explain(topic, type_name, topics))
                     del waiting[0]
             except (LinkError, MessageError, ServiceError):
-                for _, (_, answer) in waiting:
+                for _, answer in waiting:
                     answer(None)
 
-    async def _explain(
-        self, topic: str, type_name: str, topics: Mapping[str, str], own_topics: Container[str]
-    ) -> Optional[str]:
+    async def _explain(self, topic: str, type_name: str, topics: Mapping[str, str]) -> Optional[str]:
         if await self._publishers_of(topic):
-            return explain(topic, type_name, [topics[topic]], ()) if topics.get(topic) else None
+            return explain(topic, type_name, [topics[topic]]) if topics.get(topic) else None
         known = self._publishers.get(topic, ())
         gone = set(known).difference(await names_of(self._call, "nodes")) if known else ()
-        similar = similar_topics(topic, type_name, topics, own_topics)[:_MOST_CANDIDATES]
-        candidates = [name for name in similar if await names_of(self._call, "publishers", topic=name)]
-        return explain(topic, type_name, [], candidates, gone)
+        return explain(topic, type_name, [], gone)
 
     async def _publishers_of(self, topic: str) -> Sequence[str]:
         nodes = await names_of(self._call, "publishers", topic=topic)

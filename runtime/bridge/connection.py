@@ -18,7 +18,7 @@ import functools
 import random
 import ssl
 import threading
-from typing import Any, Awaitable, Callable, ClassVar, Optional, Sequence, Tuple
+from typing import Any, Awaitable, Callable, ClassVar, List, Optional, Sequence, Tuple
 
 import aiohttp
 
@@ -133,6 +133,8 @@ class BridgeConnection(abc.ABC):
         self._on_log = on_log
         self._log = LimitedLog(on_log, clock)
         self._lock = threading.RLock()
+        self.tasks: List[Callable[[], Awaitable[None]]] = []
+        """Run beside the connection, whether it is up or down."""
         self.loop: Optional[asyncio.AbstractEventLoop] = None
         """That in which `run` runs; None before."""
         self._thread = 0
@@ -210,6 +212,7 @@ class BridgeConnection(abc.ABC):
         self.enter_loop()
         moved = self._moved = asyncio.Event()
         backoff = ConnectBackoff()
+        tasks = [asyncio.ensure_future(task()) for task in self.tasks]
         try:
             while not self._closed:
                 if moved.is_set():
@@ -226,6 +229,8 @@ class BridgeConnection(abc.ABC):
                     with contextlib.suppress(asyncio.TimeoutError):
                         await within(backoff.next_s(held_s), moved.wait())
         finally:
+            for task in tasks:
+                task.cancel()
             self.up = False
             self._thread = 0
 

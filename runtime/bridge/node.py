@@ -20,7 +20,6 @@ from typing import (
     Mapping,
     NamedTuple,
     Optional,
-    Set,
     Type,
     TypeVar,
 )
@@ -58,6 +57,7 @@ class BridgeClient(abc.ABC, Generic[Node]):
 
     connection: BridgeConnection
     connection_class: ClassVar[Type[BridgeConnection]]
+    node_class: Type[Node]
     log_name: ClassVar[str]
     """Node of log lines about the connection."""
 
@@ -94,9 +94,6 @@ class BridgeClient(abc.ABC, Generic[Node]):
         self.connection = self.connection_class(url, on_change=self.on_link, on_log=self.log, clock=clock, **options)
 
     @abc.abstractmethod
-    def _new_node(self, name: str, *binding: Any) -> Node: ...
-
-    @abc.abstractmethod
     async def known_topics(self) -> List[KnownTopic]:
         """Returns the topics that the server knows. Raises ServiceError if it does not say, LinkError if it is down."""
 
@@ -125,7 +122,7 @@ class BridgeClient(abc.ABC, Generic[Node]):
         reach nothing.
         """
         outputs = outputs or LocalBus().node(name, namespace=namespace, remap=remap)
-        node = self._new_node(full_name(name, namespace), parameters or {}, remap or {}, use_sim_time, outputs)
+        node = self.node_class(self, full_name(name, namespace), parameters or {}, remap or {}, use_sim_time, outputs)
         self._nodes.append(node)
         return node
 
@@ -193,14 +190,8 @@ class BridgeNode(MappingNode):
         """Messages of current subscriptions that were too large to be read."""
         return sum(receiver.dropped for receiver in tuple(self._subscriptions))
 
-    def own_topics(self) -> Set[str]:
-        """Returns the resolved topics that the node itself uses. May be called in any thread."""
-        return {*self._advertised, *(subscription.topic for subscription in tuple(self._subscriptions))}
-
     def advertise(self, topic: str, type_name: str, *, latched: bool = False) -> str:
-        resolved = self._outputs.advertise(topic, type_name, latched=latched)
-        self._advertised.setdefault(resolved, type_name)
-        return resolved
+        return self._outputs.advertise(topic, type_name, latched=latched)
 
     def publish(self, topic: str, message: Message) -> None:
         self._outputs.publish(topic, message)

@@ -2,29 +2,25 @@
 
 from __future__ import annotations
 
-from ...core.port.mapping_node import MappingNode
-from ...core.port.middleware import Severity
-from ...core.values.formatting import printable
+from ...core.port.mapping_node import LoggedSubscription
 from ...core.values.model import Level
 
 
-class BridgeReceiver:
+class BridgeReceiver(LoggedSubscription):
     """A node's subscription to a topic. Messages that are too large are a fault until one can be read."""
 
-    topic: str
     active: bool
     dropped = 0
     """Messages that were too large to be read."""
-    _node: MappingNode
-    _largest_bytes: float
+    largest_bytes: float
+    """Size above which messages are not decoded."""
     _is_dropping = False
-    _has_mismatch = False
 
     def too_large(self, size_bytes: int) -> None:
         """Reports a dropped message."""
         self._is_dropping = True
         self.dropped += 1
-        sizes = f"{size_bytes / 1e6:.1f} MB (limit {self._largest_bytes / 1e6:.1f} MB)"
+        sizes = f"{size_bytes / 1e6:.1f} MB (limit {self.largest_bytes / 1e6:.1f} MB)"
         text = f"dropped {self.dropped} messages, the last of {sizes}"
         self._node.faults.report(f"topic {self.topic}", text, Level.WARN)
 
@@ -36,10 +32,7 @@ class BridgeReceiver:
 
     def note_mismatch(self, error: Exception) -> None:
         """Logs once that a message does not match its type."""
-        if not self._has_mismatch:
-            self._has_mismatch = True
-            text = f"{self.topic}: a message does not match its type: {error}"
-            self._node.failures.write(self.topic, Severity.ERROR, printable(text))
+        self.log_once(f"{self.topic}: a message does not match its type: {error}")
 
     def end(self) -> None:
         """Ends the subscription and its fault."""

@@ -124,29 +124,22 @@ def _look_up(host: str, port: int, family: int) -> Sequence[Dict[str, Any]]:
 
 
 class SendQueue:
-    """What waits to be sent to a server, bounded in bytes. Used in the event loop only."""
+    """What waits to be sent to a server: subscriptions and calls. Used in the event loop only."""
 
-    def __init__(self, bound_bytes: int = 4_000_000) -> None:
-        """Starts empty."""
-        self._bound_bytes = bound_bytes
-        self._wires: asyncio.Queue[Wire] = asyncio.Queue()
-        self._bytes = 0
+    def __init__(self, most: int = 10_000) -> None:
+        """Starts empty; at most `most` messages wait."""
+        self._wires: asyncio.Queue[Wire] = asyncio.Queue(most)
+        self.get = self._wires.get
+        """Waits for the next message and removes it."""
         self.overflowed = asyncio.Event()
         """Set once a message did not fit."""
 
     def put(self, wire: Wire) -> None:
         """Adds a message, unless it does not fit: a lost subscription would be a silent failure."""
-        if self._bytes + len(wire) > self._bound_bytes:
+        try:
+            self._wires.put_nowait(wire)
+        except asyncio.QueueFull:
             self.overflowed.set()
-            return
-        self._wires.put_nowait(wire)
-        self._bytes += len(wire)
-
-    async def get(self) -> Wire:
-        """Waits for the next message and removes it."""
-        wire = await self._wires.get()
-        self._bytes -= len(wire)
-        return wire
 
     async def write_to(self, socket: Socket) -> None:
         """Sends what is put, until it is cancelled: when the connection ends, its reader finds out why."""

@@ -27,7 +27,6 @@ class KeptHistory:
         self.saves: List[Mapping[str, SavedSignal]] = []
         self.samples: List[Mapping[str, Sequence[SampleSummary]]] = []
 
-    is_kept = True
     keeps_samples = True
 
     def wall_s(self) -> float:

@@ -17,7 +17,7 @@ from rosgraph_msgs.msg import Clock, Log
 
 from harness.port_conformance import START_S, LogLine, ServiceFailed, poll_until
 from robot_health_monitor.core.port.middleware import Severity
-from robot_health_monitor.ros1.middleware import Ros1Middleware, _Timer
+from robot_health_monitor.ros1.middleware import Ros1Middleware
 
 _SEVERITIES = {
     Log.DEBUG: Severity.DEBUG,
@@ -119,7 +119,7 @@ class Ros1Harness:
         now = genpy.Time.from_sec(now_s)
         self._wait_for_connections("/clock")
         _for_all_tests().publish(now)
-        self.wait_until(lambda: rospy.get_rostime() == now and self._have_timers_seen(now_s))
+        self.wait_until(lambda: rospy.get_rostime() == now and self._have_nodes_seen(now_s))
 
     def log_lines(self) -> Sequence[LogLine]:
         return _log[self._first_line :]
@@ -136,10 +136,10 @@ class Ros1Harness:
             topic.unregister()
         self._remap("/tests", {})
 
-    def _have_timers_seen(self, now_s: float) -> bool:
-        """Their threads look at the clock when it moves; one that is late would miss a step back and forth."""
-        timers = [timer for node in self._nodes for timer in node._timers if isinstance(timer, _Timer)]
-        return all(timer._last_s == now_s or not timer.active or not timer._simulated for timer in timers)
+    def _have_nodes_seen(self, now_s: float) -> bool:
+        """Whether the timers of every node have been called that are due."""
+        simulated = [node for node in self._nodes if not node.closed and node._sim_time_s is not None]
+        return all(node.exclusively(node.now_s) == now_s for node in simulated)
 
     def _remap(self, node_name: str, remap: Mapping[str, str]) -> None:
         """Remaps as `old:=new` on the command line of a node does."""

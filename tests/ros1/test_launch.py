@@ -285,19 +285,13 @@ def test_a_refused_value_does_not_keep_a_killed_node_from_starting_again(roslaun
     bound = "/alert_system/ros__parameters/signals/battery_level/warn_below"
     process = roslaunch("robot_health_monitor", "health_monitor.launch", "respawn:=true", "sensors:=none")
     process.wait_for_text("watching cpu_usage")
-    ros.wait_until(lambda: ros._master.hasParam("/alert_system/last_accepted"))
     ros._master.setParam(bound, "low")
     response = ros.call("/alert_system/reload", "std_srvs/Trigger")
     assert response["success"] is False
     assert ros._master.getParam(bound) == 20.0
-    for value in (None, "low"):  # after the refusal; and with a wrong value that was never read
-        if value is not None:
-            ros._master.setParam(bound, value)
-        os.kill(node_pid(ros, "/alert_system"), signal.SIGKILL)
-        process.wait_for_text("watching battery_level on /battery_level: WARN below 20 %")
-        process.wait_for_text("watching cpu_usage")
-    process.wait_for_text("parameters: started with the last good ones: ")
-    assert ros._master.getParam(bound) == 20.0
+    os.kill(node_pid(ros, "/alert_system"), signal.SIGKILL)
+    process.wait_for_text("watching battery_level on /battery_level: WARN below 20 %")
+    process.wait_for_text("watching cpu_usage")
     assert "exit code 2" not in process.text
 
 
@@ -306,7 +300,6 @@ def test_a_new_launch_with_a_wrong_file_does_not_start_with_earlier_parameters(
 ) -> None:
     first = roslaunch("robot_health_monitor", "health_monitor.launch", "sensors:=none")
     first.wait_for_text("watching cpu_usage")
-    ros.wait_until(lambda: ros._master.hasParam("/alert_system/last_accepted"))
     first.signal()
     assert first.wait(30.0) == 0
     file = tmp_path / "wrong.yaml"

@@ -120,7 +120,7 @@ def test_numbers_are_read_from_serialized_messages() -> None:
     from sensor_msgs.msg import BatteryState, LaserScan
     from std_msgs.msg import Float32, Header
 
-    from robot_health_monitor.ros1.messages import field_getter, serialized_class
+    from robot_health_monitor.ros1.messages import field_getter
 
     for message, field, value in (
         (Float32(data=19.5), "data", 19.5),
@@ -133,5 +133,4 @@ def test_numbers_are_read_from_serialized_messages() -> None:
         buffer = io.BytesIO()
         message.serialize(buffer)
         get = field_getter("/in", message._type, field)
-        assert get(serialized_class(type(message))().deserialize(buffer.getvalue())._buff) == value
-    assert serialized_class(Float32)._md5sum == Float32._md5sum
+        assert get(buffer.getvalue()) == value

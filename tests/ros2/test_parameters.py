@@ -66,13 +66,11 @@ GIVEN: Dict[str, Any] = {"signals": {"battery_level": {"warn_below": 20.0, "erro
 WARN_BELOW, ERROR_BELOW = "signals.battery_level.warn_below", "signals.battery_level.error_below"
 
 
-def test_parameters_are_described_with_ranges_and_choices(ros: Any) -> None:
+def test_parameters_are_described_with_what_is_allowed(ros: Any) -> None:
     node = Watched(ros, GIVEN).node
     rate = describe(ros, node, "publish_rate")
     assert "/diagnostics, in Hz" in rate.description
-    assert [(limit.from_value, limit.to_value) for limit in rate.floating_point_range] == [(0.01, 100.0)]
-    samples = describe(ros, node, "signals.battery_level.window_samples")
-    assert [(limit.from_value, limit.to_value) for limit in samples.integer_range] == [(1, 1_000_000)]
+    assert rate.additional_constraints == "a number from 0.01 to 100"
     statistic = describe(ros, node, "signals.battery_level.statistic")
     assert statistic.additional_constraints.startswith("one of last, mean, min")
     assert "WARN below this value" in describe(ros, node, WARN_BELOW).description
@@ -168,33 +166,6 @@ def test_the_log_level_can_be_changed(ros: Any) -> None:
     assert not any(line.text == "not this one" for line in ros.log_lines())
 
 
-def test_an_unknown_parameter_is_refused_by_its_name(ros: Any) -> None:
-    watched = Watched(ros, GIVEN)
-    reason = ros.propose(watched.node, "signals.battery_level.warn_belw", 30.0)
-    assert reason == f"signals.battery_level.warn_belw: unknown key; did you mean {WARN_BELOW}?"
-    assert set_atomically(ros, watched.node, {WARN_BELOW: 30.0, "no_such": 1}).startswith("no_such: unknown key; ")
-    assert get(ros, watched.node, WARN_BELOW) == [20.0]
-    assert watched.trees == []
-
-
-def test_ten_requests_may_wait_while_the_node_is_busy(ros: Any) -> None:
-    from rcl_interfaces.srv import SetParameters
-    from rclpy.parameter import Parameter as Native
-
-    accepted: List[bool] = []
-    watched = Watched(ros, GIVEN)
-    client = ros._me.create_client(SetParameters, f"{watched.node.name}/set_parameters")
-    ros.wait_until(client.service_is_ready)
-    with watched.node._lock:  # the first change waits for it, and the others for the first
-        for warn_below in range(21, 31):
-            change = Native(WARN_BELOW, value=float(warn_below)).to_parameter_msg()
-            answer = client.call_async(SetParameters.Request(parameters=[change]))
-            answer.add_done_callback(lambda done: accepted.append(done.result().results[0].successful))
-    ros.wait_until(lambda: len(accepted) == 10)
-    assert accepted == [True] * 10
-    ros._me.destroy_client(client)
-
-
 THRESHOLDS = """alert_system:
   ros__parameters:
     signals:
@@ -240,13 +211,6 @@ def test_an_error_of_a_node_gets_file_and_line(thresholds: Path) -> None:
     error = ConfigError("expected a number", ("signals", "battery_level", "warn_below"))
     assert str(files.located(error, "/robot1/alert_system")).startswith(f"{thresholds}:4: ")
     assert files.located(error, "/robot1/other") is error
-
-
-def test_an_empty_mapping_is_refused_with_its_line(tmp_path: Path) -> None:
-    file = tmp_path / "empty.yaml"
-    file.write_text("alert_system:\n  ros__parameters:\n    signals:\n      imu: {}\n", encoding="utf-8")
-    with pytest.raises(ConfigError, match=r"empty\.yaml:4: .*imu: expected a mapping with at least one key"):
-        ParameterFiles(arguments(file))
 
 
 def test_a_missing_file_is_one_line(tmp_path: Path) -> None:

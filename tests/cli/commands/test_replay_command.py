@@ -303,7 +303,7 @@ def test_where_no_signal_is_recorded_nothing_helps(
     other = write_bag(tmp_path / "test.bag", values("/robot1/battery", [5.0]))
     assert main(["replay", other, *options, "--report", str(report)]) == 2
     assert capsys.readouterr().err == (
-        "robot-health replay: no signal is recorded: battery (/battery is not recorded; /robot1/battery exists); "
+        "robot-health replay: no signal is recorded: battery (/battery is not recorded); "
         "the recordings have /robot1/battery; is a --namespace missing?\n"
     )
     number = ROS1.types["std_msgs/msg/Int32"](data=5)

@@ -6,13 +6,10 @@ import math
 from typing import Any, List
 
 import pytest
-from harness.kept_history import KeptHistory, Robot
+from harness.kept_history import Robot
 from harness.parameters import set_parameter
-from harness.stage import Stage
 
 from robot_health_monitor.core.judge.sample_summary import SampleSummary
-from robot_health_monitor.core.nodes import AlertSystem
-from robot_health_monitor.core.port.middleware import Severity
 from robot_health_monitor.core.values.model import Level, Sample
 
 BATTERY = {"warn_below": 20.0}
@@ -154,17 +151,6 @@ def test_a_robot_that_is_no_longer_watched_leaves_no_state() -> None:
     robot.system.close()
     assert robot.history.events[-1] == "battery OK: no longer watched (was WARN for 2 s)"
     assert robot.history.states == {}
-
-
-@pytest.mark.parametrize("with_history", [False, True])
-def test_only_without_a_history_latches_are_not_restored(with_history: bool) -> None:
-    stage = Stage()
-    parameters = {"signals": {"battery": {"warn_below": 20.0, "latch": True}}}
-    history = KeptHistory(stage)
-    history.is_kept = with_history
-    AlertSystem(stage.bus.node("alert_system", parameters=parameters), history=history)
-    lines = [line for line in stage.log(Severity.INFO) if "no history" in line]
-    assert bool(lines) is not with_history
 
 
 class TestSamples:

@@ -111,15 +111,6 @@ def test_the_response_of_a_change_lists_what_changed(stage: Stage) -> None:
     assert changes == "publish_rate: 1 -> 2; added wheel; removed temperature"
 
 
-def test_a_signal_that_latches_is_announced_to_begin_anew(stage: Stage) -> None:
-    stage.alert_system(LATCHING)
-    lines = [text for text in stage.log(Severity.INFO) if "latched" in text]
-    assert lines == ["no history: latched alerts of an earlier run are not restored (battery_level)"]
-    other = Stage()
-    other.alert_system(BATTERY)
-    assert not any("latched" in text for text in other.log(Severity.INFO))
-
-
 class TestItself:
     """The status `alert_system: monitor`."""
 
@@ -380,7 +371,6 @@ def test_after_a_restart_a_late_first_tick_is_no_silence(stage: Stage) -> None:
 class FailingHistory:
     """A history whose every write raises."""
 
-    is_kept = True
     keeps_samples = True
 
     def wall_s(self) -> float:

@@ -11,7 +11,7 @@ from robot_health_monitor.core.port.hints import Answer
 from robot_health_monitor.core.port.mapping_node import MappingNode, MappingSubscription, read_clock
 from robot_health_monitor.core.port.middleware import Severity
 from robot_health_monitor.core.values.elements import NOT_A_NUMBER
-from robot_health_monitor.core.values.errors import ConfigError, MessageError, ServiceError
+from robot_health_monitor.core.values.errors import ConfigError, MessageError
 from robot_health_monitor.core.values.field_path import ABSENT
 
 
@@ -40,47 +40,6 @@ class Node(MappingNode):
 
 class FromJson(MappingSubscription):
     null_is_nan = True
-
-
-def clock(seconds: int) -> Mapping[str, Any]:
-    return {"clock": {"secs": seconds, "nsecs": 500_000_000}}
-
-
-def test_messages_wait_for_the_first_message_on_clock() -> None:
-    node = Node(use_sim_time=True)
-    subscription, received = node.subscription()
-    subscription.deliver({"data": 1.0})
-    assert received == [] and node.waiting_for_clock()
-    node.take_clock(clock(100))
-    assert received == [(1.0, 100.5)] and not node.waiting_for_clock()
-    subscription.deliver({"data": 2.0})
-    assert received[1:] == [(2.0, 100.5)]
-
-
-def test_at_most_1000_messages_wait_for_the_clock_and_the_oldest_are_dropped() -> None:
-    node = Node(use_sim_time=True)
-    subscription, received = node.subscription()
-    for number in range(1500):
-        subscription.deliver({"data": number})
-    node.take_clock(clock(100))
-    assert [value for value, _ in received] == list(range(500, 1500))
-
-
-def test_timers_on_simulated_time_start_with_the_first_message_on_clock() -> None:
-    node, times_s = Node(use_sim_time=True), []  # type: ignore[var-annotated]
-    node.create_timer(1.0, times_s.append)
-    for seconds in (100, 101, 102):
-        node.take_clock(clock(seconds))
-    assert times_s == [101.5, 102.5]
-
-
-def test_steady_timers_run_while_simulated_time_stands_still() -> None:
-    node, times_s = Node(use_sim_time=True), []  # type: ignore[var-annotated]
-    node.create_timer(1.0, times_s.append, steady=True)
-    node.steady = 11.0
-    node.run_steady_timers()
-    assert times_s == [0.0]
-    assert node.next_steady_s() == 12.0
 
 
 @pytest.mark.parametrize(
@@ -137,26 +96,6 @@ def test_names_are_remapped_after_they_are_resolved() -> None:
     assert node.resolve("/diagnostics") == "/robot1/diagnostics"
     assert node.resolve("level") == "/battery/level"
     assert node.resolve("other") == "/robot1/other"
-
-
-def test_a_handler_that_raises_is_a_service_error_and_a_log_line() -> None:
-    def fail(request: Mapping[str, Any]) -> Mapping[str, Any]:
-        raise RuntimeError("no\nluck")
-
-    node = Node()
-    with pytest.raises(ServiceError, match="no luck"):
-        node.answer(fail, {})
-    assert node.lines == [(Severity.ERROR, "RuntimeError in a callback: no luck")]
-
-
-def test_a_closed_node_calls_nothing_back() -> None:
-    node = Node()
-    subscription, received = node.subscription()
-    node.closed = True
-    subscription.deliver({"data": 1.0})
-    assert received == []
-    with pytest.raises(ServiceError):
-        node.answer(dict, {})
 
 
 def test_a_rejected_parameter_keeps_the_old_value() -> None:

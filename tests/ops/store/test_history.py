@@ -137,13 +137,6 @@ def test_a_signal_whose_state_is_not_json_keeps_the_level_that_was_announced(his
     assert [event.to_level for event in announced if isinstance(event, Transition)] == [Level.OK]
 
 
-@pytest.mark.parametrize("in_file", [False, True])
-def test_only_a_history_in_a_file_is_kept(in_file: bool, tmp_path: Path) -> None:
-    opened = History(HistorySettings(str(tmp_path / "history.db")) if in_file else None)
-    assert opened.of_robot("r1").is_kept is in_file
-    opened.close()
-
-
 def test_hooks_store_rows_in_the_transaction_of_the_transition(history: History) -> None:
     seen: List[object] = []
     history.on_record.append(

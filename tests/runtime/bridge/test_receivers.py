@@ -12,7 +12,7 @@ from robot_health_monitor.runtime.bridge.receivers import BridgeReceiver
 class Scan(BridgeReceiver):
     topic = "/scan"
     active = True
-    _largest_bytes = 1_000_000
+    largest_bytes = 1_000_000
 
     def __init__(self, node: Any) -> None:
         self._node = node
