@@ -89,7 +89,7 @@ class AlertSystem:
                 **self_report,
                 "signals": self._count_signals,
                 "simulated": lambda: filter(self.watched.is_simulated, self.configuration.signals),
-                "without_sensor": lambda: sorted(self.watched.without_sensor()),
+                "without_sensor": lambda: sorted(self.watched.without_sensor),
             },
             log_alerts=log_alerts,
             continuity=self._continuity,

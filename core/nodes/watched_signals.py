@@ -50,6 +50,12 @@ class WatchedSignals:
         """The configuration in force, with the signals that are left out."""
         self.left_out: Mapping[str, str] = {}
         """Why signals are not watched, by name: nothing brings samples for them."""
+        self._unknown: Mapping[str, str] = {}
+        """Why signals of the graph cannot be watched here, by name."""
+        self._unread = ""
+        """Why none of the others can, as long as the graph has never been read; empty once it has."""
+        self.without_sensor: Set[str] = set()
+        """The signals for which this host has no sensor."""
         self.topics: Mapping[str, str] = {}
         """The resolved topic of each signal; of an action, which has two, the resolved name."""
         self._subscriptions: Dict[_Source, Subscription] = {}
@@ -102,39 +108,40 @@ class WatchedSignals:
     def change_to(self, config: MonitorConfig, unknown: Mapping[str, str], now_s: float) -> None:
         """Watches another configuration, after `follow`."""
         old, self.config = self.config.signals, config
-        self.left_out = {
-            name: reason for name, reason in self.left_out.items() if config.signals.get(name) == old[name]
-        }
-        self.leave_out({**self.left_out, **unknown}, now_s)
+        self.without_sensor = {name for name in self.without_sensor if config.signals.get(name) == old[name]}
+        self.leave_out(unknown, now_s)
         self._apply(self._watched(), now_s)
 
-    def leave_out(self, left_out: Mapping[str, str], now_s: float) -> None:
-        """Watches all signals but these, which have a reason each; names each signal of which that changes."""
-        before, self.left_out = self.left_out, left_out
-        for name in sorted(left_out.keys() - before.keys()):
-            self._note_change(f"{name} is not watched: {left_out[name]}", now_s)
-        for name in sorted(before.keys() - left_out.keys()):
-            self._note_change(f"{name} is watched again", now_s)
-        if left_out.keys() != before.keys():
-            self._apply(self._watched(), now_s)
+    def leave_out(self, unknown: Mapping[str, str], now_s: float) -> None:
+        """Does not watch the signals of the graph that cannot be watched here."""
+        self._unknown = unknown
+        self._update(now_s)
 
     def take_in(self, name: str, now_s: float) -> None:
         """Watches a signal that was left out: a sample came."""
-        self.leave_out({other: reason for other, reason in self.left_out.items() if other != name}, now_s)
+        self.without_sensor.discard(name)
+        self._update(now_s)
 
     def note_unavailable(self, metrics: Any, now_s: float) -> None:
         """Applies the list from battery_sensor: signals that no sensor will ever publish are not watched."""
-        signals, known = self._signals_on(metrics), self.without_sensor()
+        signals = self._signals_on(metrics)
         # A signal that has had a sample has a sensor: its silence is an alert.
-        new = signals - known
+        new = signals - self.without_sensor
         judgements = self._monitor.judgements(now_s) if new else {}
-        unseen = {name for name in new if name not in judgements or not judgements[name].seen}
-        others = {name: reason for name, reason in self.left_out.items() if name not in known}
-        self.leave_out({**others, **dict.fromkeys((known & signals) | unseen, _NO_SENSOR)}, now_s)
+        self.without_sensor = signals - {name for name in new if name in judgements and judgements[name].seen}
+        self._update(now_s)
 
-    def without_sensor(self) -> Set[str]:
-        """Returns the signals for which this host has no sensor."""
-        return {name for name, reason in self.left_out.items() if reason == _NO_SENSOR}
+    def _update(self, now_s: float) -> None:
+        """Names each signal that is now left out, or watched again, and applies that."""
+        before = self.left_out
+        unread = dict.fromkeys(self._of_graph, self._unread) if self._unread else {}
+        self.left_out = {**self._unknown, **unread, **dict.fromkeys(self.without_sensor, _NO_SENSOR)}
+        for name in sorted(self.left_out.keys() - before.keys()):
+            self._note_change(f"{name} is not watched: {self.left_out[name]}", now_s)
+        for name in sorted(before.keys() - self.left_out.keys()):
+            self._note_change(f"{name} is watched again", now_s)
+        if self.left_out.keys() != before.keys():
+            self._apply(self._watched(), now_s)
 
     def note_simulated(self, topics: Any, now_s: float) -> None:
         """Applies the list from battery_sensor, which comes every second."""
@@ -171,10 +178,8 @@ class WatchedSignals:
 
     def _take_counts(self, counts: Union[Counts, Unread], now_s: float) -> None:
         """Passes on what was counted in the robot's graph, or notes why it cannot be read."""
-        left_out = {name: reason for name, reason in self.left_out.items() if name not in self._of_graph}
-        if isinstance(counts, Unread) and not counts.is_watched:
-            left_out.update(dict.fromkeys(self._of_graph, counts.reason))
-        self.leave_out(left_out, now_s)
+        self._unread = counts.reason if isinstance(counts, Unread) and not counts.is_watched else ""
+        self._update(now_s)
         for name, wanted in self._of_graph.items():
             if isinstance(counts, Unread):
                 self._monitor.note_hint(name, counts.reason)
