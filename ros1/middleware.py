@@ -165,6 +165,10 @@ class Ros1Middleware(NativeNode):
         self.run_steady_timers()
         return self.next_steady_s() - self.steady_s()
 
+    def now_s(self) -> float:
+        # Messages on /clock may wait for the lock, which rospy's own time does not.
+        return self._clock() if self._sim_time_s is None else float(rospy.get_time())
+
     def _take_time(self, time: rospy.Time) -> None:
         self.set_sim_time(time.to_sec())
 

@@ -130,15 +130,11 @@ class ClockedNode(abc.ABC):
     def call_back(self, subscription: Delivery, value: Any) -> None:
         """Passes a value to a subscription's callback, with the time; waits for /clock under `use_sim_time`."""
         with self._lock:
-            now_s = self._sim_time_s
-            if now_s is None:
-                now_s = self._clock()
-            elif now_s == 0.0 and subscription is not self._clock_subscription:
+            if self._sim_time_s == 0.0 and subscription is not self._clock_subscription:
                 self._waiting = [*self._waiting[1 - _MAX_WAITING :], (subscription, value)]
-                return
-            if subscription.active and not self.closed:
+            elif subscription.active and not self.closed:
                 try:
-                    subscription.callback(value, now_s)
+                    subscription.callback(value, self.now_s())
                 except Exception as error:
                     self.log_failure(error)
 

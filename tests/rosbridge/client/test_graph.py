@@ -232,7 +232,7 @@ async def test_the_node_that_published_is_remembered_and_named_when_it_is_gone()
     await until(lambda: reader.rosapi.calls.count("/rosapi/publishers") > 1)
     reader.rosapi.publishers, reader.rosapi.nodes = {}, []
     answers: List[Any] = []
-    lookup.look_up("/scan", "", (), answers.append)
+    lookup.look_up("/scan", "", answers.append)
     await until(lambda: answers == ["node /lidar is gone"])
     remembering.cancel()
     await reader.close()
