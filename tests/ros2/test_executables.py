@@ -80,7 +80,7 @@ def test_a_wrong_file_ends_it_with_file_line_and_key(
         ("alert_system:\n  ros__parameters:\n    publish_rate: 1.0\n    publish_rate: 2.0\n", ":4: .*is given twice"),
         ("alert_system:\n  publish_rate: 1.0\n", ":1: .*expected the key ros__parameters"),
         ("alert_system:\n  ros__parameters:\n    signals: {fan: {warn_below: }}\n", ":3: .*got nothing"),
-        ("alert_system:\n  ros__parameters:\n    signals:\n      fan: {}\n", ":4: .*fan: expected a mapping with"),
+        ("alert_system:\n  ros__parameters:\n    signals:\n      fan: {}\n", ":4: .*fan: expected a mapping of"),
     ],
 )
 def test_a_file_that_rcl_cannot_read_is_one_line_too(
