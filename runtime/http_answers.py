@@ -27,11 +27,6 @@ def json_bytes(value: object) -> bytes:
     return json.dumps(value, separators=(",", ":"), allow_nan=False).encode("ascii")
 
 
-def json_in_pieces(value: object) -> bytes:
-    """Like `json_bytes`, for threads: Python's encoder holds the interpreter's lock until a value is finished."""
-    return "".join(json.JSONEncoder(separators=(",", ":"), allow_nan=False).iterencode(value)).encode("ascii")
-
-
 def json_response(value: object, status: int = 200, headers: Optional[Mapping[str, str]] = None) -> web.Response:
     """Returns an answer with a JSON value, or with one that was encoded before, which must not be cached."""
     body = value if isinstance(value, bytes) else json_bytes(value)

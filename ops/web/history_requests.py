@@ -147,7 +147,7 @@ def past_alert(connection: Connection, wall_s: float, query: AlertQuery) -> Json
     begun = queries.transition(connection, transition.alert_id) or transition
     return {
         "alert": {**_alert(connection, transition), "effects": begun.effects},
-        "samples": [(round(t, 3), value if value - value == 0.0 else None) for t, value in samples],
+        "samples": [(round(t, 3), value) for t, value in samples],
         "trend_per_min": transition.statistics.get("trend_per_min"),
         "others": [_alert(connection, each) for each in queries.not_ok_at(connection, transition, _MOST_OTHERS)],
         "silences": _silences_at(connection, transition, wall_s),

@@ -26,6 +26,7 @@ from typing import (
 from aiohttp import web
 
 from ...core.config.schema import read_record, read_texts
+from ...core.messages.raw_messages import json_text
 from ...core.nodes import AlertSystem
 from ...core.nodes.outlets import Event
 from ...core.values.errors import ConfigError, ServiceError
@@ -33,7 +34,7 @@ from ...core.values.faults import Fault
 from ...core.values.model import Level, Transition
 from ...core.values.version import package_version
 from ...runtime.event_loops import ThreadPool
-from ...runtime.http_answers import API_HEADERS, ApiError, json_in_pieces, json_response
+from ...runtime.http_answers import API_HEADERS, ApiError, json_response
 from ...runtime.times import iso_time
 from ..black_box.folder import find_file
 from ..store.active_silences import Silences
@@ -205,9 +206,10 @@ class WebInterface:
         def answer(asked: Asked) -> bytes:
             wall_s = history.wall_s()
             try:
-                return json_in_pieces(history.read(lambda connection: read(connection, wall_s, asked)))
+                found = history.read(lambda connection: read(connection, wall_s, asked))
             except ConfigError as error:  # the file was replaced or damaged: not the fault of the request
                 raise ServiceError(error.problem) from None
+            return json_text(found, in_pieces=True).encode("ascii")
 
         return self._route(schema, answer, self._past.run)
 

@@ -7,7 +7,7 @@ from typing import Any, Dict, Mapping, Optional, Protocol
 
 from ...core.values.errors import MessageError, ServiceError
 from ..calls import PendingCalls
-from ..protocol.operations import Arguments, ServiceResponse
+from ..protocol.operations import Arguments
 from . import rosapi
 from .access import matches
 from .served_node import ServedNode
@@ -26,7 +26,8 @@ class Services:
     def __init__(self, node: ServedNode) -> None:
         """Adds those of rosapi to a node."""
         self._providers: Dict[str, Provider] = {}
-        self._pending = PendingCalls()
+        self.pending = PendingCalls()
+        """Calls that wait for the response of a provider."""
         self._node = node
         node.added_services.update(rosapi.SERVICES)
 
@@ -54,7 +55,7 @@ class Services:
         provider = self._providers.get(service)
         if provider is None:
             return await self._node.call_service(service, request, timeout_s)
-        return await self._pending.call(provider.send, provider, service, request, timeout_s)
+        return await self.pending.call(provider.send, provider, service, request, timeout_s)
 
     def add(self, service: str, type_name: str, provider: Provider) -> None:
         """Routes calls of a service to a client, in place of an earlier provider."""
@@ -65,8 +66,4 @@ class Services:
         """Removes a service of this client; its pending calls fail."""
         if self._providers.get(service) is provider:
             del self._providers[service], self._node.added_services[service]
-        self._pending.fail(ServiceError(f"the provider of {service} disconnected"), service, provider)
-
-    def respond(self, response: ServiceResponse, provider: Provider) -> None:
-        """Processes a response. Ignores one that is not expected, or not from this client."""
-        self._pending.receive(response, provider, str(response.values))
+        self.pending.fail(ServiceError(f"the provider of {service} disconnected"), service, provider)

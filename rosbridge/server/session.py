@@ -200,7 +200,7 @@ class Session:
         self._services.remove(service, self)
 
     async def _service_response(self, response: operations.ServiceResponse) -> None:
-        self._services.respond(response, self)
+        self._services.pending.receive(response, self, str(response.values))
 
     async def _set_level(self, request: operations.SetLevel) -> None:
         self._level = request.level

@@ -128,6 +128,10 @@ def of_clients() -> Services:
     return Services(ServedNode(LocalBus().node("rosbridge"), threads=True, access=Access(services=("*",))))
 
 
+def respond(services: Services, response: ServiceResponse, provider: Client) -> None:
+    services.pending.receive(response, provider, str(response.values))
+
+
 async def start_call(services: Services, timeout_s: float = 20.0) -> asyncio.Future[Any]:
     call = asyncio.ensure_future(services.call("/dock", {"x": 1}, timeout_s))
     await asyncio.sleep(0)
@@ -141,10 +145,10 @@ def test_a_call_goes_to_the_provider_and_its_response_to_the_caller() -> None:
         call = await start_call(services)
         (request,) = provider.sent
         assert request == {"op": "call_service", "service": "/dock", "args": {"x": 1}, "id": request["id"]}
-        services.respond(ServiceResponse("/dock", {"ok": False}, True, request["id"]), other)
-        services.respond(ServiceResponse("/dock", {"ok": False}, True, "unknown"), provider)
-        services.respond(ServiceResponse("/dock", {"ok": True}, True, request["id"]), provider)
-        services.respond(ServiceResponse("/dock", {"ok": False}, True, request["id"]), provider)
+        respond(services, ServiceResponse("/dock", {"ok": False}, True, request["id"]), other)
+        respond(services, ServiceResponse("/dock", {"ok": False}, True, "unknown"), provider)
+        respond(services, ServiceResponse("/dock", {"ok": True}, True, request["id"]), provider)
+        respond(services, ServiceResponse("/dock", {"ok": False}, True, request["id"]), provider)
         assert await call == {"ok": True}
 
     asyncio.run(scenario())
@@ -155,7 +159,7 @@ def test_a_failed_call_a_lost_provider_and_a_missing_response_are_service_errors
         services, provider = of_clients(), Client()
         services.add("/dock", "some_srvs/Dock", provider)
         call = await start_call(services)
-        services.respond(ServiceResponse("/dock", "jammed", False, provider.sent[0]["id"]), provider)
+        respond(services, ServiceResponse("/dock", "jammed", False, provider.sent[0]["id"]), provider)
         with pytest.raises(ServiceError, match=r"^jammed$"):
             await call
         call = await start_call(services)
