@@ -8,26 +8,19 @@ ones. Needs pyte and rich; the scene `web_page` needs selenium.
 
 from __future__ import annotations
 
-import fcntl
+import contextlib
 import itertools
 import os
-import pty
-import select
 import shlex
 import shutil
-import signal
 import socket
-import struct
 import subprocess
 import sys
 import tempfile
-import termios
-import time
 from pathlib import Path
 from types import MappingProxyType
 from typing import Callable, Dict, List, Mapping, NamedTuple, Sequence
 
-import pyte
 from rich.color import Color
 from rich.console import Console
 from rich.style import Style
@@ -35,60 +28,39 @@ from rich.text import Text
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
+sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
+from harness.terminal_process import TerminalProcess  # noqa: E402  # found through the line above
+
 PACKAGE = "robot_health_monitor"
 
 _SVG = (HERE / "terminal.svg").read_text("utf-8")
 """rich's default template loads fonts from the network; a picture must not."""
 
 
-class Terminal:
-    """A command in a pseudo-terminal, and the screen that it writes."""
+class Terminal(TerminalProcess):
+    """A shell command in a pseudo-terminal, and the screen that it writes."""
 
     def __init__(self, command: str, variables: Mapping[str, str], columns: int, rows: int) -> None:
-        """Starts the shell command in a new process group."""
-        self._screen = pyte.HistoryScreen(columns, rows, history=1000)
-        self._stream = pyte.ByteStream(self._screen)
-        self._master, slave = pty.openpty()
-        fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", rows, columns, 0, 0))
-        environment = {**variables, "TERM": "xterm-256color", "COLUMNS": str(columns), "LINES": str(rows)}
-        self._process = subprocess.Popen(
-            ["bash", "-c", command],
-            stdin=slave,
-            stdout=slave,
-            stderr=slave,
-            env=environment,
-            start_new_session=True,
-        )
-        os.close(slave)
+        """Starts the command in a new process group."""
+        variables = {**variables, "TERM": "xterm-256color", "COLUMNS": str(columns), "LINES": str(rows)}
+        super().__init__(["bash", "-c", command], variables, columns=columns, lines=rows)
 
     def run(self, seconds: float, until: str = "") -> None:
         """Reads what the command writes for `seconds`, or until it ends or has written the text `until`."""
-        end_s = time.monotonic() + seconds
-        while time.monotonic() < end_s and not (until and until in "\n".join(self._screen.display)):
-            ready, _, _ = select.select([self._master], [], [], 0.2)
-            if ready:
-                try:
-                    data = os.read(self._master, 65536)
-                except OSError:  # the command has ended
-                    return
-                self._stream.feed(data)
+        with contextlib.suppress(AssertionError):  # it has not come
+            self.wait_until(lambda text: bool(until) and until in text, seconds)
 
     def end(self) -> None:
         """Ends the command as Ctrl-C would."""
-        if self._process.poll() is None:
-            os.killpg(self._process.pid, signal.SIGINT)
-            self.run(10.0)
-        try:
-            self._process.wait(10.0)
-        except subprocess.TimeoutExpired:
-            os.killpg(self._process.pid, signal.SIGKILL)
-        os.close(self._master)
+        self.type("\x03")
+        self.run(10.0)
+        super().end()
 
     def lines(self, replaced: Mapping[str, str] = MappingProxyType({})) -> List[Text]:
         """Returns the screen with its colours, without empty lines at the end, and with texts replaced."""
         lines = []
-        for row in range(self._screen.lines):
-            cells = [self._screen.buffer[row][column] for column in range(self._screen.columns)]
+        for row in range(self.screen.lines):
+            cells = [self.screen.buffer[row][column] for column in range(self.screen.columns)]
             for old, new in replaced.items():
                 while old in (written := "".join(cell.data for cell in cells)):
                     start = written.index(old)
