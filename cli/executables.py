@@ -61,7 +61,13 @@ def run(executable: str, open_process: OpenProcess, *, ros: str, patience_s: Opt
             _print_error(executable, f"needs {ros}: no Python module {missing}; without ROS, use robot-health run")
             return ExitCode.USAGE
         except Exception as error:
-            _print_error(executable, internal_error_text(error))
+            from ..core.values.errors import ConfigError, ServiceError
+
+            if isinstance(error, ConfigError):
+                for one in error.all:
+                    _print_error(executable, str(one))
+                return ExitCode.USAGE
+            _print_error(executable, str(error) if isinstance(error, ServiceError) else internal_error_text(error))
             return ExitCode.FAILED
 
 
@@ -77,8 +83,6 @@ class _Running:
 
     def run(self, streams: StandardStreams) -> int:
         """Runs the nodes; returns the exit code."""
-        from ..core.values.errors import ConfigError, ServiceError
-
         process = self._process
         with self._after_nodes, closing(process), self._before_nodes:
             try:
@@ -94,13 +98,6 @@ class _Running:
                 if failure:
                     _print_error(self._executable, failure)
                 return ExitCode.FAILED if failure else ExitCode.SUCCESS
-            except ConfigError as error:
-                for one in error.all:
-                    _print_error(self._executable, str(one))
-                return ExitCode.USAGE
-            except ServiceError as error:
-                _print_error(self._executable, str(error))
-                return ExitCode.FAILED
             finally:
                 self._service_manager.stopping()
 

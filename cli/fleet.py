@@ -162,7 +162,7 @@ class Fleet:
         if self._is_running:
             self._start(added)
             self._operations.note_robots()
-        texts = [f"{_names_text(names)}: {change}" for change, names in changes.items()]
+        texts = [f"{list_text(names, _MOST_NAMES)}: {change}" for change, names in changes.items()]
         return "; ".join(texts) or NOTHING_CHANGED
 
     def close(self) -> None:
@@ -197,10 +197,6 @@ class Fleet:
         self._self_monitor.check(sum(alert_system.samples for alert_system in self.alert_systems))
         if self._node.has_listeners(_DIAGNOSTICS):
             self._node.publish(_DIAGNOSTICS, array_message([self._self_monitor.status()], NODE))
-
-
-def _names_text(names: Sequence[str]) -> str:
-    return ", ".join(names) if len(names) <= _MOST_NAMES else f"{len(names)} robots"
 
 
 class Robot:

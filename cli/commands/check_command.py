@@ -8,7 +8,7 @@ import importlib
 import os
 import re
 import sys
-from typing import Any, Callable, Dict, Iterator, List, Mapping, Sequence, Tuple
+from typing import Any, Callable, Dict, List, Mapping, Sequence, Tuple
 
 from ...core.config.monitor_config import (
     MonitorConfig,
@@ -133,7 +133,10 @@ def _check_thresholds(file: YamlFile, problems: Problems, remarks: List[ConfigEr
         with problems:
             unknown_types.update(_check_sources(section, problems))
             config = read_monitor(section)
-            remarks += _remarks(file, section, config)
+            for name, signal in config.signals.items():
+                path = (*section.path, "signals", name)
+                found = (ConfigError(f"remark: {remark}", (*path, key)) for key, remark in remarks_of(signal))
+                remarks += map(file.locate, found)
     for name, start in _OTHERS.items():
         for section in by_node[name]:
             with problems, file.located(section.path):
@@ -147,13 +150,6 @@ def _check_thresholds(file: YamlFile, problems: Problems, remarks: List[ConfigEr
     if unused:
         parts.append(f"not used here: {', '.join(unused)}")
     return "; ".join(parts)
-
-
-def _remarks(file: YamlFile, section: Section, config: MonitorConfig) -> Iterator[ConfigError]:
-    """Yields what is questionable about the signals, with its place in the file."""
-    for name, signal in config.signals.items():
-        for key, remark in remarks_of(signal):
-            yield file.locate(ConfigError(f"remark: {remark}", (*section.path, "signals", name, key)))
 
 
 def _check_sources(section: Section, problems: Problems) -> Dict[str, None]:

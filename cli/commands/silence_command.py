@@ -7,7 +7,7 @@ import json
 import sqlite3
 import sys
 import time
-from typing import Any, Dict, List, Sequence
+from typing import Any, Dict, List
 
 from ...core.judge.sources import is_source
 from ...core.values.formatting import count_text, list_text, printable
@@ -15,7 +15,6 @@ from ...ops.store.matchers import parse_matchers
 from ...ops.store.queries import configuration
 from ...ops.store.recurrence import parse_recurrence
 from ...ops.store.silences import (
-    Alert,
     Silence,
     add_silence,
     expire_silence,
@@ -122,7 +121,9 @@ def _add(connection: sqlite3.Connection, arguments: argparse.Namespace, now_s: f
     )
     is_in_force = added.in_force(now_s)
     covered = [alert for alert in open_alerts(connection) if is_in_force and added.covers(*alert)]
-    lines = [f"silence {added.id}: {added.matchers}, {_state(added, now_s)}; {_open_text(covered)}"]
+    names = list_text([f"{robot} {signal}" for robot, signal in covered], _MOST_NAMED)
+    opened = f"{count_text(len(covered), 'open alert')}: {names}" if covered else "no open alert matches now"
+    lines = [f"silence {added.id}: {added.matchers}, {_state(added, now_s)}; {opened}"]
     for robot, signal in covered[:_MOST_NAMED]:
         kept = configuration(connection, robot, now_s) or {}
         if is_source(signal) or any(signal in each.get("depends_on", ()) for each in kept.values()):
@@ -170,11 +171,6 @@ def _state(each: Silence, now_s: float) -> str:
     if not each.is_active(now_s):
         return f"ended {time_text(each.end_s(now_s))}" + (f" by {each.ended_by}" if each.ended_by else "")
     return each.end_text + ("" if each.in_force(now_s) else "; not in force now")
-
-
-def _open_text(alerts: Sequence[Alert]) -> str:
-    names = list_text([f"{robot} {signal}" for robot, signal in alerts], _MOST_NAMED)
-    return f"{count_text(len(alerts), 'open alert')}: {names}" if alerts else "no open alert matches now"
 
 
 def _as_json(each: Silence, now_s: float, is_open: int, alerts: int) -> Dict[str, Any]:

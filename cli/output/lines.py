@@ -45,11 +45,7 @@ class PlainLines(Output):
 
     def __init__(self, stream: TextIO, name_robots: bool = False) -> None:
         """Prepares the output; `name_robots` puts the robot's name before each transition."""
-        super().__init__(stream, self._render_lines)
-        self._name_robots = name_robots
-
-    def _render_lines(self, entries: Sequence[Entry], dropped: int) -> str:
-        return readable(_plain_lines(entries, dropped, self._name_robots), self._stream)
+        super().__init__(stream, lambda entries, dropped: readable(_plain_lines(entries, dropped, name_robots), stream))
 
 
 class JsonLines(Output):

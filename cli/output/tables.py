@@ -40,7 +40,6 @@ _UNLIMITED = 10_000
 """A width in which every table has room."""
 _OTHER_LINES = 4
 """Title, heads, the line that counts what is not shown, and one for alerts."""
-_DAY_S = 86_400.0
 
 Escape = Callable[[str], str]
 """Makes a text from outside fit for the terminal."""
@@ -162,10 +161,5 @@ def _robot_cells(system: AlertSystem, worst: int) -> Sequence[Union[str, Text]]:
     status = max(causes, key=rank)
     more = sum(rank(each) > 1 for each in causes if each is not status)
     reason = f"{status.name} {_reason(status)}" + (f" (+ {more} more)" if more else "")
-    return level_text(status), _since_text(status), reason
-
-
-def _since_text(status: Status) -> str:
-    """Returns since when a level lasts, as local time; the date if that was more than a day ago."""
-    form = "%H:%M:%S" if status.lasts_s < _DAY_S else "%b %d"
-    return "" if rank(status) == 0 else local_time(max(0.0, time.time() - status.lasts_s), form)
+    since = "" if rank(status) == 0 else local_time(max(0.0, time.time() - status.lasts_s), "%b %d %H:%M")
+    return level_text(status), since, reason

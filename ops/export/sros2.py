@@ -81,7 +81,11 @@ def permissions_of(tree: Mapping[str, Any], robot: Robot) -> Dict[str, Permissio
         }
     alert_system = next(name for name in found if name.endswith("/alert_system"))
     if robot.ops.black_box is not None:
-        found[alert_system] = _joined(found[alert_system], {("topic", "subscribe"): robot.ops.black_box.topics})
+        subscribed = found[alert_system]["topic", "subscribe"]
+        found[alert_system] = {
+            **found[alert_system],
+            ("topic", "subscribe"): {*subscribed, *robot.ops.black_box.topics},
+        }
     if robot.ops.server is not None:
         namespace = alert_system.rpartition("/")[0]
         found[f"{namespace}/{BRIDGE}"] = _bridge(robot.ops, f"{namespace}/{BRIDGE}", alert_system)
@@ -121,10 +125,6 @@ def _bridge(ops: OpsConfig, name: str, alert_system: str) -> Permissions:
 
 def _absolute(pattern: str) -> str:
     return pattern if pattern.startswith("/") else f"/{pattern}"
-
-
-def _joined(one: Permissions, other: Permissions) -> Permissions:
-    return {key: {*one.get(key, ()), *other.get(key, ())} for key in (*one, *other)}
 
 
 def _profile(name: str, permissions: Permissions) -> Iterator[str]:

@@ -266,7 +266,7 @@ def five() -> Robots:
 
 def rows(lines: List[str]) -> List[str]:
     """Returns robot, level and signal of the rows, without the times."""
-    return [" ".join(re.sub(r"\d\d:\d\d(:\d\d)?", "", line).split()) for line in lines]
+    return [" ".join(re.sub(r"[A-Z][a-z]{2} \d\d \d\d:\d\d", "", line).split()) for line in lines]
 
 
 def test_each_robot_has_a_row_with_its_worst_signal_the_worst_robot_first(five: Robots) -> None:
