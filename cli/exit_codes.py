@@ -19,15 +19,14 @@ class ExitCode(enum.IntEnum):
     """The command itself failed."""
 
 
-_ALERTS: Mapping[str, str] = {
-    "": "alerts were found (replay, --duration) or a test failed",
-    "run": "alerts were found (only with --duration)",
-    "connect": "alerts were found (only with --duration)",
-    "replay": "alerts were found or differ (--against) or a signal was not judged",
-    "test": "a test failed",
+_MEANINGS: Mapping[ExitCode, str] = {
+    ExitCode.SUCCESS: "success",
+    ExitCode.ALERTS: "alerts were found (replay, --duration) or a test failed",
+    ExitCode.USAGE: "usage or configuration error",
+    ExitCode.FAILED: "the command itself failed, or a target of notify",
 }
-"""When a command ends with `ALERTS`; the empty name stands for any command."""
-_FAILED: Mapping[str, str] = {"notify": "a target or the command itself failed"}
+_JUDGING = ("", "run", "connect", "replay", "test")
+"""Commands that can end with `ALERTS`; the empty name stands for any command."""
 
 
 def internal_error_text(error: BaseException) -> str:
@@ -41,10 +40,5 @@ def internal_error_text(error: BaseException) -> str:
 
 def exit_codes_text(command: str = "") -> str:
     """Returns the line about exit codes in the help of a command, without one that of `robot-health`."""
-    meanings = {
-        ExitCode.SUCCESS: "success",
-        ExitCode.ALERTS: _ALERTS.get(command, ""),
-        ExitCode.USAGE: "usage or configuration error",
-        ExitCode.FAILED: _FAILED.get(command, "the command itself failed"),
-    }
-    return "Exit codes: " + ", ".join(f"{int(code)} {meaning}" for code, meaning in meanings.items() if meaning) + "."
+    codes = [code for code in ExitCode if code is not ExitCode.ALERTS or command in _JUDGING]
+    return "Exit codes: " + ", ".join(f"{int(code)} {_MEANINGS[code]}" for code in codes) + "."

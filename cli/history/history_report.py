@@ -55,6 +55,7 @@ def history_page(
         figures = _add_samples(connection, summary, (start_s, end_s), plot)
         rows.append(summary_row(summary, **figures)._replace(group=group))
         if len(plots) < MOST_PLOTS:
+            plot.levels.clear()  # the OK from the first sample on
             for wall_s, level in summary.levels:
                 plot.add_level(wall_s, "" if level is None else level.name)
             plots[group, summary.signal] = plot

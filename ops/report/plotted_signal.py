@@ -15,15 +15,13 @@ MOST_LEVELS = 5000  # most changes of level in a plot
 class PlottedSignal:
     """The values that the bounds of one signal apply to, and its levels, in bounded memory.
 
-    Values are kept as minimum and maximum per bucket of time. The number of buckets is fixed. When time passes their
-    end, their width doubles and neighbours merge. Times are in s since 1970.
+    Values are kept as minimum and maximum per bucket of time. Times are in s since 1970.
     """
 
     def __init__(self, config: SignalConfig, file: str, start_s: float, span_s: float, buckets: int = 4096) -> None:
-        """Starts empty. The first bucket begins at `start_s` and takes earlier values, too.
+        """Starts empty. The first bucket begins at `start_s` and takes earlier values too, the last one later values.
 
-        `span_s` is the expected time until the end, in s; `file` names the configuration or the robot, if there are
-        several.
+        `span_s` is the time until the end, in s; `file` names the configuration or the robot, if there are several.
         """
         self.config = config
         self.file = file
@@ -31,13 +29,12 @@ class PlottedSignal:
         # Width of a bucket; the last sample of the span belongs to the last one.
         self.width_s = max(span_s, 1e-6) / buckets * (1.0 + 1e-9)
         self.levels: List[Tuple[float, str]] = []
-        """Begin of each announced level; empty: unknown."""
+        """Begin of each announced level, OK from the first sample on; empty: unknown."""
         self._buckets = buckets
         self._ranges: Dict[int, Tuple[float, float]] = {}
         """Smallest and largest value of each bucket that has any, by its number."""
         self._bad: Set[int] = set()
         """Numbers of the buckets with bad samples."""
-        self._first_s = math.inf
 
     @property
     def columns(self) -> Tuple[List[int], List[float], List[float]]:
@@ -52,34 +49,29 @@ class PlottedSignal:
 
     def add(self, time_s: float, value: Optional[float]) -> None:
         """Adds a good sample; the value is None while it is undefined."""
-        place = self._place(time_s)
+        self._begin(time_s)
         if value is not None:
-            self._extend(place, value, value)
+            self._extend(self._place(time_s), value, value)
 
     def add_bad(self, time_s: float) -> None:
         """Adds a bad sample, which has no value."""
-        place = self._place(time_s)  # which may make another set of them
-        self._bad.add(place)
+        self._begin(time_s)
+        self._bad.add(self._place(time_s))
 
     def add_band(self, start_s: float, seconds: float, low: float, high: float) -> None:
         """Adds a range of values, for some seconds from its start on."""
-        self._first_s = min(self._first_s, start_s)
+        self._begin(start_s)
         steps = max(1, math.ceil(seconds / self.width_s))
         for step in range(steps):
             self._extend(self._place(start_s + (step + 0.5) * seconds / steps), low, high)
 
+    def _begin(self, time_s: float) -> None:
+        if not self.levels:
+            self.add_level(time_s, Level.OK.name)
+
     def _place(self, time_s: float) -> int:
-        """Returns the bucket of a time; widens the buckets until there is one."""
-        self._first_s = min(self._first_s, time_s)
-        place = int((time_s - self.start_s) / self.width_s)
-        while place >= self._buckets:
-            place //= 2
-            self.width_s *= 2.0
-            ranges, self._ranges = self._ranges, {}
-            for number, (low, high) in ranges.items():
-                self._extend(number // 2, low, high)
-            self._bad = {number // 2 for number in self._bad}
-        return max(place, 0)
+        """Returns the bucket of a time."""
+        return min(max(int((time_s - self.start_s) / self.width_s), 0), self._buckets - 1)
 
     def _extend(self, place: int, low: float, high: float) -> None:
         if math.isfinite(low) and math.isfinite(high):
@@ -88,8 +80,8 @@ class PlottedSignal:
 
     def add_gap(self, begin_s: float, end_s: float) -> None:
         """Adds a time that is not recorded; samples before it must have been added."""
-        if self.levels or self._first_s < begin_s:
-            level = self.levels[-1][1] if self.levels else Level.OK.name
+        if self.levels:
+            level = self.levels[-1][1]
             self.add_level(begin_s, "")
             self.add_level(end_s, level)
 
@@ -99,14 +91,6 @@ class PlottedSignal:
             self.levels.append((wall_s, level))
         elif self.levels[-1][1]:
             self.levels.append((wall_s, ""))
-
-    @property
-    def shown_levels(self) -> List[Tuple[float, str]]:
-        """The levels, with OK from the first sample until the first of them."""
-        first_s = self._first_s
-        if first_s == math.inf or (self.levels and self.levels[0][0] <= first_s):
-            return self.levels
-        return [(first_s, Level.OK.name), *self.levels]
 
 
 def line_ahead(alert: str, wall_s: float, status: Status) -> Optional[Mapping[str, Any]]:

@@ -223,7 +223,7 @@ def _signal_data(signal: PlottedSignal, alerts: Sequence[Tuple[str, ReportedAler
         "bad": [round(time_s, 3) for time_s in islice(signal.bad_times_s, _MOST_BUCKETS)],
         "gap": config.stale_after_s,
         "bounds": plot_bounds(config),
-        "levels": [[round(time_s, 3), level] for time_s, level in signal.shown_levels],
+        "levels": [[round(time_s, 3), level] for time_s, level in signal.levels],
         "alerts": [
             {
                 "id": name,

