@@ -152,9 +152,8 @@ class Measured:
         if not values.count:
             return "no valid value"
         if values.count < _LEAST_SAMPLES:
-            takes = f", which takes about {duration_text(self.needed_s)}" if self.needed_s else ""
             seen = f"only {count_text(values.count, 'valid sample')} in {duration_text(self.duration_s)}"
-            return f"{seen}; a range needs {_LEAST_SAMPLES}{takes}"
+            return f"{seen}; a range needs {_LEAST_SAMPLES}"
         if self.duration_s < _LEAST_DURATION_S * 0.999:
             return f"seen for {duration_text(self.duration_s)} only; a range needs {duration_text(_LEAST_DURATION_S)}"
         if values.min == values.max:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 from itertools import groupby
-from typing import Dict, Iterable, Iterator, List, Mapping
+from typing import Dict, Iterator, List, Mapping
 
 from ..config.signal_config import BOUNDS, read_signal
 from ..values.errors import ConfigError
@@ -14,7 +13,7 @@ from ..values.formatting import duration_text, list_text
 from ..values.model import Level
 from .candidates import AGE_RULES, FRACTIONS, OF_MIDDLEWARE, Candidates, Fields
 from .measured import MOST_ELEMENTS, Measured
-from .suggestion import LEAST_RANGE_S, MOST_IRREGULAR, Setting, Signal, rounded, staleness, suggest
+from .suggestion import MOST_IRREGULAR, Setting, Signal, staleness, suggest
 
 ORDER = (*BOUNDS, "hysteresis", "for_s", "stale_after_s", "depends_on")
 """Keys that are proposed, in the order in which they are written."""
@@ -111,7 +110,7 @@ def _sort_in(signal: Signal, proposed: Proposed) -> None:
     if is_watched:
         proposed.not_watched.pop(signal.topic, "")  # where the rate, which comes first, is not
     if is_watched or signal.is_shown_only:
-        proposed.signals += [signal, *_gap(signal)]
+        proposed.signals.append(signal)
     elif signal.kind == "rate":
         proposed.not_watched[signal.topic] = signal.left_out[0].replace("no bounds: ", "")
     else:
@@ -197,20 +196,3 @@ def _not_a_delay(measured: Measured) -> str:
         ages = f"{duration_text(values.min)} to {duration_text(values.max)}"
         return f"stamps are {ages} old, expected 0 to {duration_text(OLDEST_S)}"
     return ""
-
-
-def _gap(rate: Signal) -> Iterable[Signal]:
-    """Returns the largest gap of a topic so fast that staleness and rate miss short gaps; none for other topics."""
-    measured = rate.measured
-    if rate.kind != "rate":
-        return []
-    longest_s, median_s = measured.gaps.max, measured.gaps.quantile(0.5)
-    bound_s = rounded(max(2.0 * longest_s, 5.0 * median_s), math.ceil)
-    stale = rate.proposed["stale_after_s"]
-    if measured.duration_s < LEAST_RANGE_S * 0.999 or not 0.0 < bound_s < stale.value:
-        return []
-    gap = rate.copy(name=f"{rate.name[: -len('_rate')]}_gap", kind="gap")
-    gap.given["statistic"] = "largest_gap_s"
-    seen = f"longest gap {duration_text(longest_s)}, median {duration_text(median_s)}"
-    gap.proposed = {"warn_above": Setting(bound_s, seen), "stale_after_s": stale}
-    return [gap]

@@ -62,7 +62,7 @@ class Signal:
     topic: str
     """The absolute name of its topic; of the graph such as `node /lidar`."""
     kind: str
-    """What it is measured by: `rate`, `gap`, `age`, `statuses`, `action`, `log`, `frames`, `elements`, `number`,
+    """What it is measured by: `rate`, `age`, `statuses`, `action`, `log`, `frames`, `elements`, `number`,
     `node`; `given` was configured before, and stays."""
     given: Dict[str, Any]
     """Settings that say what it is; all settings of one that was configured before."""

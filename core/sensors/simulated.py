@@ -69,14 +69,14 @@ class SimulatedTemperature(_Simulated):
     def read(self, now_s: float) -> float:
         """Returns the temperature in degrees C."""
         elapsed_s = self._elapsed_s(now_s)
-        wander = self.spread * _noise(self.seed, "wander", elapsed_s, slot_s=10.0)
+        wander = self.spread * _wave(self.seed, "wander", elapsed_s, 40.0)
         return self.mean + wander + self.spike * self._spell(elapsed_s)
 
     def _spell(self, elapsed_s: float) -> float:
         """Returns the intensity of a hot spell, 0 to 1: a raised cosine over time."""
         slot, into_slot_s = divmod(elapsed_s, self.spike_every_s)
         lasts_s = min(_SPELL_S, self.spike_every_s)
-        begins_s = (self.spike_every_s - lasts_s) * (1.0 + _draw(self.seed, "spell", int(slot))) / 2.0
+        begins_s = (self.spike_every_s - lasts_s) * random.Random(f"{self.seed}/spell/{int(slot)}").random()
         into_spell = (into_slot_s - begins_s) / lasts_s
         return (1.0 - math.cos(2.0 * math.pi * into_spell)) / 2.0 if 0.0 < into_spell < 1.0 else 0.0
 
@@ -94,22 +94,15 @@ class SimulatedCpuUsage(_Simulated):
     def read(self, now_s: float) -> float:
         """Returns the CPU load in %."""
         elapsed_s = self._elapsed_s(now_s)
-        slow = _noise(self.seed, "tide", elapsed_s, slot_s=20.0)
-        fast = _noise(self.seed, "ripple", elapsed_s, slot_s=2.0)
+        slow = _wave(self.seed, "tide", elapsed_s, 80.0)
+        fast = _wave(self.seed, "ripple", elapsed_s, 6.0)
         return min(max(self.mean + self.spread * (0.7 * slow + 0.3 * fast), 0.0), 100.0)
 
 
-def _noise(seed: object, stream: str, elapsed_s: float, slot_s: float) -> float:
-    """Returns a smooth random curve between -1 and 1: value noise, one draw per slot, joined by half cosines."""
-    slot = math.floor(elapsed_s / slot_s)
-    along = elapsed_s / slot_s - slot
-    here, there = _draw(seed, stream, slot), _draw(seed, stream, slot + 1)
-    return here + (there - here) * (1.0 - math.cos(math.pi * along)) / 2.0
-
-
-def _draw(seed: object, stream: str, slot: int) -> float:
-    """Returns a random number between -1 and 1, always the same for the same slot of the same stream.
+def _wave(seed: object, stream: str, elapsed_s: float, period_s: float) -> float:
+    """Returns a sine between -1 and 1, whose phase is that of the seed and the stream.
 
     The first number of a `random.Random` seeded with a text is the same on every Python since 3.2.
     """
-    return random.Random(f"{seed}/{stream}/{slot}").uniform(-1.0, 1.0)
+    phase = random.Random(f"{seed}/{stream}").random()
+    return math.sin(2.0 * math.pi * (elapsed_s / period_s + phase))

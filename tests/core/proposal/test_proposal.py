@@ -124,13 +124,6 @@ def test_drivers_that_are_not_ok_while_the_robot_is_listened_to_are_named() -> N
 
 
 @pytest.mark.newest_python
-def test_the_gap_of_a_fast_topic_is_watched_once_it_was_seen_for_10_minutes() -> None:
-    fast: Publisher = ("/a", "std_msgs/String", 20.0, lambda now_s: {})
-    assert set(by_name(proposed_of([fast]))) == {"a_rate"}
-    gap = by_name(proposed_of([fast], 620.0))["a_gap"].settings
-    assert (gap["statistic"], gap["warn_above"], gap["stale_after_s"]) == ("largest_gap_s", 0.25, 1.0)
-
-
 def test_how_long_to_listen_is_known_of_what_came_too_rarely() -> None:
     """60 samples of 1 Hz in 59 s: 100 take 100 s, and two minutes are enough."""
     rare: Publisher = ("/a", "std_msgs/Float32", 1.0, lambda now_s: {"data": now_s})
@@ -138,7 +131,7 @@ def test_how_long_to_listen_is_known_of_what_came_too_rarely() -> None:
     candidates = heard([rare, often], 60.0)
     assert candidates.needed_s == 120.0
     reason = propose(candidates).fields["/a", "data"]
-    assert reason == "no bounds: only 60 valid samples in 59 s; a range needs 100, which takes about 120 s"
+    assert reason == "no bounds: only 60 valid samples in 59 s; a range needs 100"
     assert heard([often], 60.0).needed_s == heard([rare], 120.0).needed_s == 0.0
 
 
