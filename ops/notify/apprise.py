@@ -50,10 +50,9 @@ class AppriseTarget(Address, Sender):
                 except DeliveryError as error:
                     errors.append(error)
         if errors:
-            if len(self._accepted) >= _MOST_REMEMBERED:
+            self._accepted[key] = accepted
+            if len(self._accepted) > _MOST_REMEMBERED:
                 del self._accepted[next(iter(self._accepted))]
-            if accepted:
-                self._accepted[key] = accepted
             may_have_arrived = bool(accepted) or any(error.may_have_arrived for error in errors)
             raise DeliveryError(str(errors[0]), may_have_arrived=may_have_arrived)
         return "delivered"

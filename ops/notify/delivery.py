@@ -1,17 +1,15 @@
-"""Calls one target: attempts, waits, and the target's fault. Sends what the queue holds for it, or heartbeats."""
+"""Calls one target: attempts, waits, and the target's fault."""
 
 from __future__ import annotations
 
 import math
 import random
 import time
-from abc import ABC, abstractmethod
 from collections import Counter
 from functools import partial
 from typing import Any, Callable, Optional, TypeVar
 
 from ...core.values.errors import ServiceError
-from ...core.values.faults import Faults
 from ...core.values.model import Level
 from ...runtime.backoff import Backoff
 from ...runtime.threads import StepThread
@@ -19,7 +17,6 @@ from ..configuration import TargetSettings
 from ..store.history import History
 from .notification_queue import NotificationQueue, Taken
 from .sender import DeliveryError, Sender
-from .webhook import Webhook
 
 Result = TypeVar("Result")
 
@@ -32,52 +29,115 @@ _STORE_RETRY_S = 1.0
 _TICK_CHECK_S = 1.0
 
 
-class Caller(StepThread, ABC):
-    """Calls one target, in its thread. Failures are faults, as `notify <name>`; `clock` gives monotonic seconds."""
+class Delivery(StepThread):
+    """Calls one target, in its thread: sends what the queue holds for it, one notification after the other.
+
+    The target `heartbeat` is called every `every_s` instead, as long as ticks come, so that another system notices if
+    they do not. Failures are faults, as `notify <name>`.
+    """
 
     def __init__(
         self,
         settings: TargetSettings,
         sender: Sender,
-        faults: Faults,
-        clock: Callable[[], float],
-        backoff: Backoff,
+        queue: NotificationQueue,
+        history: History,
+        clock: Callable[[], float] = time.monotonic,
+        chance: Callable[[], float] = random.random,
     ) -> None:
-        """Calls nothing yet; see `start`."""
+        """Calls nothing yet; see `start`. `clock` gives monotonic seconds.
+
+        Many monitors do not return to a target at the same moment: `chance` is from 0 to 1.
+        """
         self.settings = settings
         self._part = f"notify {settings.name}"
         self._sender = sender
-        self._faults = faults
+        self._queue = queue
+        self._history = history
+        self._faults = history.faults
         self._clock = clock
-        self._backoff = backoff
-        self._retry_at_s = clock()
-        self._not_before_s = clock()
-        """The wait that the target requested ends then; nothing shortens it."""
+        self._backoff = Backoff(FIRST_RETRY_S, LONGEST_RETRY_S, spread=0.5, chance=chance)
+        self._retry_at_s = self._not_before_s = clock()
+        """The wait that the target requested ends at `_not_before_s`; nothing shortens it."""
         self._attempted_s = clock() - FIRST_RETRY_S
+        self._repeat_at_s = math.inf if sender.repeat_every_s == math.inf else clock()
+        self._tick_s = -math.inf
+        self._has_news = False
+        self._to_finish: Optional[Taken] = None
+        """Was sent, but that is not stored yet. Nothing else is sent before that, or it would be sent twice."""
+        self._refusals: Counter[int] = Counter()
         super().__init__(
             self._part,
             self.step,  # what it raises may contain a secret
-            lambda error: faults.report(self._part, f"internal error: {type(error).__name__}"),
+            lambda error: self._faults.report(self._part, f"internal error: {type(error).__name__}"),
         )
 
-    @abstractmethod
-    def step(self) -> float:
-        """Makes at most one attempt; returns when to call this again, in s from now."""
-
-    def note_tick(self) -> None:
-        """Call at each tick of the monitor; returns at once."""
+    def has_work(self) -> bool:
+        """Returns whether a notification waits, and the latest attempt did not fail."""
+        name = self.settings.name
+        return self._queue.waiting[name] > 0 and not self._queue.wait_s.get(name, 0.0) and not self._backoff.is_failing
 
     def note_news(self) -> None:
         """Call when there is a new notification: it does not wait for the end of a long retry delay. Any thread."""
+        self._has_news = True
+        self.wake()
 
-    def has_work(self) -> bool:
-        """Returns whether something waits that can probably be sent now."""
-        return False
+    def note_tick(self) -> None:
+        """Call at each tick of the monitor; returns at once."""
+        self._tick_s = self._clock()
 
     def clear_faults(self) -> None:
         """Call when the target is no longer in use."""
         for part in ("", ": url_file", ": queue"):
             self._faults.clear(self._part + part)
+
+    def close(self) -> None:
+        """Ends the thread, and the present attempt early, where that is possible; returns at once."""
+        super().close()
+        self._sender.close()
+
+    def step(self) -> float:
+        """Makes at most one attempt; returns when to call this again, in s from now."""
+        try:
+            return self._beat() if self.settings.type == "heartbeat" else self._deliver()
+        except ServiceError:  # the history reports its own fault
+            return _STORE_RETRY_S
+
+    def _beat(self) -> float:
+        now_s = self._clock()
+        if now_s >= self._repeat_at_s:
+            if now_s - self._tick_s > MAX_TICK_AGE_S:
+                return _TICK_CHECK_S
+            self._repeat_at_s = now_s + self._sender.repeat_every_s
+            if self._attempt(partial(self._sender.repeat, ())) is not None:
+                self._repeat_at_s = max(min(self._repeat_at_s, self._retry_at_s), self._not_before_s)
+        return max(0.0, self._repeat_at_s - self._clock())
+
+    def _deliver(self) -> float:
+        name = self.settings.name
+        self._finish(self._to_finish)
+        dropped = self._queue.dropped[name]
+        text = f"full: {dropped} notifications dropped that later ones of the same alerts supersede"
+        self._warn("queue", text if dropped else "")
+        if self._has_news:
+            self._has_news = False
+            self._retry_at_s = max(self._not_before_s, min(self._retry_at_s, self._attempted_s + FIRST_RETRY_S))
+        now_s = self._clock()
+        repeat_at_s = max(self._repeat_at_s, self._not_before_s)
+        if now_s >= repeat_at_s:
+            self._repeat_at_s = now_s + self._sender.repeat_every_s
+            alerts = self._run(self._queue.open_at, name)
+            if alerts:
+                self._attempt(partial(self._sender.repeat, alerts))
+            return 0.0
+        wait_s = self._retry_at_s - now_s
+        if wait_s <= 0.0:
+            taken = self._run(self._queue.take, name)
+            if taken is not None:
+                self._send(taken)
+                return 0.0
+            wait_s = self._queue.wait_s.get(name, 0.0) if self._queue.waiting[name] else _IDLE_S
+        return max(0.0, min(now_s + wait_s, repeat_at_s) - self._clock())
 
     def _attempt(self, call: Callable[[], object]) -> Optional[DeliveryError]:
         """Calls the target, and shows whether that works; returns its failure."""
@@ -107,77 +167,6 @@ class Caller(StepThread, ABC):
         else:
             self._faults.clear(f"{self._part}: {about}")
 
-
-class Delivery(Caller):
-    """Sends what the queue holds for one target, one notification after the other."""
-
-    def __init__(
-        self,
-        settings: TargetSettings,
-        sender: Sender,
-        queue: NotificationQueue,
-        history: History,
-        faults: Faults,
-        clock: Callable[[], float] = time.monotonic,
-        chance: Callable[[], float] = random.random,
-    ) -> None:
-        """Sends nothing yet. Many monitors do not return to a target at the same moment: `chance` is from 0 to 1."""
-        backoff = Backoff(FIRST_RETRY_S, LONGEST_RETRY_S, spread=0.5, chance=chance)
-        super().__init__(settings, sender, faults, clock, backoff)
-        self._queue = queue
-        self._history = history
-        self._repeat_at_s = math.inf if sender.repeat_every_s == math.inf else clock()
-        self._has_news = False
-        self._to_finish: Optional[Taken] = None
-        """Was sent, but that is not stored yet. Nothing else is sent before that, or it would be sent twice."""
-        self._refusals: Counter[int] = Counter()
-
-    def has_work(self) -> bool:
-        """Returns whether a notification waits, and the latest attempt did not fail."""
-        name = self.settings.name
-        return self._queue.waiting[name] > 0 and not self._queue.wait_s.get(name, 0.0) and not self._backoff.is_failing
-
-    def note_news(self) -> None:
-        """Ends a long retry delay."""
-        self._has_news = True
-        self.wake()
-
-    def close(self) -> None:
-        """Ends the thread, and the present attempt early, where that is possible; returns at once."""
-        super().close()
-        self._sender.close()
-
-    def step(self) -> float:
-        """Makes at most one attempt."""
-        name = self.settings.name
-        try:
-            self._finish(self._to_finish)
-            dropped = self._queue.dropped[name]
-            text = f"full: {dropped} notifications dropped that later ones of the same alerts supersede"
-            self._warn("queue", text if dropped else "")
-            if self._has_news:
-                self._has_news = False
-                self._retry_at_s = max(self._not_before_s, min(self._retry_at_s, self._attempted_s + FIRST_RETRY_S))
-            now_s = self._clock()
-            repeat_at_s = max(self._repeat_at_s, self._not_before_s)
-            if now_s >= repeat_at_s:
-                self._repeat_at_s = now_s + self._sender.repeat_every_s
-                alerts = self._run(self._queue.open_at, name)
-                if alerts:
-                    self._attempt(partial(self._sender.repeat, alerts))
-                return 0.0
-            if now_s >= self._retry_at_s:
-                taken = self._run(self._queue.take, name)
-                if taken is not None:
-                    self._send(taken)
-                    return 0.0
-                wait_s = self._queue.wait_s.get(name, 0.0) if self._queue.waiting[name] else _IDLE_S
-            else:
-                wait_s = self._retry_at_s - now_s
-            return max(0.0, min(now_s + wait_s, repeat_at_s) - self._clock())
-        except ServiceError:  # the history reports its own fault
-            return _STORE_RETRY_S
-
     def _run(self, function: Callable[..., Result], *arguments: Any) -> Result:
         """Runs a function of the queue in the history's writer thread."""
         return self._history.run(lambda connection: function(connection, *arguments))
@@ -202,31 +191,3 @@ class Delivery(Caller):
         if taken is not None:
             self._run(self._queue.finish, taken)
             self._to_finish = None
-
-
-class Heartbeat(Caller):
-    """Calls an address every `every_s` (GET), as long as ticks come, so that another system notices if they do not."""
-
-    def __init__(self, settings: TargetSettings, faults: Faults, clock: Callable[[], float] = time.monotonic) -> None:
-        """Waits for the first tick."""
-        target = Webhook(settings)
-        super().__init__(settings, target, faults, clock, Backoff(FIRST_RETRY_S, settings.every_s))
-        self._call = partial(target.deliver, None)
-        self._tick_s = -math.inf
-        self._due_s = clock()
-
-    def note_tick(self) -> None:
-        """Lets the calls go on."""
-        self._tick_s = self._clock()
-
-    def step(self) -> float:
-        """Calls the address if it is due."""
-        now_s = self._clock()
-        if now_s < self._due_s:
-            return self._due_s - now_s
-        if now_s - self._tick_s > MAX_TICK_AGE_S:
-            return _TICK_CHECK_S
-        self._due_s = now_s + self.settings.every_s
-        if self._attempt(self._call) is not None:
-            self._due_s = max(min(self._due_s, self._retry_at_s), self._not_before_s)
-        return max(0.0, self._due_s - self._clock())

@@ -15,7 +15,7 @@ from ..store.history import History
 from .alertmanager import Alertmanager
 from .apprise import AppriseTarget
 from .command import Command
-from .delivery import Caller, Delivery, Heartbeat
+from .delivery import Delivery
 from .notification_queue import NotificationQueue
 from .sender import Sender
 from .webhook import Webhook
@@ -52,7 +52,7 @@ class Notifier:
         self._history = history
         self._is_up_to_date = False
         self._watched: Optional[Collection[str]] = None
-        self._callers: Dict[str, Caller] = {}  # by name of the target
+        self._deliveries: Dict[str, Delivery] = {}  # by name of the target
         self._changing = threading.Lock()
 
         self._queue = NotificationQueue(targets, silences, is_simulated, history.wall_s, public_url)
@@ -68,7 +68,7 @@ class Notifier:
         """
         wanted = {target.name: target for target in targets}
         with self._changing:
-            known = {name: caller.settings for name, caller in self._callers.items()}
+            known = {name: delivery.settings for name, delivery in self._deliveries.items()}
             ended = [name for name, settings in known.items() if wanted.get(name) != settings]
             started = [target for name, target in wanted.items() if known.get(name) != target]
             if ended or started:
@@ -87,12 +87,12 @@ class Notifier:
     @property
     def waiting(self) -> int:
         """How many notifications wait, over all targets."""
-        return sum(self._queue.waiting[name] for name in tuple(self._callers))
+        return sum(self._queue.waiting[name] for name in tuple(self._deliveries))
 
     def note_tick(self) -> None:
         """Call at each tick of the monitor, for the heartbeat; returns at once."""
-        for caller in tuple(self._callers.values()):
-            caller.note_tick()
+        for delivery in tuple(self._deliveries.values()):
+            delivery.note_tick()
 
     def end_unwatched(self, robots: Collection[str]) -> None:
         """Ends the notified alerts of all robots but those that are watched, such as those of an earlier run.
@@ -104,30 +104,26 @@ class Notifier:
     def close(self) -> None:
         """Ends the threads. Targets that work are sent what waits, for at most 1 s; the rest stays in the queue."""
         until_s = time.monotonic() + CLOSE_TIMEOUT_S
-        while time.monotonic() < until_s and any(caller.has_work() for caller in self._callers.values()):
+        while time.monotonic() < until_s and any(delivery.has_work() for delivery in self._deliveries.values()):
             time.sleep(_CLOSE_POLL_S)
-        for caller in self._callers.values():
-            caller.close()
-        for caller in self._callers.values():
-            caller.join(max(0.0, until_s - time.monotonic()))
+        for delivery in self._deliveries.values():
+            delivery.close()
+        for delivery in self._deliveries.values():
+            delivery.join(max(0.0, until_s - time.monotonic()))
 
     def _start(self, targets: Sequence[TargetSettings]) -> None:
         """Starts new targets."""
         for settings in targets:
-            if settings.type == "heartbeat":
-                caller: Caller = Heartbeat(settings, self._history.faults)
-            else:
-                sender = make_sender(settings, self._history.wall_s)
-                caller = Delivery(settings, sender, self._queue, self._history, self._history.faults)
-            self._callers[settings.name] = caller
-            caller.start()
+            sender = make_sender(settings, self._history.wall_s)
+            delivery = self._deliveries[settings.name] = Delivery(settings, sender, self._queue, self._history)
+            delivery.start()
 
     def _end(self, name: str) -> None:
         """Ends a target, and what is being sent to it."""
-        caller = self._callers.pop(name)
-        caller.close()
-        caller.join(min(caller.settings.timeout_s, _LONGEST_END_S))
-        caller.clear_faults()
+        delivery = self._deliveries.pop(name)
+        delivery.close()
+        delivery.join(min(delivery.settings.timeout_s, _LONGEST_END_S))
+        delivery.clear_faults()
 
     def _note(self, connection: Connection, alert_id: int, transition: Transition, wall_s: float) -> None:
         """Queues a transition; runs inside the transaction that stores it."""
@@ -137,9 +133,9 @@ class Notifier:
             self._history.submit(Job(lambda connection: self._wake()), is_urgent=True)
 
     def _wake(self) -> None:
-        for name, caller in tuple(self._callers.items()):
+        for name, delivery in tuple(self._deliveries.items()):
             if self._queue.waiting[name]:
-                caller.note_news()
+                delivery.note_news()
 
     def _follow(self, connection: Optional[Connection] = None) -> None:
         """Queues what a change of silences or robots causes; called each second."""

@@ -18,7 +18,7 @@ import ssl
 import time
 import urllib.error
 import urllib.request
-from typing import Any, NamedTuple, Optional
+from typing import Any, NamedTuple, Optional, Sequence
 from urllib.parse import unquote, urlsplit, urlunsplit
 
 from ...core.values.errors import LinkError
@@ -51,10 +51,16 @@ class Webhook(Address, Sender):
         """Connects only when something is sent."""
         super().__init__(settings)
         self._timeout_s = settings.timeout_s
+        if settings.type == "heartbeat":
+            self.repeat_every_s = settings.every_s
 
     def send(self, notification: Notification) -> str:
         """Posts a notification."""
         return self.deliver(notification.as_json())
+
+    def repeat(self, alerts: Sequence[Notification]) -> None:
+        """Calls the address of a heartbeat."""
+        self.deliver(None)
 
     def call(self, body: Optional[str], path: str = "") -> Answer:
         """Returns the response to `request`, with a path appended to the address."""

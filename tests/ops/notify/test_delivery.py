@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sqlite3
-from typing import Any, Callable, Dict, List
+from typing import Any, Callable, Dict, List, Tuple
 
 import pytest
 from harness.alertmanager import RunningAlertmanager, needs_alertmanager
@@ -15,7 +15,7 @@ from robot_health_monitor.core import Level
 from robot_health_monitor.core.values.errors import ServiceError
 from robot_health_monitor.core.values.faults import Faults
 from robot_health_monitor.ops.configuration import TargetSettings
-from robot_health_monitor.ops.notify.delivery import LONGEST_RETRY_S, MOST_REFUSALS, Delivery, Heartbeat
+from robot_health_monitor.ops.notify.delivery import LONGEST_RETRY_S, MOST_REFUSALS, Delivery
 from robot_health_monitor.ops.notify.notification_queue import NotificationQueue
 from robot_health_monitor.ops.notify.notifier import make_sender
 from robot_health_monitor.ops.store import schema
@@ -27,6 +27,7 @@ class Database:
     def __init__(self) -> None:
         self.connection = sqlite3.connect(":memory:", isolation_level=None)
         schema.prepare(self.connection)
+        self.faults = Faults()
         self.fails_next = 0
 
     def run(self, function: Callable[[sqlite3.Connection], Any]) -> Any:
@@ -43,7 +44,7 @@ class Bench:
         self.now_s = 0.0
         self.database = Database()
         self.alerts = StoredAlerts(self.database.connection)
-        self.faults = Faults()
+        self.faults = self.database.faults
         self.settings = TargetSettings("chat", type_name, url=url, timeout_s=timeout_s)
         self.restart()
 
@@ -55,8 +56,7 @@ class Bench:
             self.settings,
             make_sender(self.settings),
             self.queue,
-            self.database,
-            self.faults,
+            self.database,  # type: ignore[arg-type]
             lambda: self.now_s,
             lambda: 1.0,
         )
@@ -352,7 +352,15 @@ class Clock:
         return self.now_s
 
 
-def beat(heartbeat: Heartbeat, clock: Clock, until_s: float, ticks: bool = True) -> None:
+def make_heartbeat(clock: Clock, **settings: Any) -> Tuple[Delivery, Faults]:
+    """Returns a heartbeat in virtual time, with its faults."""
+    database, target = Database(), TargetSettings("alive", "heartbeat", **settings)
+    queue = NotificationQueue([target], FixedSilences())
+    delivery = Delivery(target, make_sender(target), queue, database, clock, lambda: 1.0)  # type: ignore[arg-type]
+    return delivery, database.faults
+
+
+def beat(heartbeat: Delivery, clock: Clock, until_s: float, ticks: bool = True) -> None:
     """Lets virtual time pass, with a tick each second."""
     while clock.now_s < until_s:
         clock.now_s += 1.0
@@ -363,7 +371,7 @@ def beat(heartbeat: Heartbeat, clock: Clock, until_s: float, ticks: bool = True)
 
 def test_a_heartbeat_calls_every_period_while_ticks_come_and_stops_with_them(server: HttpServer) -> None:
     clock = Clock()
-    heartbeat = Heartbeat(TargetSettings("alive", "heartbeat", url=f"{server.url}/ping"), Faults(), clock)
+    heartbeat, _ = make_heartbeat(clock, url=f"{server.url}/ping")
     assert heartbeat.step() > 0.0 and server.all() == []  # no tick yet
     beat(heartbeat, clock, 1.0)
     assert [(call.method, call.path) for call in server.all()] == [("GET", "/ping")]
@@ -378,8 +386,8 @@ def test_a_heartbeat_calls_every_period_while_ticks_come_and_stops_with_them(ser
 
 
 def test_a_failed_heartbeat_is_a_fault_and_retried_with_growing_waits(server: HttpServer) -> None:
-    clock, faults = Clock(), Faults()
-    heartbeat = Heartbeat(TargetSettings("alive", "heartbeat", url=server.url), faults, clock)
+    clock = Clock()
+    heartbeat, faults = make_heartbeat(clock, url=server.url)
     server.behave = responding(500)
     beat(heartbeat, clock, 63.0)
     assert len(server.all()) == 6  # after 1, 2, 4, 8, 16, 32 s
@@ -392,7 +400,7 @@ def test_a_failed_heartbeat_is_a_fault_and_retried_with_growing_waits(server: Ht
 
 def test_a_heartbeat_respects_a_requested_wait(server: HttpServer) -> None:
     clock = Clock()
-    heartbeat = Heartbeat(TargetSettings("alive", "heartbeat", url=server.url, every_s=10.0), Faults(), clock)
+    heartbeat, _ = make_heartbeat(clock, url=server.url, every_s=10.0)
     server.behave = responding(429, Retry_After="40")
     beat(heartbeat, clock, 40.0)
     assert len(server.all()) == 1
