@@ -13,8 +13,6 @@ from collections import deque
 from dataclasses import dataclass, field
 from typing import Callable, Deque, Dict, List, Mapping, Optional
 
-from ...core.config.monitor_config import MonitorConfig
-from ...core.judge.attachments import STATE, THRESHOLDS, SavedMonitor, thresholds_tree
 from ...core.values.errors import ServiceError
 from ...core.values.faults import Faults
 from ...core.values.model import Level
@@ -58,12 +56,8 @@ class Recording:
     reader: Reader
     offset_s: float
     """Seconds since 1970 minus the robot's steady clock."""
-    saved: SavedMonitor
-    """The states at its beginning; the times are on the steady clock."""
-    config: MonitorConfig
-    topics: Mapping[str, str]
-    """The absolute name of each topic in the configuration."""
-    use_sim_time: bool
+    attachments: Callable[[], Mapping[str, str]]
+    """Returns what is attached, by name: the thresholds, and the states at its beginning."""
     profile: str
     alert: str
     """The first alert line."""
@@ -105,7 +99,8 @@ class BlackBox:
         self._lock = threading.Lock()
         self._names: Deque[str] = deque(maxlen=_KEPT_NAMES)
         self._recordings: List[Recording] = []
-        self._open_files: Dict[str, Mapping[str, str]] = {}
+        self.open_files: Dict[str, Mapping[str, str]] = {}
+        """By robot: the file of each open alert by its signal; they are not deleted. Each robot changes its own."""
         self._folder: Optional[Folder] = None
         self._backoff = Backoff(_FIRST_RETRY_S, _LAST_RETRY_S)
         self._retry_s = 0.0
@@ -137,16 +132,6 @@ class BlackBox:
         with self._lock:
             self._recordings.append(recording)
         self._thread.wake()
-
-    def note_open(self, robot: str, files: Mapping[str, str]) -> None:
-        """Notes the file of each open alert of a robot, by its signal: they are not deleted."""
-        with self._lock:
-            self._open_files[robot] = dict(files)
-
-    def forget(self, robot: str) -> None:
-        """Ends `note_open` for a robot."""
-        with self._lock:
-            self._open_files.pop(robot, None)
 
     def wake(self) -> None:
         """Makes the thread look at the recordings at once."""
@@ -213,10 +198,9 @@ class BlackBox:
         """Writes what has come since, and completes the file at its end, or if there is no room for more."""
         file = recording.file
         if file is None:
-            begin_ns = max(0, round((recording.saved.time_s + recording.offset_s) * 1e9))
-            file = recording.file = RecordingFile(
-                folder.file(recording.name), recording.profile, begin_ns, _attachments(recording)
-            )
+            begin_ns = max(0, round((recording.reader.first.begin_s + recording.offset_s) * 1e9))
+            path, attachments = folder.file(recording.name), recording.attachments()
+            file = recording.file = RecordingFile(path, recording.profile, begin_ns, attachments)
             file.write(recording.reader.first.quiet, recording.offset_s)
         for messages in iter(lambda: recording.reader.read(_READ_BYTES), []):
             if not self._has_room(folder, sum(len(data) for _, _, data in messages)):
@@ -237,7 +221,7 @@ class BlackBox:
         """Deletes old files; returns whether so much can be written without exceeding the limit of the folder."""
         with self._lock:
             needed_bytes += sum(recording.file.bytes for recording in self._recordings if recording.file is not None)
-            protected = {name for files in self._open_files.values() for name in files.values()}
+        protected = {name for files in tuple(self.open_files.values()) for name in tuple(files.values())}
         has_room = folder.make_room(protected, needed_bytes)
         if not has_room:
             text = f"nothing is recorded: the recordings of open alerts take keep_mb ({self.settings.keep_mb:g})"
@@ -280,14 +264,6 @@ class BlackBox:
 
     def _report(self, error: Exception, path: str) -> None:
         self._faults.report(PART, _reason(error, path))
-
-
-def _attachments(recording: Recording) -> Dict[str, str]:
-    import yaml
-
-    tree = thresholds_tree(recording.config, recording.robot, recording.topics, use_sim_time=recording.use_sim_time)
-    thresholds: str = yaml.safe_dump(tree, sort_keys=False, allow_unicode=True)
-    return {THRESHOLDS: thresholds, STATE: recording.saved.moved(recording.offset_s).to_json()}
 
 
 def _as_name(text: str) -> str:

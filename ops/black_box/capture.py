@@ -57,19 +57,17 @@ def is_pattern(topic: str) -> bool:
 class _Topic:
     """One topic that is wanted: subscribed, or refused, or recorded under another name."""
 
-    def __init__(self, add: Add, name: str, *, is_named: bool, clock: Optional[Callable[[], float]]) -> None:
+    def __init__(self, add: Add, name: str, named: Collection[str], clock: Optional[Callable[[], float]]) -> None:
         self.subscription: Optional[Subscription] = None
         self.resolved = ""
         """The absolute name; empty if it is refused."""
-        self.is_unwanted = False
-        """Whether it turned out to be an image or a cloud."""
         self._add = add
         self._name = name
-        self._is_named = is_named
+        self._named = named
         self._clock = clock
         self._format: Optional[RawFormat] = None
         self.channel: Optional[Channel] = None
-        """None before the first message."""
+        """None before the first message, and of an image or a cloud that is not named."""
         self.latest = b""
         """The latest message; empty before the first one, and if it is large."""
         self.latest_s = 0.0
@@ -78,8 +76,8 @@ class _Topic:
         data, raw_format = message
         if raw_format is not self._format:
             self._format = raw_format
-            self.is_unwanted = not self._is_named and canonical_type(raw_format.schema_name) in LARGE_TYPES
-            self.channel = None if self.is_unwanted else Channel(self.resolved or self._name, raw_format)
+            name, is_large = self.resolved or self._name, canonical_type(raw_format.schema_name) in LARGE_TYPES
+            self.channel = None if is_large and name not in self._named else Channel(name, raw_format)
         if self.channel is not None:
             time_s = now_s if self._clock is None else self._clock()
             self.latest_s, self.latest = time_s, data if len(data) <= _LARGEST_QUIET else b""
@@ -112,8 +110,6 @@ class Capture:
         self._topics: Dict[Tuple[str, str], _Topic] = {}
         """By name and type."""
         self._log = LimitedLog(middleware.log, middleware.steady_s, _MOST_LINES)
-        self._known_for_s: Dict[str, float] = {}
-        """How long the latest message of a topic with signals is as good as repeated; 0: it counts as an arrival."""
 
     @property
     def resolved(self) -> Mapping[str, str]:
@@ -127,10 +123,13 @@ class Capture:
         """
         found: List[Message] = []
         left = _MOST_QUIET
-        known_for_s: Dict[str, float] = {}  # by absolute name
-        for name, resolved in self.resolved.items():
-            known_s = self._known_for_s.get(name, math.inf)
-            known_for_s[resolved] = min(known_s, known_for_s.get(resolved, math.inf))
+        resolved = self.resolved
+        known_for_s: Dict[str, float] = {}
+        """How long the latest message of a topic with signals is as good as repeated; 0: it counts as an arrival."""
+        for signal in {} if self._config is None else self._config.signals.values():
+            known_s = (signal.stale_after_s or math.inf) if signal.statistic == "last" else 0.0
+            name = resolved.get(signal.topic, "")
+            known_for_s[name] = min(known_s, known_for_s.get(name, math.inf))
         for topic in self._topics.values():
             is_quiet = _QUIET_S < now_s - topic.latest_s < known_for_s.get(topic.resolved, math.inf)
             if topic.channel is not None and topic.latest and is_quiet and len(topic.latest) <= left:
@@ -140,18 +139,11 @@ class Capture:
 
     def follow(self, config: MonitorConfig) -> None:
         """Subscribes to what is to be recorded by now, and ends the rest. Does nothing if nothing has changed."""
-        for topic in [topic for topic in self._topics.values() if topic.is_unwanted and topic.resolved]:
-            self._end(topic)
-            topic.resolved = ""
-            self._config = None  # it may be named, too
         if config is self._config and self.found == self._followed:
             return
         self._config, self._followed = config, self.found
         types: Dict[str, str] = {}
-        self._known_for_s = {}
         for name, signal in config.signals.items():
-            known_s = (signal.stale_after_s or math.inf) if signal.statistic == "last" else 0.0
-            self._known_for_s[signal.topic] = min(known_s, self._known_for_s.get(signal.topic, math.inf))
             if name != LINK and canonical_type(signal.type) not in LARGE_TYPES:
                 types[signal.topic] = types.get(signal.topic) or signal.type
         if self.is_simulated:
@@ -180,7 +172,7 @@ class Capture:
 
     def _subscribe(self, key: Tuple[str, str]) -> _Topic:
         clock = self._middleware.steady_s if self.is_simulated else None
-        topic = _Topic(self._add, key[0], is_named=key[0] in self._named, clock=clock)
+        topic = _Topic(self._add, key[0], self._named, clock)
         try:
             subscription = self._middleware.subscribe_raw(*key, topic.take)
         except ConfigError as error:

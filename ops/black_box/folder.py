@@ -19,7 +19,6 @@ from . import recording_file
 from .recording_file import COMPLETED, LIBRARY, PART
 
 ENDING = ".mcap"
-_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,200}\.mcap", re.ASCII)
 _OWN_NAME = re.compile(r"[\w-]{1,60}_\d{8}T\d{6}\.\d{3}Z_[\w-]{1,80}\.mcap", re.ASCII)
 _MAGIC = b"\x89MCAP0\r\n"
 _HEADER_BYTES = 64
@@ -36,15 +35,10 @@ class _File(NamedTuple):
     bytes: int
 
 
-def is_file_name(name: str) -> bool:
-    """Whether a text can be the name of a recording that a client asks for: no path, no hidden file."""
-    return _NAME.fullmatch(name) is not None and ".." not in name
-
-
 def find_file(folder: str, name: str) -> Optional[str]:
-    """Returns the path of a complete file, whatever a client sent as its name; None: there is none."""
+    """Returns the path of a complete recording, whatever a client sent as its name; None: there is none."""
     path = os.path.join(folder, name)
-    is_there = is_file_name(name) and os.path.isfile(path) and not os.path.islink(path)
+    is_there = _OWN_NAME.fullmatch(name) and os.path.isfile(path) and not os.path.islink(path)
     return path if is_there else None
 
 

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import contextlib
-from typing import Dict, List, Mapping, Optional, Tuple
+from functools import partial
+from typing import Dict, Mapping, Optional
 
-from ...core.judge.attachments import TICKS, SavedMonitor
+from ...core.config.monitor_config import MonitorConfig
+from ...core.judge.attachments import STATE, THRESHOLDS, TICKS, SavedMonitor, thresholds_tree
 from ...core.judge.saved_state import SavedSignal
 from ...core.messages.dialect import Message as Mapped
 from ...core.nodes import AlertSystem
@@ -23,7 +25,6 @@ from .ring import Channel, RobotRing
 _CHECK_PERIOD_S = 1.0
 _TOPICS_PERIOD_S = 5.0
 _TICK_TYPE = "std_msgs/Empty"
-_MOST_NOTED = 100
 _SEGMENTS = 6  # in `before_s`
 _LONGEST_SEGMENT_S = 5.0
 
@@ -50,12 +51,9 @@ class RobotBlackBox:
         self._states: Dict[str, SavedSignal] = {}
         self._rest: Dict[str, float] = {}
         self._recording: Optional[Recording] = None
-        self._noted: List[Tuple[float, Transition, Optional[str]]] = []
-        """What was announced and is still to be recorded: time on the steady clock, transition and silence."""
         self._is_new = False
         """Whether the recording is still to be written. It waits for the announcement of its alert."""
-        self._open = dict(open_files)
-        box.note_open(robot, self._open)
+        self._open = box.open_files[robot] = dict(open_files)
 
     def attach(self, alert_system: AlertSystem) -> None:
         """Begins to record what the robot's alert_system watches."""
@@ -82,15 +80,13 @@ class RobotBlackBox:
     def _file_of(self, transition: Transition) -> str:
         signal, level = transition.signal, transition.to_level
         if level is Level.OK:
-            if self._open.pop(signal, None) is not None:
-                self._box.note_open(self.robot, self._open)
+            self._open.pop(signal, None)
             return ""
         if transition.repeat or level.severity < self._box.settings.min_level.severity or self._box.is_broken:
             return self._open.get(signal, "") if transition.repeat else ""
         name = self._begin_or_continue(transition)
         if name:
             self._open[signal] = name
-            self._box.note_open(self.robot, self._open)
         return name
 
     @property
@@ -104,7 +100,7 @@ class RobotBlackBox:
         self._end_recording()
         self._capture.close()
         self._ring.close()
-        self._box.forget(self.robot)
+        self._box.open_files.pop(self.robot, None)
 
     def _begin_or_continue(self, transition: Transition) -> str:
         steady_s, after_s = self._middleware.steady_s(), self._box.settings.after_s
@@ -115,16 +111,21 @@ class RobotBlackBox:
         self._end_recording()
         if self._ring.current is None or self._alert_system is None:
             return ""
-        reader = self._ring.reader()
+        reader, offset_s = self._ring.reader(), self._box.wall_time_s() - steady_s
+        saved = SavedMonitor(self.robot, reader.first.begin_s, reader.first.states)
         recording = self._recording = Recording(
             name=self._box.new_name(self.robot, transition.signal),
             robot=self.robot,
             reader=reader,
-            offset_s=self._box.wall_time_s() - steady_s,
-            saved=SavedMonitor(self.robot, reader.first.begin_s, reader.first.states),
-            config=self._alert_system.configuration,
-            topics=self._capture.resolved,
-            use_sim_time=self._capture.is_simulated,
+            offset_s=offset_s,
+            attachments=partial(
+                _attachments,
+                self._alert_system.configuration,
+                self._capture.resolved,
+                self._capture.is_simulated,
+                saved,
+                offset_s,
+            ),
             profile=self._middleware.serialize(STATUS_TYPE, {})[1].profile,  # empty unless it is native, as the topics
             alert=transition.text,
             end_s=steady_s + after_s,
@@ -135,7 +136,6 @@ class RobotBlackBox:
     def _end_recording(self) -> None:
         self._begin_writing()
         if self._recording is not None:
-            self._record_noted()
             self._ring.end_reader()
             self._recording.is_ended = True
             self._recording = None
@@ -153,7 +153,6 @@ class RobotBlackBox:
         current = self._ring.current
         if current is None or steady_s - current.begin_s >= self._segment_s - _CHECK_PERIOD_S / 2.0:
             self._begin_segment(now_s, steady_s)
-        self._record_noted()
         recording = self._recording
         if recording is None:
             return
@@ -187,20 +186,13 @@ class RobotBlackBox:
         self._ring.begin_segment(steady_s, states, changed, self._capture.quiet(steady_s))
 
     def _note(self, event: Event) -> None:
-        """Notes what the monitor announces; some outlets send it only when this has returned."""
+        """Records what the monitor announces."""
         if isinstance(event, Transition) and self._alert_system is not None:
-            self._noted.append((self._middleware.steady_s(), event, self._alert_system.silence_of(event.signal)))
+            steady_s, node = self._middleware.steady_s(), base_name(self._middleware)
+            silence = self._alert_system.silence_of(event.signal)
+            self._record(STATUS_TYPE, alert_message(event, node, silence), steady_s)
+            self._record(ARRAY_TYPE, array_message([event.status], node), steady_s)
             self._begin_writing()
-            if len(self._noted) >= _MOST_NOTED:
-                self._record_noted()
-
-    def _record_noted(self) -> None:
-        """Records what was announced since the last call, at its time."""
-        noted, self._noted = self._noted, []
-        node = base_name(self._middleware)
-        for steady_s, transition, silence in noted:
-            self._record(STATUS_TYPE, alert_message(transition, node, silence), steady_s)
-            self._record(ARRAY_TYPE, array_message([transition.status], node), steady_s)
 
     def _note_tick(self, now_s: float) -> None:
         """Records a tick, at its time."""
@@ -222,3 +214,13 @@ class RobotBlackBox:
         with contextlib.suppress(ServiceError, RuntimeError):  # it does not answer, or its topics are changing
             self._capture.found = self._middleware.topic_types()
         return _TOPICS_PERIOD_S
+
+
+def _attachments(
+    config: MonitorConfig, topics: Mapping[str, str], use_sim_time: bool, saved: SavedMonitor, offset_s: float
+) -> Mapping[str, str]:
+    import yaml
+
+    tree = thresholds_tree(config, saved.robot, topics, use_sim_time=use_sim_time)
+    thresholds: str = yaml.safe_dump(tree, sort_keys=False, allow_unicode=True)
+    return {THRESHOLDS: thresholds, STATE: saved.moved(offset_s).to_json()}

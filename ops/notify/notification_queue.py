@@ -186,7 +186,6 @@ class NotificationQueue:
         """How many notifications wait, by target."""
         self.dropped: Counter[str] = Counter()
         """How many were dropped since a target had none, because later ones superseded them."""
-        self._drop_at: Dict[str, int] = {}
 
     def is_reconciliation_due(self) -> bool:
         """Returns whether a wait (`after_s`) or a silence that held an alert back may be over. Any thread."""
@@ -423,14 +422,12 @@ class NotificationQueue:
 
     def _drop_superseded(self, connection: Connection, target: str) -> None:
         waiting = self.waiting[target]
-        if waiting <= self._drop_at.get(target, MOST_WAITING):
+        if waiting < MOST_WAITING or waiting % _DROPPED_AT_ONCE:  # each alert may keep its latest notification
             return
         count = waiting - MOST_WAITING + _DROPPED_AT_ONCE
         for statement, values in ((_DROP_SUPERSEDED, (target, count)), (_DROP_ENDED, {"target": target})):
             self.dropped[target] += connection.execute(statement, values).rowcount
         self._count(connection, target)
-        # Each alert may keep its latest notification: then there is nothing to drop for a while.
-        self._drop_at[target] = max(MOST_WAITING, self.waiting[target] + _DROPPED_AT_ONCE)
 
     def _count(self, connection: Connection, target: str) -> None:
         query = "SELECT count(*) FROM notifications WHERE target = ?"

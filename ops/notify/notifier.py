@@ -59,7 +59,7 @@ class Notifier:
         self._start(targets)
         history.on_record.append(self._note)
         history.on_second.append(self._follow)
-        self._follow()
+        history.put(self._follow)
 
     def use_targets(self, targets: Sequence[TargetSettings]) -> str:
         """Replaces the targets; returns what changed, in one line. Takes up to some seconds.
@@ -137,10 +137,10 @@ class Notifier:
             if self._queue.waiting[name]:
                 delivery.note_news()
 
-    def _follow(self, connection: Optional[Connection] = None) -> None:
+    def _follow(self, connection: Connection) -> None:
         """Queues what a change of silences or robots causes; called each second."""
         if self._queue.targets and (not self._is_up_to_date or self._queue.is_reconciliation_due()):
-            self._history.submit(Job(self._catch_up))
+            self._catch_up(connection)
 
     def _catch_up(self, connection: Connection, targets: Optional[Sequence[TargetSettings]] = None) -> None:
         """Queues what the targets do not know yet; `targets`: those of another configuration."""

@@ -13,6 +13,7 @@ import struct
 from sqlite3 import Connection
 from typing import (
     Any,
+    Callable,
     Dict,
     Iterable,
     List,
@@ -73,22 +74,27 @@ class Rows(List[T]):
 
 
 def select(
-    connection: Connection, table: str, types: Iterable[Any], query: str, values: Values = ()
-) -> Rows[Tuple[Any, ...]]:
-    """Returns the rows of a query whose columns are of these types; skips others.
+    connection: Connection,
+    table: str,
+    types: Iterable[Any],
+    query: str,
+    values: Values = (),
+    make: Callable[[Iterable[Any]], Any] = tuple,
+) -> Rows[Any]:
+    """Returns what `make` makes of the rows of a query whose columns are of these types; skips others.
 
     The first column identifies a row, the table names it.
     """
     cursor = connection.execute(query, values)
     read = row_reader([column[0] for column in cursor.description], types)
-    rows: Rows[Tuple[Any, ...]] = Rows()
+    rows: Rows[Any] = Rows()
     rows.found = cursor.fetchall()
     for row in rows.found:
         found = read(row)
         if found is None:
             skip(connection, table, row[0])
         else:
-            rows.append(tuple(found))
+            rows.append(make(found))
     return rows
 
 
@@ -98,10 +104,7 @@ def records(
     """Returns rows of a table as a NamedTuple whose fields are its `columns`, as `select`; `tail` follows the table."""
     types = get_type_hints(record)
     query = f"SELECT {columns or ', '.join(types)} FROM {table} {tail}"
-    rows = select(connection, table, types.values(), query, values)
-    made: Rows[T] = Rows(record(*row) for row in rows)
-    made.found = rows.found
-    return made
+    return select(connection, table, types.values(), query, values, lambda found: record(*found))
 
 
 class StoredTransition(NamedTuple):
@@ -168,46 +171,25 @@ def transition_row(transition: Transition, wall_s: float) -> Tuple[Any, ...]:
     return (wall_s, *(printable(value) if isinstance(value, str) else value for value in row.values()), None)
 
 
-def pack_samples(samples: Sequence[Tuple[float, Any]], stored_until_s: float = -math.inf) -> bytes:
+def pack_samples(samples: Sequence[Tuple[float, Any]]) -> bytes:
     """Packs samples (wall time in s, value), 12 bytes each; of more than `MAX_EVIDENCE`, the newest.
 
-    The format: the time of the window's first sample in s since 1970 as float64, the seconds since then as float32 for
-    each sample, the values as float64; little-endian. A value that is not a number is NaN. Samples up to
-    `stored_until_s` are left out, because an earlier transition has them.
+    The format: the time of the first sample in s since 1970 as float64, the seconds since then as float32 for each
+    sample, the values as float64; little-endian. A value that is not a number is NaN.
     """
     samples = samples[-MAX_EVIDENCE:]
-    if not samples:
-        return b""
-    first_s, last_s = samples[0][0], samples[-1][0]
-    if last_s >= stored_until_s:  # otherwise the wall clock was set back
-        samples = [sample for sample in samples if sample[0] > stored_until_s]
-    times = [_number(time_s) - first_s for time_s, _ in samples]
+    times = [_number(time_s) - samples[0][0] for time_s, _ in samples]
     values = [_number(value) for _, value in samples]
-    return struct.pack(f"<d{len(samples)}f{len(samples)}d", first_s, *times, *values)
+    return struct.pack(f"<d{len(samples)}f{len(samples)}d", samples[0][0], *times, *values) if samples else b""
 
 
-class UnpackedSamples(NamedTuple):
-    """The samples of `pack_samples`."""
-
-    first_s: float
-    """Time of the window's first sample, in s since 1970."""
-    samples: List[Tuple[float, float]]
-    """Wall time in s and value."""
-
-    @property
-    def is_complete(self) -> bool:
-        """Whether no samples were left out."""
-        return bool(self.samples) and self.samples[0][0] <= self.first_s
-
-
-def unpack_samples(packed: bytes) -> Optional[UnpackedSamples]:
-    """Returns the samples of `pack_samples`; None if there are none, or it is not of this form."""
+def unpack_samples(packed: object) -> Sequence[Tuple[float, float]]:
+    """Returns the samples of `pack_samples`; empty if there are none, or it is not of this form."""
     if not isinstance(packed, bytes) or len(packed) % 12 != 8:
-        return None
+        return []
     count = len(packed) // 12
     first_s, *numbers = struct.unpack(f"<d{count}f{count}d", packed)
-    samples = [(first_s + time_s, value) for time_s, value in zip(numbers[:count], numbers[count:])]
-    return UnpackedSamples(first_s, samples)
+    return [(first_s + time_s, value) for time_s, value in zip(numbers[:count], numbers[count:])]
 
 
 def _number(value: Any) -> float:

@@ -408,7 +408,7 @@ def test_targets_are_replaced_while_it_runs_and_nothing_is_lost_or_sent_twice(se
         record(history, "WARN", signal="temperature")
         assert server.next().path == "/chat"
         wait_for(lambda: notifier.waiting == 0)
-        assert (list(notifier._callers), notifier.waiting) == (["chat"], 0)
+        assert (list(notifier._deliveries), notifier.waiting) == (["chat"], 0)
 
 
 def test_the_fault_of_a_target_ends_when_it_is_removed() -> None:
