@@ -27,7 +27,7 @@ MOST_TARGETS = 50  # each has a thread
 
 _LEVELS = ("WARN", "STALE", "ERROR")
 _TARGET_NAME = re.compile(r"[\w.-]{1,64}\Z", re.ASCII)
-_SCHEME = re.compile(r"[a-z][a-z0-9+.-]*\Z", re.ASCII)
+_APPRISE = re.compile(r"[a-z][a-z0-9+.-]*://.", re.ASCII | re.IGNORECASE)
 _MOST_SHOWN = 40
 
 Mistakes = Iterator[Tuple[str, str]]
@@ -230,7 +230,17 @@ def _read_targets(found: object, folder: str) -> Tuple[TargetSettings, ...]:
 
 def url_problem(url: str, kind: str) -> str:
     """Returns why an address cannot be one of a type of target; empty if it can. It shows scheme and host only."""
-    expected = _expected_url(url, kind)
+    expected = ""
+    if any(letter.isspace() or not letter.isprintable() for letter in url):
+        expected = "an address without blanks"
+    elif kind == "apprise":
+        expected = "" if _APPRISE.match(url) else "an address of Apprise, such as mailtos://user:password@host"
+    elif not is_http(url):
+        expected = "http://host:port or https://host:port"
+    elif "@" in urlsplit(url).netloc:
+        expected = "an address without user and password"
+    elif kind == "alertmanager" and re.search("[?#]", url):
+        expected = "an address without ? and #"
     return f"expected {expected}, got {_got(url)}" if expected else ""
 
 
@@ -245,24 +255,6 @@ def is_http(url: str) -> bool:
         return parts.scheme in ("http", "https") and bool(parts.hostname) and parts.port != 0
     except ValueError:
         return False
-
-
-def _expected_url(url: str, kind: str) -> str:
-    """Returns what the address of a type of target should be; empty: as it is."""
-    if any(letter.isspace() or not letter.isprintable() for letter in url):
-        return "an address without blanks"
-    if kind == "apprise":
-        scheme, _, rest = url.partition("://")
-        is_address = rest and _SCHEME.match(scheme.lower())
-        return "" if is_address else "an address of Apprise, such as mailtos://user:password@host"
-    if not is_http(url):
-        return "http://host:port or https://host:port"
-    parts = urlsplit(url)
-    if "@" in parts.netloc:
-        return "an address without user and password"
-    if kind == "alertmanager" and (parts.query or parts.fragment):
-        return "an address without ? and #"
-    return ""
 
 
 def shown(url: str) -> str:

@@ -203,7 +203,7 @@ class BlackBox:
             file = recording.file = RecordingFile(path, recording.profile, begin_ns, attachments)
             file.write(recording.reader.first.quiet, recording.offset_s)
         for messages in iter(lambda: recording.reader.read(_READ_BYTES), []):
-            if not self._has_room(folder, sum(len(data) for _, _, data in messages)):
+            if not self._has_room(folder, sum(len(data) for *_, data in messages)):
                 recording.is_failed = True  # the node begins another one at the next alert
                 break
             file.write(messages, recording.offset_s)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import itertools
 import math
+from dataclasses import dataclass
+from functools import partial
 from typing import Callable, Collection, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
 
 from ...core.config.monitor_config import MonitorConfig
@@ -16,7 +18,7 @@ from ...core.values.errors import ConfigError
 from ...core.values.formatting import printable
 from ...core.values.names import canonical_type
 from ...core.values.patterns import matches_pattern
-from .ring import Channel, Message
+from .ring import Message
 
 LARGE_TYPES = frozenset(
     {
@@ -46,54 +48,44 @@ _QUIET_S = 1.0  # after the latest message
 _LARGEST_QUIET = 64 << 10
 _MOST_QUIET = 256 << 10  # bytes of all topics
 
-Add = Callable[[float, Channel, bytes], None]
-
 
 def is_pattern(topic: str) -> bool:
     """Whether a text stands for several topics."""
     return "*" in topic or "?" in topic
 
 
+@dataclass(eq=False)
 class _Topic:
     """One topic that is wanted: subscribed, or refused, or recorded under another name."""
 
-    def __init__(self, add: Add, name: str, named: Collection[str], clock: Optional[Callable[[], float]]) -> None:
-        self.subscription: Optional[Subscription] = None
-        self.resolved = ""
-        """The absolute name; empty if it is refused."""
-        self._add = add
-        self._name = name
-        self._named = named
-        self._clock = clock
-        self._format: Optional[RawFormat] = None
-        self.channel: Optional[Channel] = None
-        """None before the first message, and of an image or a cloud that is not named."""
-        self.latest = b""
-        """The latest message; empty before the first one, and if it is large."""
-        self.latest_s = 0.0
-
-    def take(self, message: RawMessage, now_s: float) -> None:
-        data, raw_format = message
-        if raw_format is not self._format:
-            self._format = raw_format
-            name, is_large = self.resolved or self._name, canonical_type(raw_format.schema_name) in LARGE_TYPES
-            self.channel = None if is_large and name not in self._named else Channel(name, raw_format)
-        if self.channel is not None:
-            time_s = now_s if self._clock is None else self._clock()
-            self.latest_s, self.latest = time_s, data if len(data) <= _LARGEST_QUIET else b""
-            self._add(time_s, self.channel, data)
+    name: str
+    subscription: Optional[Subscription] = None
+    resolved: str = ""
+    """The absolute name; empty if it is refused."""
+    format: Optional[RawFormat] = None
+    """That of the latest message."""
+    is_recorded: bool = False
+    """Whether messages of this format are recorded."""
+    latest: Optional[Message] = None
+    """The latest message; None before the first one, and if it is large."""
 
 
 class Capture:
     """The subscriptions of one robot's black box. Called with the node's lock."""
 
-    def __init__(self, middleware: Middleware, topics: Sequence[str], add: Add, own_topics: Collection[str]) -> None:
+    def __init__(
+        self,
+        middleware: Middleware,
+        topics: Sequence[str],
+        add: Callable[[Message], object],
+        own_topics: Collection[str],
+    ) -> None:
         """Subscribes to nothing yet.
 
         Args:
             middleware: the robot's node.
             topics: further topics, by name or pattern.
-            add: receives the time in s on the steady clock, channel and bytes of each message.
+            add: receives each message.
             own_topics: what the node publishes itself; patterns leave it out.
         """
         self._middleware = middleware
@@ -131,10 +123,11 @@ class Capture:
             name = resolved.get(signal.topic, "")
             known_for_s[name] = min(known_s, known_for_s.get(name, math.inf))
         for topic in self._topics.values():
-            is_quiet = _QUIET_S < now_s - topic.latest_s < known_for_s.get(topic.resolved, math.inf)
-            if topic.channel is not None and topic.latest and is_quiet and len(topic.latest) <= left:
-                left -= len(topic.latest)
-                found.append((now_s, topic.channel, topic.latest))
+            if topic.latest is not None:
+                time_s, name, raw_format, data = topic.latest
+                if _QUIET_S < now_s - time_s < known_for_s.get(topic.resolved, math.inf) and len(data) <= left:
+                    left -= len(data)
+                    found.append((now_s, name, raw_format, data))
         return found
 
     def follow(self, config: MonitorConfig) -> None:
@@ -171,10 +164,9 @@ class Capture:
                 yield name, type_name
 
     def _subscribe(self, key: Tuple[str, str]) -> _Topic:
-        clock = self._middleware.steady_s if self.is_simulated else None
-        topic = _Topic(self._add, key[0], self._named, clock)
+        topic = _Topic(key[0])
         try:
-            subscription = self._middleware.subscribe_raw(*key, topic.take)
+            subscription = self._middleware.subscribe_raw(*key, partial(self._take, topic))
         except ConfigError as error:
             text = f"black box: {key[0][:_LONGEST_SHOWN]} is not recorded: {error.problem}"
             self._log.write("", Severity.WARN, printable(text))
@@ -185,6 +177,17 @@ class Capture:
             topic.subscription = subscription
         topic.resolved = subscription.topic
         return topic
+
+    def _take(self, topic: _Topic, message: RawMessage, now_s: float) -> None:
+        data, raw_format = message
+        name = topic.resolved or topic.name
+        if raw_format is not topic.format:
+            topic.format = raw_format
+            topic.is_recorded = name in self._named or canonical_type(raw_format.schema_name) not in LARGE_TYPES
+        if topic.is_recorded:
+            taken = self._middleware.steady_s() if self.is_simulated else now_s, name, raw_format, data
+            topic.latest = taken if len(data) <= _LARGEST_QUIET else None
+            self._add(taken)
 
     def _end(self, topic: _Topic) -> None:
         """Ends a subscription; what is recorded by it under another name can be subscribed to by that."""

@@ -9,7 +9,7 @@ from typing import IO, Any, Dict, Iterable, Iterator, Mapping, Sequence, Tuple
 
 from ...core.messages.raw_messages import RawFormat
 from ...core.values.version import package_version
-from .ring import Channel, Message
+from .ring import Message
 
 PART = ".part"
 """Ending of the name of a file that is not complete."""
@@ -54,8 +54,8 @@ class RecordingFile:
 
     def write(self, messages: Sequence[Message], offset_s: float) -> None:
         """Writes messages; with `offset_s` added, their times are seconds since 1970."""
-        for time_s, channel, data in messages:
-            number = self._channels.get(channel) or self._register(channel)
+        for time_s, topic, raw_format, data in messages:
+            number = self._channels.get((topic, raw_format)) or self._register(topic, raw_format)
             time_ns = max(0, round((time_s + offset_s) * 1e9))
             self._counts[number] = sequence = self._counts.get(number, 0) + 1
             self._writer.add_message(number, time_ns, data, time_ns, sequence & 0xFFFFFFFF)
@@ -75,15 +75,13 @@ class RecordingFile:
             except OSError:
                 pass
 
-    def _register(self, channel: Channel) -> int:
-        found = channel.format
+    def _register(self, topic: str, found: RawFormat) -> int:
         if found not in self._schemas:
             schema = found.schema.encode("utf-8")
             self._schemas[found] = self._writer.register_schema(found.schema_name, found.schema_encoding, schema)
-        self._channels[channel] = self._writer.register_channel(
-            channel.topic, found.message_encoding, self._schemas[found]
-        )
-        return self._channels[channel]
+        number: int = self._writer.register_channel(topic, found.message_encoding, self._schemas[found])
+        self._channels[topic, found] = number
+        return number
 
 
 def complete(path: str, most_bytes: int) -> bool:

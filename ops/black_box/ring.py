@@ -24,20 +24,12 @@ STATE_BYTES = 1_500
 _TOGETHER_S = 1.0  # messages of a robot that count as equally old, so that not every one is compared with all robots
 
 
-class Channel(NamedTuple):
-    """A topic with the format of its messages."""
-
-    topic: str
-    """The absolute name."""
-    format: RawFormat
-
-
-Message = Tuple[float, Channel, bytes]
-"""Time of its arrival in s, on the steady clock of its robot; its channel; its bytes."""
+Message = Tuple[float, str, RawFormat, bytes]
+"""Time of its arrival in s, on the steady clock of its robot; absolute name of its topic; its format; its bytes."""
 
 
 def _bytes(message: Message) -> int:
-    return len(message[2]) + OVERHEAD_BYTES
+    return len(message[3]) + OVERHEAD_BYTES
 
 
 class Segment(NamedTuple):
@@ -120,14 +112,13 @@ class RobotRing:
                 self.ring.used_bytes -= self._segments.popleft().bytes
             self.release()
 
-    def add(self, time_s: float, channel: Channel, data: bytes) -> None:
+    def add(self, message: Message) -> None:
         """Adds a message; before the first segment it is left out."""
-        ring, message = self.ring, (time_s, channel, data)
-        size = _bytes(message)
+        ring, size = self.ring, _bytes(message)
         with ring.lock:
             if size > ring.memory_bytes:
                 ring.dropped += 1
-                ring.too_large = channel.topic, len(data)
+                ring.too_large = message[1], len(message[3])
             elif self._segments:
                 if not self.messages:
                     ring.robots.append(self)

@@ -20,7 +20,7 @@ from ...core.values.model import Level, Transition
 from ...runtime.threads import StepThread
 from .black_box import PART, BlackBox, Recording
 from .capture import Capture, is_pattern
-from .ring import Channel, RobotRing
+from .ring import RobotRing
 
 _CHECK_PERIOD_S = 1.0
 _TOPICS_PERIOD_S = 5.0
@@ -44,7 +44,6 @@ class RobotBlackBox:
             for topic, type_name in (("alerts", STATUS_TYPE), (DIAGNOSTICS, ARRAY_TYPE))
         }
         self._topics[_TICK_TYPE] = TICKS
-        self._channels: Dict[str, Channel] = {}
         self._capture = Capture(middleware, box.settings.topics, self._ring.add, self._topics.values())
         self._topics_thread = StepThread("black box topics", self._look_for_topics, lambda error: None)
         self._alert_system: Optional[AlertSystem] = None
@@ -204,10 +203,7 @@ class RobotBlackBox:
         except (ConfigError, MessageError) as error:
             self._middleware.log(Severity.WARN, f"black box: {self._topics[type_name]} is not recorded: {error}")
             return
-        channel = self._channels.get(type_name)
-        if channel is None or channel.format is not found:
-            channel = self._channels[type_name] = Channel(self._topics[type_name], found)
-        self._ring.add(steady_s, channel, data)
+        self._ring.add((steady_s, self._topics[type_name], found, data))
 
     def _look_for_topics(self) -> float:
         """Looks for the topics that patterns select, in a thread; returns the time until the next look, in s."""

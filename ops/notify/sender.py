@@ -33,6 +33,8 @@ class Notification:
     before: Optional[Notification] = None
     """What the target was last sent about this alert; None if that was nothing, or its end."""
     is_test: bool = False  # sent by `robot-health notify`
+    members: Tuple[Notification, ...] = ()
+    """Several notifications of one robot in one message, the worst first, ends last; the other fields are its."""
 
     @property
     def robot(self) -> str:
@@ -41,8 +43,8 @@ class Notification:
 
     @property
     def signal(self) -> str:
-        """Name of the signal."""
-        return str(self.transition["signal"])
+        """Name of the signal; of several the number of alerts."""
+        return count_text(len(self.members), "alert") if self.members else str(self.transition["signal"])
 
     @property
     def level(self) -> Level:
@@ -51,8 +53,15 @@ class Notification:
 
     @property
     def text(self) -> str:
-        """The alert line with its hint, after the name of the robot: many robots may share a channel."""
-        return alert_line(self.transition)
+        """The alert line with its hint, after the name of the robot: many robots may share a channel.
+
+        Of several, the number and the first lines.
+        """
+        if not self.members:
+            return alert_line(self.transition)
+        lines = [alert_line(each.transition)[len(each.robot) + 2 :] for each in self.members]
+        more = [f"and {len(lines) - _MOST_LINES} more"] if len(lines) > _MOST_LINES else []
+        return f"{self.robot}: {self.signal}: {'; '.join(lines[:_MOST_LINES] + more)}"
 
     @property
     def annotations(self) -> Mapping[str, str]:
@@ -66,40 +75,21 @@ class Notification:
         return {name: str(value) for name, value in found.items() if value}
 
     def as_json(self) -> str:
-        """Formats the transition as `--json` does, but for `text`, and with `notification`, `time` (UTC) and `test`."""
-        return json.dumps(self.fields())
+        """Formats the transition as `--json` does, but for `text`, and with `notification`, `time` (UTC) and `test`.
 
-    def fields(self) -> Mapping[str, Any]:
-        """Returns what `as_json` formats."""
-        return {**self.transition, **self._sent_fields(), **({"test": True} if self.is_test else {})}
+        Of several: `robot`, `text`, `notification`, `time`, and as `alerts` what single messages would have been.
+        """
+        return json.dumps(self._fields())
 
-    def _sent_fields(self) -> Mapping[str, Any]:
-        kind = "resolved" if self.is_resolved else "firing"
-        return {"text": self.text, "notification": kind, "time": utc_text(self.at_s)}
-
-
-@dataclass(frozen=True)
-class Group(Notification):
-    """Several notifications of one robot in one message, the worst first, ends last; the other fields are its."""
-
-    members: Tuple[Notification, ...] = ()
-
-    @property
-    def signal(self) -> str:
-        """The number of alerts, in place of a name."""
-        return count_text(len(self.members), "alert")
-
-    @property
-    def text(self) -> str:
-        """The number and the first lines, after the name of the robot."""
-        lines = [alert_line(each.transition)[len(each.robot) + 2 :] for each in self.members]
-        more = [f"and {len(lines) - _MOST_LINES} more"] if len(lines) > _MOST_LINES else []
-        return f"{self.robot}: {self.signal}: {'; '.join(lines[:_MOST_LINES] + more)}"
-
-    def as_json(self) -> str:
-        """Formats `robot`, `text`, `notification`, `time`, and as `alerts` what single messages would have been."""
-        fields = {"robot": self.robot, **self._sent_fields(), "alerts": [each.fields() for each in self.members]}
-        return json.dumps(fields)
+    def _fields(self) -> Mapping[str, Any]:
+        fields = {"robot": self.robot, "alerts": [each._fields() for each in self.members]}
+        return {
+            **(fields if self.members else self.transition),
+            "text": self.text,
+            "notification": "resolved" if self.is_resolved else "firing",
+            "time": utc_text(self.at_s),
+            **({"test": True} if self.is_test else {}),
+        }
 
 
 def group_of(members: Sequence[Notification]) -> Notification:
@@ -108,7 +98,7 @@ def group_of(members: Sequence[Notification]) -> Notification:
         return members[0]
     ordered = sorted(members, key=lambda each: (each.is_resolved, -each.level.severity, each.at_s))
     first, at_s = ordered[0], max(each.at_s for each in members)
-    return Group(first.transition, first.is_resolved, at_s, members=tuple(ordered))
+    return Notification(first.transition, first.is_resolved, at_s, members=tuple(ordered))
 
 
 def alert_line(transition: Mapping[str, Any]) -> str:

@@ -190,13 +190,12 @@ def _limit(sock: socket.socket, deadline_s: float) -> None:
 
 
 def _answer(response: http.client.HTTPResponse) -> Answer:
-    headers = {name.lower(): value for name, value in response.headers.items()}
     text = ""
     if not 200 <= response.status < 300:
         with contextlib.suppress(OSError, ValueError, http.client.HTTPException):  # the status says enough
             text = " ".join(response.read(4 * _MOST_SHOWN).decode("utf-8", "replace").split())
-    date_s = _date_s(headers.get("date", ""))
-    wait_s = _wait_s(headers.get("retry-after", ""), date_s)
+    date_s = _date_s(response.headers.get("date", ""))
+    wait_s = _wait_s(response.headers.get("retry-after", ""), date_s)
     reason = printable(str(response.reason))[:_MOST_SHOWN]
     return Answer(response.status, reason, printable(text)[:_MOST_SHOWN], date_s, wait_s)
 

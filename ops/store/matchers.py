@@ -12,14 +12,7 @@ from ...core.values.patterns import matches_pattern
 MOST_MATCHERS = 20
 
 _LONGEST = 500
-_LABELS = ("robot", "signal")
-_MATCHER = re.compile(
-    r"\s*(?P<label>\w*)\s*(?P<operator>!=|=~|!~|=|)\s*"
-    r'(?:"(?P<quoted>(?:[^"\\]|\\.)*)"|(?P<plain>[^,"]*))\s*(?P<end>,|\Z|(?P<rest>.))',
-    re.DOTALL,
-)
-
-
+_MATCHER = re.compile(r'\s*(robot|signal)\s*(!?=)\s*("(?:[^"\\]|\\.)+"|[^\s~,"](?:[^,"]*[^\s,"])?)\s*(?:,|\Z)')
 _ESCAPED = re.compile(r'\\(["\\])')
 _SPECIAL = re.compile(r'["\\]')
 
@@ -55,20 +48,18 @@ def parse_matchers(text: str) -> Tuple[Matcher, ...]:
         raise ConfigError(f"expected printable matchers, got {ascii(text)[:60]}")
     matchers: List[Matcher] = []
     position = 0
-    while position <= len(text):
-        found = _MATCHER.match(text, position)
-        part = text[position:].partition(",")[0].strip()
-        value = "" if found is None else _ESCAPED.sub(r"\1", found["quoted"] or "") or (found["plain"] or "").strip()
-        if found is None or found["rest"] or not found["label"] or not found["operator"] or not value:
-            raise ConfigError(f"expected matchers such as robot=r3,signal=battery*, got {part[:60]!r}")
-        if found["operator"] in ("=~", "!~"):
-            raise ConfigError(f"regular expressions are not supported; expected * and ? in {part[:60]!r}")
-        if found["label"] not in _LABELS:
-            raise ConfigError(f"expected the label robot or signal, got {found['label'][:60]!r}")
-        matchers.append(Matcher(found["label"], found["operator"] == "=", value))
-        if not found["end"]:
-            break
-        position = found.end()
+    while position < len(text) or not matchers:
+        match = _MATCHER.match(text, position)
+        if match is None:
+            part = text[position:].partition(",")[0].strip()
+            raise ConfigError(
+                "expected matchers such as robot=r3,signal=battery*: robot or signal, = or !=, and a name with * and ?"
+                f"; got {part[:60]!r}"
+            )
+        label, operator, value = match.groups()
+        pattern = _ESCAPED.sub(r"\1", value[1:-1]) if value.startswith('"') else value
+        matchers.append(Matcher(label, operator == "=", pattern))
+        position = match.end()
     if len(matchers) > MOST_MATCHERS:
         raise ConfigError(f"expected at most {MOST_MATCHERS} matchers, got {len(matchers)}")
     return tuple(matchers)

@@ -207,10 +207,8 @@ def add_silence(
     if for_s is not None:
         _check_duration(for_s)
     _check_texts(reason, author)
-    if not matchers:
-        raise ConfigError("expected matchers such as robot=r3,signal=battery*, got none")
     text = matchers_text(matchers)
-    parse_matchers(text)  # they may not be printable, or too long
+    parse_matchers(text)  # there may be none, or they are not printable, or too long
     if len(read_silences(connection, active_at_s=now_s)) >= MOST_ACTIVE:
         raise ConfigError(f"there are {MOST_ACTIVE} active silences, the largest number; expire some first")
     until_s = None if for_s is None else now_s + for_s

@@ -40,8 +40,8 @@ class SignalSummary:
 
     robot: str
     signal: str
-    spans: _Spans
-    """When its level is known."""
+    spans: Sequence[_Spans]
+    """When its level is known: the times that are in all of them."""
     begin_s: float
     """Begin of the time that is summarized."""
     end_s: float
@@ -160,11 +160,11 @@ def summarize(
     `signal`, `*` and `?` work as in file names.
     """
     watched = _watched(connection, robot)
-    reachable = _reachable(connection, robot, watched)
+    links_up: Dict[str, _Spans] = {name: [(-math.inf, math.inf)] for name in watched}
     signals: Dict[Tuple[str, str], SignalSummary] = {}
 
     def signal_of(name: str, signal_name: str) -> SignalSummary:
-        spans = (watched if signal_name == LINK else reachable)[name]
+        spans = [watched[name]] if signal_name == LINK else [watched[name], links_up[name]]
         begin_s = max(watched[name][0][0], since_s or 0.0)
         made = SignalSummary(name, signal_name, spans, begin_s, now_s)
         return signals.setdefault((name, signal_name), made)
@@ -173,10 +173,12 @@ def summarize(
         if name in watched and isinstance(signal_name, str):
             signal_of(name, signal_name).lasting_s = _known_s(state, now_s)
     causes: Dict[Tuple[str, str], str] = {}  # the alert of which each signal was an effect at last
-    for wall_s, name, signal_name, *levels, lasted_s, affected in _transitions(connection, robot, "NOT repeat"):
+    for wall_s, name, signal_name, from_level, to_level, lasted_s, affected in _transitions(connection, robot):
         if name in watched:
+            if signal_name == LINK:
+                _note_link(links_up[name], wall_s, to_level)
             causes.update(((name, effect), signal_name) for effect in affected.split("\n"))
-            signal_of(name, signal_name).apply(wall_s, levels[0], levels[1], lasted_s)
+            signal_of(name, signal_name).apply(wall_s, from_level, to_level, lasted_s)
     summaries = []
     for (name, signal_name), found in sorted(signals.items()):
         if found.duration_s > 0.0 and (signal is None or matches_pattern(signal_name, signal)):
@@ -192,28 +194,26 @@ def summarize(
     return summaries
 
 
-def _within(spans: _Spans, from_s: float, to_s: float) -> Iterator[Tuple[float, float]]:
-    """Yields the parts of the spans between two times."""
-    for number in range(max(bisect_right(spans, (from_s, math.inf)) - 1, 0), len(spans)):
-        begin_s, end_s = max(spans[number][0], from_s), min(spans[number][1], to_s)
+def _within(spans: Sequence[_Spans], from_s: float, to_s: float) -> Iterator[Tuple[float, float]]:
+    """Yields the parts between two times that are in all of the spans."""
+    if not spans:
+        yield from_s, to_s
+        return
+    for begin_s, end_s in spans[0][max(bisect_right(spans[0], (from_s, math.inf)) - 1, 0) :]:
         if begin_s >= to_s:
             return
-        if begin_s < end_s:
-            yield begin_s, end_s
+        if max(begin_s, from_s) < min(end_s, to_s):
+            yield from _within(spans[1:], max(begin_s, from_s), min(end_s, to_s))
 
 
-def _reachable(connection: Connection, robot: Optional[str], watched: Mapping[str, _Spans]) -> Dict[str, _Spans]:
-    """Returns the times in which each robot was watched and its link was up."""
-    ups: Dict[str, _Spans] = {name: [(-math.inf, math.inf)] for name in watched}
-    for wall_s, name, _, _, to_level, *_ in _transitions(connection, robot, f"signal = '{LINK}'"):
-        if name in ups:
-            begin_s, end_s = ups[name][-1]
-            wall_s = max(wall_s, begin_s)
-            if end_s == math.inf:
-                ups[name][-1] = (begin_s, wall_s)
-            if to_level is Level.OK:
-                ups[name].append((wall_s, math.inf))
-    return {name: [each for up in found for each in _within(watched[name], *up)] for name, found in ups.items()}
+def _note_link(ups: _Spans, wall_s: float, level: Level) -> None:
+    """Notes in the times in which a link was up that it went down or came up."""
+    begin_s, end_s = ups[-1]
+    wall_s = max(wall_s, begin_s)
+    if end_s == math.inf:
+        ups[-1] = begin_s, wall_s
+    if level is Level.OK:
+        ups.append((wall_s, math.inf))
 
 
 def _known_s(state: object, now_s: float) -> float:
@@ -246,11 +246,11 @@ def _watched(connection: Connection, robot: Optional[str]) -> Dict[str, _Spans]:
     return merged
 
 
-def _transitions(connection: Connection, robot: Optional[str], where: str) -> Iterator[Sequence[Any]]:
+def _transitions(connection: Connection, robot: Optional[str]) -> Iterator[Sequence[Any]]:
     """Yields wall time, robot, signal, levels, duration of the earlier level, and effects."""
     query = f"""
         SELECT id, wall_s, robot, signal, from_level, to_level, now_s - since_s, {AFFECTED} FROM transitions
-        WHERE id > :id AND {where} AND {pattern_condition(connection, "robot")} ORDER BY id LIMIT {_PAGE}
+        WHERE id > :id AND NOT repeat AND {pattern_condition(connection, "robot")} ORDER BY id LIMIT {_PAGE}
     """
     found: Sequence[Sequence[Any]] = ((0,),)
     while found:

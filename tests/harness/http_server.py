@@ -51,8 +51,9 @@ class Handler(BaseHTTPRequestHandler):
         """Writes nothing."""
 
     def respond(self, status: int, body: bytes = b"", headers: Optional[Dict[str, str]] = None) -> None:
-        self.send_response(status)
-        for name, value in {"Content-Length": str(len(body)), **(headers or {})}.items():
+        self.send_response_only(status)
+        own = {"Date": self.date_time_string(), "Content-Length": str(len(body))}
+        for name, value in {**own, **(headers or {})}.items():
             self.send_header(name, value)
         self.end_headers()
         self.wfile.write(body)

@@ -174,7 +174,8 @@ def test_silences_that_ended_long_ago_are_listed_with_all(silence: Callable[...,
         ),
         (
             ["add", "r3", "--for", "1h"],
-            "robot-health silence: expected matchers such as robot=r3,signal=battery*, got 'r3'",
+            "robot-health silence: expected matchers such as robot=r3,signal=battery*: robot or signal, = or !=, and a "
+            "name with * and ?; got 'r3'",
         ),
         (
             ["add", "robot=r3", "--for", "1"],

@@ -11,7 +11,7 @@ from robot_health_monitor.core.port.local import LocalBus, LocalMiddleware
 from robot_health_monitor.core.values.errors import ConfigError
 from robot_health_monitor.ops.black_box import capture
 from robot_health_monitor.ops.black_box.capture import Capture
-from robot_health_monitor.ops.black_box.ring import Channel
+from robot_health_monitor.ops.black_box.ring import Message
 
 IMAGE = "sensor_msgs/Image"
 FLOAT = "std_msgs/Float32"
@@ -36,9 +36,9 @@ class Robot:
         for topic, type_name in topics.items():
             self.sensor.advertise(topic, type_name)
 
-    def note(self, time_s: float, channel: Channel, data: bytes) -> None:
-        self.found.append(channel.topic)
-        self.times_s.append(time_s)
+    def note(self, message: Message) -> None:
+        self.found.append(message[1])
+        self.times_s.append(message[0])
 
     def recorded(self, **signals: Mapping[str, object]) -> List[str]:
         """Returns the topics that are recorded with a configuration."""
@@ -164,8 +164,8 @@ def test_the_latest_message_of_a_quiet_topic_is_kept_unless_its_silence_matters(
 
     def quiet(now_s: float) -> List[str]:
         found = robot.capture.quiet(now_s)
-        assert all(time_s == now_s for time_s, _, _ in found)
-        return sorted(channel.topic for _, channel, _ in found)
+        assert all(message[0] == now_s for message in found)
+        return sorted(message[1] for message in found)
 
     assert quiet(5.5) == []
     assert quiet(10.0) == ["/a", "/slow", "/tf_static"]

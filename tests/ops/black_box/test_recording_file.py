@@ -18,7 +18,7 @@ from mcap.records import Chunk
 
 from robot_health_monitor.core.messages.raw_messages import RawFormat
 from robot_health_monitor.ops.black_box.recording_file import PART, RecordingFile, complete
-from robot_health_monitor.ops.black_box.ring import Channel, Message
+from robot_health_monitor.ops.black_box.ring import Message
 
 FLOAT = RawFormat("ros1", "std_msgs/Float32", "ros1msg", "float32 data\n", "ros1")
 TEXT = RawFormat("json", "std_msgs/String", "jsonschema", '{"type":"object"}', "")
@@ -26,8 +26,8 @@ ATTACHMENTS = {"thresholds.yaml": "a: 1\n", "state.json": "{}"}
 
 
 def messages(number: int, size: int = 10) -> List[Message]:
-    channels = (Channel("/a", FLOAT), Channel("/b", FLOAT), Channel("/a", TEXT))
-    return [(float(place), channels[place % 3], bytes([place % 256]) * size) for place in range(number)]
+    channels = (("/a", FLOAT), ("/b", FLOAT), ("/a", TEXT))
+    return [(float(place), *channels[place % 3], bytes([place % 256]) * size) for place in range(number)]
 
 
 def content(path: Path) -> List[Tuple[str, int, bytes]]:
@@ -91,7 +91,7 @@ def test_a_file_that_was_cut_anywhere_is_completed_or_removed(tmp_path: Path, pl
     if is_kept:
         found = content(path)
         assert found
-        assert [data for _, _, data in found] == [data for _, _, data in sent[: len(found)]]
+        assert [data for _, _, data in found] == [data for *_, data in sent[: len(found)]]
         with path.open("rb") as stream:
             attachments = list(make_reader(stream).iter_attachments())
         assert [each.name for each in attachments] == ["thresholds.yaml", "state.json"]

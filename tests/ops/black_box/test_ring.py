@@ -7,15 +7,15 @@ import tracemalloc
 from typing import List
 
 from robot_health_monitor.core.messages.raw_messages import RawFormat
-from robot_health_monitor.ops.black_box.ring import OVERHEAD_BYTES, Channel, Message, Reader, Ring, RobotRing
+from robot_health_monitor.ops.black_box.ring import OVERHEAD_BYTES, Message, Reader, Ring, RobotRing
 
-CHANNEL = Channel("/a", RawFormat("json", "std_msgs/Float32", "jsonschema", "{}", ""))
+CHANNEL = "/a", RawFormat("json", "std_msgs/Float32", "jsonschema", "{}", "")
 SIZE = 100 + OVERHEAD_BYTES
 
 
 def add(robot: RobotRing, *times_s: float) -> None:
     for time_s in times_s:
-        robot.add(time_s, CHANNEL, bytes(100))
+        robot.add((time_s, *CHANNEL, bytes(100)))
 
 
 def everything(reader: Reader) -> List[float]:
@@ -23,7 +23,7 @@ def everything(reader: Reader) -> List[float]:
     while True:
         messages = reader.read(1000)
         if not messages:
-            return [time_s for time_s, _, _ in found]
+            return [time_s for time_s, *_ in found]
         found += messages
 
 
@@ -58,16 +58,16 @@ def test_a_recording_goes_on_until_its_end() -> None:
 def test_whatever_needs_messages_has_all_of_them() -> None:
     robot = RobotRing(Ring(1e6), 10.0)
     robot.begin_segment(0.0, {}, 0)
-    robot.add(1.0, CHANNEL, bytes(100))
+    robot.add((1.0, *CHANNEL, bytes(100)))
     assert robot.reach_s(3.0) == 3.0
-    robot.add(2.0, CHANNEL, bytes(100))
+    robot.add((2.0, *CHANNEL, bytes(100)))
     reader = robot.reader()
     assert [message[0] for message in reader.read(10_000)] == [1.0, 2.0]
-    robot.add(3.0, CHANNEL, bytes(100))
+    robot.add((3.0, *CHANNEL, bytes(100)))
     robot.begin_segment(5.0, {}, 0)
-    robot.add(6.0, CHANNEL, bytes(20_000))
+    robot.add((6.0, *CHANNEL, bytes(20_000)))
     assert everything(reader) == [3.0, 6.0]
-    robot.add(7.0, CHANNEL, bytes(100))
+    robot.add((7.0, *CHANNEL, bytes(100)))
     assert everything(reader) == [7.0]
     robot.end_reader()
     assert everything(reader) == []
@@ -111,7 +111,7 @@ def test_a_message_larger_than_the_memory_is_not_kept() -> None:
     robot = RobotRing(ring, 10.0)
     robot.begin_segment(0.0, {}, 0)
     add(robot, 0.5)
-    robot.add(1.0, CHANNEL, bytes(5000))
+    robot.add((1.0, *CHANNEL, bytes(5000)))
     assert (ring.used_bytes, ring.dropped, ring.too_large) == (SIZE, 1, ("/a", 5000))
     assert everything(robot.reader()) == [0.5]
 

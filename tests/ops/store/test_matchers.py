@@ -28,6 +28,7 @@ from robot_health_monitor.ops.store.matchers import Matcher, matchers_text, pars
                 Matcher("robot", True, "r3"),
             ),
         ),
+        ("robot=r3,", (Matcher("robot", True, "r3"),)),
         ("signal!=a,signal!=b", (Matcher("signal", False, "a"), Matcher("signal", False, "b"))),
     ],
 )
@@ -36,17 +37,19 @@ def test_matchers_are_read(text: str, matchers: Tuple[Matcher, ...]) -> None:
     assert parse_matchers(matchers_text(matchers)) == matchers
 
 
+EXPECTED = "expected matchers such as robot=r3,signal=battery*: robot or signal, = or !=, and a name with * and ?"
+
+
 @pytest.mark.parametrize(
     ("text", "problem"),
     [
-        ("", "expected matchers such as robot=r3,signal=battery*, got ''"),
-        ("r3", "expected matchers such as robot=r3,signal=battery*, got 'r3'"),
-        ("robot=", "expected matchers such as robot=r3,signal=battery*, got 'robot='"),
-        ("robot=r3,", "expected matchers such as robot=r3,signal=battery*, got ''"),
-        ('robot="r3', "expected matchers such as robot=r3,signal=battery*, got 'robot=\"r3'"),
-        ('robot="r3" left', "expected matchers such as robot=r3,signal=battery*, got 'robot=\"r3\" left'"),
-        ("robot=~r.*", "regular expressions are not supported; expected * and ? in 'robot=~r.*'"),
-        ("level=WARN", "expected the label robot or signal, got 'level'"),
+        ("", f"{EXPECTED}; got ''"),
+        ("r3", f"{EXPECTED}; got 'r3'"),
+        ("robot=", f"{EXPECTED}; got 'robot='"),
+        ('robot="r3', f"{EXPECTED}; got 'robot=\"r3'"),
+        ('robot="r3" left', f"{EXPECTED}; got 'robot=\"r3\" left'"),
+        ("robot=~r.*", f"{EXPECTED}; got 'robot=~r.*'"),
+        ("level=WARN", f"{EXPECTED}; got 'level=WARN'"),
         ("robot=a\nb", "expected printable matchers, got 'robot=a\\nb'"),
         ("robot=" + "a" * 500, "expected matchers of at most 500 characters, got 506"),
         (",".join(["robot=a"] * 21), "expected at most 20 matchers, got 21"),
