@@ -6,7 +6,7 @@ These rules keep it correct across restarts, silences and outages of any length:
 * `notified` is what a target was last sent about an alert that is open there. What a row means for a target is decided
   only when it is its turn: compared with `notified`, the silences and the target's `min_level`.
 * The rows of one alert are sent in their order. A row that failed waits behind the other alerts.
-* A target with `after_s` is queued an alert only once that was open for so long without its silences (`reconcile`).
+* A target with `after_s` is queued an alert only once that was open for so long without its silences (`prepare`).
   With `group_wait_s`, the rows of one robot become one message when its first one has waited so long (`_take_group`);
   of each alert its latest level is sent. Both waits are wall time, so that they go on after a restart.
 * Sources (a robot and a configured signal) take turns: one that has a thousand rows does not delay the others.
@@ -194,9 +194,9 @@ class NotificationQueue:
         return any(not self._is_silenced(robot, signal) for robot, signal in self._held.copy())
 
     def prepare(self, connection: Connection, targets: Optional[Sequence[TargetSettings]] = None) -> None:
-        """Replaces the targets, forgets others that were configured before, and queues what new ones do not know yet.
+        """Queues whatever a target does not know: after a start, or when a silence or a wait (`after_s`) is over.
 
-        None: the targets stay, such as at the start.
+        Replaces the targets (None: they stay), and forgets others that were configured before.
         """
         if targets is not None:
             self.targets = _alerted(targets)
@@ -205,7 +205,18 @@ class NotificationQueue:
             known = [name for (name,) in connection.execute(f"SELECT DISTINCT target FROM {table}")]
             unknown = [(name,) for name in known if name not in self.targets]
             connection.executemany(f"DELETE FROM {table} WHERE target = ?", unknown)
-        self.reconcile(connection)
+        self._silences.look(connection)
+        self._held.clear()
+        now_s = self._wall_time_s()
+        if any(target.after_s for target in self.targets.values()):
+            self._note_silenced(connection, now_s)
+        for name, target in self.targets.items():
+            query = "SELECT DISTINCT fingerprint FROM notifications WHERE target = ?"
+            waiting = {key for (key,) in connection.execute(query, (name,))}
+            for transition, at_s in tuple(self._unknown_to(connection, target, now_s)):
+                if transition["fingerprint"] not in waiting:
+                    self._queue(connection, name, transition, at_s, is_wanted=True)
+            self._count(connection, name)
 
     def note(self, connection: Connection, transition: Transition, alert_id: int, wall_s: float) -> None:
         """Queues a transition for the targets that it concerns, as it is stored, at a time in s since 1970."""
@@ -313,21 +324,6 @@ class NotificationQueue:
         waiting = {key for (key,) in rows}
         known = _known_at(connection, target).values()
         return [row.notification for row in known if row.fingerprint not in waiting and row.level is not _UNCONFIRMED]
-
-    def reconcile(self, connection: Connection) -> None:
-        """Queues whatever a target does not know: after a start, or when a silence or a wait (`after_s`) is over."""
-        self._silences.look(connection)
-        self._held.clear()
-        now_s = self._wall_time_s()
-        if any(target.after_s for target in self.targets.values()):
-            self._note_silenced(connection, now_s)
-        for name, target in self.targets.items():
-            query = "SELECT DISTINCT fingerprint FROM notifications WHERE target = ?"
-            waiting = {key for (key,) in connection.execute(query, (name,))}
-            for transition, at_s in tuple(self._unknown_to(connection, target, now_s)):
-                if transition["fingerprint"] not in waiting:
-                    self._queue(connection, name, transition, at_s, is_wanted=True)
-            self._count(connection, name)
 
     def end_unwatched(self, connection: Connection, robots: Collection[str], wall_s: float) -> None:
         """Ends the alerts of all robots but those that are watched, at a time in s since 1970."""

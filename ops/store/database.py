@@ -371,6 +371,7 @@ class Database:
             if altered is not None:
                 raise altered
             schema.mirror(connection)
+            self._data_version = 0
             with schema.transaction(connection):
                 if self._memory is None:
                     self._age_clock = AgeClock(self.present_run.begin(connection))

@@ -196,7 +196,17 @@ def reading(file: Union[str, Path]) -> Iterator[CheckedConnection]:
     path = str(file)
     try:
         try:
-            connection = open_read_only(path)
+            _require_regular_file(path)
+            if not os.access(path, os.R_OK):  # SQLite's error does not name the reason
+                raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), path)
+            try:
+                connection = connected(path, "mode=ro", _READ_BUSY_S)
+            except sqlite3.OperationalError:
+                if _log_bytes(os.path.realpath(path)):
+                    raise
+                # Without a log nothing writes the file. SQLite would create one, which needs permission to write to the
+                # folder.
+                connection = connected(path, "immutable=1", _READ_BUSY_S)
         except (OSError, schema.UnusableFileError) as error:
             raise ConfigError(getattr(error, "strerror", None) or str(error), file=path) from None
         with contextlib.closing(connection):
@@ -205,31 +215,10 @@ def reading(file: Union[str, Path]) -> Iterator[CheckedConnection]:
         raise ConfigError(f"cannot be read: {error}", file=path) from None
 
 
-def open_read_only(path: str) -> CheckedConnection:
-    """Opens a history file that another process may be writing.
-
-    Raises:
-        OSError: it does not exist or cannot be read.
-        schema.UnusableFileError: it is no history, or one of another version.
-        sqlite3.Error: it is damaged.
-    """
-    _require_regular_file(path)
-    os.stat(path)  # for an error that names the reason; SQLite's own does not
-    if not os.access(path, os.R_OK):
-        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), path)
-    try:
-        return connected(path, "mode=ro", _READ_BUSY_S)
-    except sqlite3.OperationalError:
-        if _log_bytes(os.path.realpath(path)):
-            raise
-    # Without a log nothing writes the file. SQLite would create one, which needs permission to write to the folder.
-    return connected(path, "immutable=1", _READ_BUSY_S)
-
-
 def connected(path: str, options: str, timeout_s: float) -> CheckedConnection:
     """Returns a connection to an existing history, in autocommit mode, beside the one of the monitor that writes it.
 
-    `options` are those of SQLite's URI, such as `mode=rw`. Raises as `open_read_only`.
+    `options` are those of SQLite's URI, such as `mode=rw`. Raises UnusableFileError or sqlite3.Error.
     """
     uri = f"file:{quote(os.path.abspath(path))}?{options}"
     connection = sqlite3.connect(
@@ -244,11 +233,8 @@ def connected(path: str, options: str, timeout_s: float) -> CheckedConnection:
 
 
 def _require_regular_file(path: str) -> None:
-    """Raises OSError if the path leads to something that exists but is not a regular file; a pipe would block."""
-    try:
-        mode = os.stat(path).st_mode
-    except FileNotFoundError:
-        return
+    """Raises OSError if the path does not lead to a regular file; a pipe would block."""
+    mode = os.stat(path).st_mode
     if stat.S_ISDIR(mode):
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), path)
     if not stat.S_ISREG(mode):
@@ -257,16 +243,15 @@ def _require_regular_file(path: str) -> None:
 
 def _require_history_or_nothing(path: str) -> None:
     """Protects files that were named by mistake: a damaged history is renamed, other files must not be."""
-    _require_regular_file(path)
     try:
+        _require_regular_file(path)
         with open(path, "rb") as file:
             begin = file.read(4096)
     except FileNotFoundError:
         return
-    if not begin or begin.startswith(_SQLITE_MAGIC):
-        return
     # The lock beside it shows that a monitor has written it; the begin of the file may be damaged, but it is no text.
-    if _is_text(begin) or not os.path.exists(lock_path(path)):
+    is_odd = begin and not begin.startswith(_SQLITE_MAGIC)
+    if is_odd and (_is_text(begin) or not os.path.exists(lock_path(path))):
         raise schema.UnusableFileError("it is not a history file")
 
 

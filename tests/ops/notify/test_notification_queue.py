@@ -73,7 +73,7 @@ class Bench:
     def expire_silences(self) -> None:
         self.silences.alerts = ()
         if self.queue.is_reconciliation_due():
-            self.queue.reconcile(self.connection)
+            self.queue.prepare(self.connection)
 
 
 def described(taken: Taken) -> Sent:
@@ -617,13 +617,13 @@ def test_only_alerts_that_are_open_for_so_long_are_sent_and_then_their_end() -> 
         assert bench.deliver() == []
     bench.now_s = begun_s + 600.0
     assert bench.queue.is_reconciliation_due()
-    bench.queue.reconcile(bench.connection)
+    bench.queue.prepare(bench.connection)
     assert bench.deliver() == [("battery", "ERROR", None)]
     bench.change("WARN", "ERROR")
     bench.change("OK", "WARN")
     assert bench.deliver() == [("battery", "WARN", "ERROR"), ("battery", "resolved", "WARN")]
     bench.change("WARN")
-    bench.queue.reconcile(bench.connection)
+    bench.queue.prepare(bench.connection)
     assert bench.deliver() == []
 
 
@@ -637,7 +637,7 @@ def test_silenced_time_does_not_count() -> None:
         bench.restart(LATE)
         assert bench.deliver() == []
     bench.now_s = begun_s + 1200.0  # 600 s of them were silenced
-    bench.queue.reconcile(bench.connection)
+    bench.queue.prepare(bench.connection)
     assert bench.deliver() == [("battery", "WARN", None)]
 
 

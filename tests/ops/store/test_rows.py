@@ -102,7 +102,7 @@ def test_an_odd_value_anywhere_stops_no_reader_and_no_monitor(file: Path, table:
         robot.record(transition(77, robot="r9"), {"level": 1}, [])
         assert "battery_level WARN: number 77" in texts(history)
         silences.silence_of("r9", "battery_level")
-        history.close()
+        history.close(60.0)
         assert not [text for part, text in fault_texts(faults) if part not in ("history rows", "silence list")]
 
 
