@@ -139,7 +139,7 @@ def try_target(
         else:
             begin_s = wall_time_s()
             firing = Notification(_transition(robot, Level.OK, settings.min_level), False, begin_s, is_test=True)
-            response = _send(target, firing)
+            response = target.send(firing)
             sent, hint = 2, f': look for "{firing.text}" and its end'
             if hold_s > 0.0:
                 on_firing(f"firing: {target.place}: {response}; {_what_to_look_for(settings, firing, hold_s)}")
@@ -173,16 +173,6 @@ def _hold_alert(hold_s: float, stop: threading.Event, firing: Notification, targ
             target.send(firing)
             repeated += 1
     return repeated
-
-
-def _send(target: Sender, firing: Notification) -> str:
-    """Sends, and again if the target's first response corrected something on this side, such as the clock."""
-    try:
-        return target.send(firing)
-    except DeliveryError as error:
-        if not error.is_corrected:
-            raise
-        return target.send(firing)
 
 
 def _transition(robot: str, from_level: Level, to_level: Level) -> Dict[str, object]:

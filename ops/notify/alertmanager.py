@@ -9,14 +9,12 @@ https://github.com/prometheus/alertmanager/blob/main/api/v2/openapi.yaml
 from __future__ import annotations
 
 import json
-import time
+from functools import partial
 from typing import Any, Callable, Dict, List, Optional, Sequence
 
-from ...core.values.formatting import duration_text
 from ...core.values.model import Level
 from ...runtime.times import utc_text
-from ..configuration import TargetSettings
-from .sender import DeliveryError, Notification
+from .sender import Notification
 from .webhook import Webhook
 
 # The labels `alertname` and `severity`; the exported rules have the same.
@@ -34,14 +32,20 @@ class Alertmanager(Webhook):
 
     repeat_every_s = REPEAT_EVERY_S
 
-    def __init__(self, settings: TargetSettings, wall_time_s: Callable[[], float] = time.time) -> None:
-        """Connects only when something is sent."""
-        super().__init__(settings)
-        self._wall_time_s = wall_time_s
-        self._ahead_s = 0.0
+    _ahead_s = 0.0
+    """By how much this clock is ahead of the server's, in s; 0 if it is about right."""
 
     def send(self, notification: Notification) -> str:
         """Posts the end of the alert that is open there, if it changes, and the new one."""
+        return self._post(partial(self._alerts, notification))
+
+    def repeat(self, alerts: Sequence[Notification]) -> None:
+        """Posts open alerts again."""
+        for first in range(0, len(alerts), _BATCH):
+            part = alerts[first : first + _BATCH]
+            self._post(lambda part=part: [self._alert(alert, alert.text) for alert in part])  # type: ignore[misc]
+
+    def _alerts(self, notification: Notification) -> List[Dict[str, Any]]:
         alerts: List[Dict[str, Any]] = []
         before, text = notification.before, notification.text
         if before is not None and (notification.is_resolved or before.level is not notification.level):
@@ -51,12 +55,7 @@ class Alertmanager(Webhook):
         if notification.is_test:
             for alert in alerts:
                 alert["labels"]["test"] = "true"
-        return self._post(alerts)
-
-    def repeat(self, alerts: Sequence[Notification]) -> None:
-        """Posts open alerts again."""
-        for first in range(0, len(alerts), _BATCH):
-            self._post([self._alert(alert, alert.text) for alert in alerts[first : first + _BATCH]])
+        return alerts
 
     def _alert(self, alert: Notification, text: str, ended_s: Optional[float] = None) -> Dict[str, Any]:
         labels = {
@@ -70,13 +69,13 @@ class Alertmanager(Webhook):
         link = annotations.pop("link", "")
         return {"labels": labels, "annotations": annotations, **times, **({"generatorURL": link} if link else {})}
 
-    def _post(self, alerts: Sequence[Dict[str, Any]]) -> str:
-        answer = self.call(json.dumps(alerts), _PATH)
+    def _post(self, make: Callable[[], Sequence[Dict[str, Any]]]) -> str:
+        """Posts alerts, and again if the server refuses them because of this clock, which is then corrected."""
+        answer = self.call(json.dumps(make()), _PATH)
         if answer.date_s is not None:
             # Alertmanager refuses an alert that begins far in the future, and would end one only in the future.
             ahead_s, known_s = self._wall_time_s() - answer.date_s, self._ahead_s
             self._ahead_s = ahead_s if abs(ahead_s) > _TOLERATED_S else 0.0
             if abs(self._ahead_s - known_s) > _TOLERATED_S and answer.status == 400:
-                text = f"this clock and the server's differ by {duration_text(abs(self._ahead_s))}; corrected"
-                raise DeliveryError(text, is_corrected=True)
+                answer = self.call(json.dumps(make()), _PATH)
         return self.status_of(answer)

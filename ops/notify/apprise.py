@@ -8,22 +8,21 @@ from typing import Any, Dict, List, Set
 
 from ...core.values.model import Level
 from ...runtime.libraries import missing_text
-from ..configuration import TargetSettings
-from .sender import Address, DeliveryError, Notification, Sender
+from .sender import DeliveryError, Notification, Sender
 
 _MOST_REMEMBERED = 1_000  # notifications
 _TYPES = {Level.OK: "info", Level.WARN: "warning", Level.STALE: "warning", Level.ERROR: "failure"}
 
 
-class AppriseTarget(Address, Sender):
+class AppriseTarget(Sender):
     """Sends the alert line to one or several addresses of Apprise, one per line of `url_file`.
 
     Apprise's own timeouts apply; `?rto=` and `?cto=` in an address change them.
     """
 
-    def __init__(self, settings: TargetSettings) -> None:
+    def __init__(self, *arguments: Any) -> None:
         """Imports nothing yet: the library is large."""
-        super().__init__(settings)
+        super().__init__(*arguments)
         self._accepted: Dict[str, Set[str]] = {}
         """The addresses that have accepted a notification which others have not: those are not sent it again."""
 

@@ -10,10 +10,9 @@ import subprocess
 import tempfile
 import threading
 import time
-from typing import Optional
+from typing import Any, Optional
 
 from ...core.values.formatting import printable
-from ..configuration import TargetSettings
 from .sender import DeliveryError, Notification, Sender
 
 # Variables that are for the monitor only: a secret, and systemd's supervision.
@@ -25,11 +24,9 @@ _POLL_S = 0.05
 class Command(Sender):
     """Runs a program, without a shell. It must end with code 0 within the timeout, else it is run again later."""
 
-    def __init__(self, settings: TargetSettings) -> None:
+    def __init__(self, *arguments: Any) -> None:
         """Runs nothing yet."""
-        self.place = settings.command[0]
-        self._command = settings.command
-        self._timeout_s = settings.timeout_s
+        super().__init__(*arguments)
         self._lock = threading.Lock()
         self._process: Optional[subprocess.Popen[bytes]] = None
         self._is_closed = False
@@ -66,7 +63,7 @@ class Command(Sender):
                 raise DeliveryError("the monitor ends", may_have_arrived=False)
             try:
                 self._process = subprocess.Popen(
-                    self._command,
+                    self._settings.command,
                     stdin=stdin,
                     stdout=subprocess.DEVNULL,
                     stderr=subprocess.PIPE,
@@ -80,7 +77,7 @@ class Command(Sender):
 
     def _follow(self, process: subprocess.Popen[bytes], stderr: int) -> str:
         """Waits for the end of a program; returns the beginning of its stderr, all of which is read."""
-        deadline_s = time.monotonic() + self._timeout_s
+        deadline_s = time.monotonic() + self._settings.timeout_s
         poll = select.poll()  # not `select`: it cannot handle file descriptors above 1023
         poll.register(stderr, select.POLLIN)
 
@@ -92,7 +89,7 @@ class Command(Sender):
             if time.monotonic() > deadline_s:
                 _kill(process)
                 process.wait()
-                raise DeliveryError(f"killed after {self._timeout_s:g} s")
+                raise DeliveryError(f"killed after {self._settings.timeout_s:g} s")
             data = read(_POLL_S)
             text = (text + data)[: 4 * _MOST_SHOWN]
             if not data:  # also if it has closed stderr

@@ -60,7 +60,8 @@ class Delivery(StepThread):
         self._retry_at_s = self._not_before_s = clock()
         """The wait that the target requested ends at `_not_before_s`; nothing shortens it."""
         self._attempted_s = clock() - FIRST_RETRY_S
-        self._repeat_at_s = math.inf if sender.repeat_every_s == math.inf else clock()
+        self._period_s = settings.every_s if settings.type == "heartbeat" else sender.repeat_every_s
+        self._repeat_at_s = clock() if self._period_s < math.inf else math.inf
         self._tick_s = -math.inf
         self._has_news = False
         self._to_finish: Optional[Taken] = None
@@ -108,7 +109,7 @@ class Delivery(StepThread):
         if now_s >= self._repeat_at_s:
             if now_s - self._tick_s > MAX_TICK_AGE_S:
                 return _TICK_CHECK_S
-            self._repeat_at_s = now_s + self._sender.repeat_every_s
+            self._repeat_at_s = now_s + self._period_s
             if self._attempt(partial(self._sender.repeat, ())) is not None:
                 self._repeat_at_s = max(min(self._repeat_at_s, self._retry_at_s), self._not_before_s)
         return max(0.0, self._repeat_at_s - self._clock())
@@ -125,7 +126,7 @@ class Delivery(StepThread):
         now_s = self._clock()
         repeat_at_s = max(self._repeat_at_s, self._not_before_s)
         if now_s >= repeat_at_s:
-            self._repeat_at_s = now_s + self._sender.repeat_every_s
+            self._repeat_at_s = now_s + self._period_s
             alerts = self._run(self._queue.open_at, name)
             if alerts:
                 self._attempt(partial(self._sender.repeat, alerts))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from sqlite3 import Connection
-from typing import Callable, Collection, Dict, Mapping, Optional, Sequence
+from typing import Callable, Collection, Dict, Mapping, Optional, Sequence, Type
 
 from ...core.values.model import Transition
 from ..configuration import TargetSettings
@@ -24,7 +24,8 @@ CLOSE_TIMEOUT_S = 1.0  # how long `close` waits for notifications of targets tha
 _LONGEST_END_S = 5.0
 _CLOSE_POLL_S = 0.02
 
-_SENDERS: Mapping[str, Callable[[TargetSettings], Sender]] = {
+_SENDERS: Mapping[str, Type[Sender]] = {
+    "alertmanager": Alertmanager,
     "webhook": Webhook,
     "heartbeat": Webhook,
     "command": Command,
@@ -154,6 +155,4 @@ class Notifier:
 
 def make_sender(settings: TargetSettings, wall_time_s: Callable[[], float] = time.time) -> Sender:
     """Returns the sender for a target; that of a heartbeat is used for its address only."""
-    if settings.type == "alertmanager":
-        return Alertmanager(settings, wall_time_s)
-    return _SENDERS[settings.type](settings)
+    return _SENDERS[settings.type](settings, wall_time_s)

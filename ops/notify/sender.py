@@ -9,9 +9,10 @@ import json
 import math
 import os
 import stat
+import time
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
-from typing import Any, Mapping, Optional, Sequence, Tuple
+from typing import Any, Callable, Mapping, Optional, Sequence, Tuple
 
 from ...core.values.errors import ServiceError
 from ...core.values.formatting import count_text, with_hint
@@ -120,22 +121,31 @@ class DeliveryError(ServiceError):
         is_refused: bool = False,  # the target rejects this notification; another attempt will probably fail as well
         may_have_arrived: bool = True,  # False: the target certainly did not receive it
         retry_after_s: float = 0.0,  # the target requests this wait, in s
-        is_corrected: bool = False,  # the cause was on this side; another attempt will probably succeed
     ) -> None:
         """Stores what failed and why."""
         super().__init__(text)
         self.is_refused = is_refused
         self.may_have_arrived = may_have_arrived
         self.retry_after_s = retry_after_s
-        self.is_corrected = is_corrected
 
 
 class Sender(ABC):
-    """Delivers notifications to one target; used by one thread. A call may block until the target's timeout."""
+    """Delivers notifications to one target; used by one thread. A call may block until the target's timeout.
 
-    repeat_every_s = math.inf  # period at which open alerts are repeated, in s; infinity if they are sent once
-    place: str  # where the target is, without secrets
-    warning: str = ""  # one line that is no failure, such as an unprotected secret; empty: none
+    A file with an address is read before each use, so that a secret can be replaced at any time.
+    """
+
+    repeat_every_s = math.inf
+    """Period at which open alerts are repeated, in s; infinity if they are sent once."""
+
+    def __init__(self, settings: TargetSettings, wall_time_s: Callable[[], float] = time.time) -> None:
+        """Connects to nothing, and reads nothing yet. `wall_time_s` returns seconds since 1970."""
+        self._settings = settings
+        self._wall_time_s = wall_time_s
+        self.place = settings.url_file or "".join(settings.command[:1]) or shown(settings.url)
+        """Where the target is, without secrets: scheme and host; before a file has been read, its name."""
+        self.warning = ""
+        """One line that is no failure, if other users may read the file; empty: they may not, as far as is known."""
 
     @abstractmethod
     def send(self, notification: Notification) -> str:
@@ -147,36 +157,24 @@ class Sender(ABC):
     def close(self) -> None:  # noqa: B027 - optional
         """Ends a call of `send` in another thread early, where that is possible."""
 
-
-class Address:
-    """A target's address. A file is read before each use, so that a secret can be replaced at any time."""
-
-    def __init__(self, settings: TargetSettings) -> None:
-        """Reads nothing yet."""
-        self._url = settings.url
-        self._file = settings.url_file
-        self.place = settings.url_file or shown(settings.url)
-        """The address as it may be shown: scheme and host; before the file has been read, the name of the file."""
-        self.is_secret = bool(settings.url_file)  # the path of the address must not be shown
-        self.warning = ""  # one line if other users may read the file; empty: they may not, as far as is known
-
     def addresses(self) -> Tuple[str, ...]:
         """Returns the lines of the file that are neither empty nor comments (`#`), or the given address.
 
         Raises DeliveryError if the file cannot be read or is empty.
         """
-        if not self._file:
-            return (self._url,)
+        file = self._settings.url_file
+        if not file:
+            return (self._settings.url,)
         try:
-            mode = os.stat(self._file).st_mode
+            mode = os.stat(file).st_mode
             if not stat.S_ISREG(mode):  # opening a named pipe would wait for a writer
                 raise self._unusable("cannot be read: expected a file, got something else")
-            with open(self._file, "rb") as stream:
+            with open(file, "rb") as stream:
                 contents = stream.read(_LONGEST + 1)
         except (OSError, ValueError) as error:
             raise self._unusable(f"cannot be read: {getattr(error, 'strerror', error)}") from None
         advice = "every user of this machine can read this address; protect it with chmod 600"
-        self.warning = f"{self._file}: {advice}" if mode & stat.S_IROTH else ""
+        self.warning = f"{file}: {advice}" if mode & stat.S_IROTH else ""
         if len(contents) > _LONGEST:
             raise self._unusable(f"expected at most {_LONGEST} bytes, got more")
         lines = [line.strip() for line in contents.decode("utf-8", "replace").splitlines()]
@@ -190,9 +188,9 @@ class Address:
         """Returns the address of HTTP; raises DeliveryError if the file cannot be read, or holds something else."""
         url, *others = self.addresses()
         if others or not is_http(url) or not all("!" <= letter <= "~" for letter in url):
-            self.place = self._file or self.place
+            self.place = self._settings.url_file or self.place
             raise self._unusable("expected one address, http://... or https://..., without blanks")
         return url
 
     def _unusable(self, problem: str) -> DeliveryError:
-        return DeliveryError(f"{self._file or 'url'}: {problem}", may_have_arrived=False)
+        return DeliveryError(f"{self._settings.url_file or 'url'}: {problem}", may_have_arrived=False)

@@ -24,8 +24,7 @@ from urllib.parse import unquote, urlsplit, urlunsplit
 from ...core.values.errors import LinkError
 from ...core.values.formatting import duration_text, printable
 from ...core.values.version import package_version
-from ..configuration import TargetSettings
-from .sender import Address, DeliveryError, Notification, Sender
+from .sender import DeliveryError, Notification, Sender
 
 _RETRIED = (408, 429)  # temporary: Request Timeout, Too Many Requests
 _MOST_SHOWN = 200  # characters of a response
@@ -44,15 +43,8 @@ class Answer(NamedTuple):
     retry_after_s: float  # wait that the server requests, in s; 0: none
 
 
-class Webhook(Address, Sender):
+class Webhook(Sender):
     """Posts the JSON of `--json`, with the fields `notification` (firing or resolved) and `time`."""
-
-    def __init__(self, settings: TargetSettings) -> None:
-        """Connects only when something is sent."""
-        super().__init__(settings)
-        self._timeout_s = settings.timeout_s
-        if settings.type == "heartbeat":
-            self.repeat_every_s = settings.every_s
 
     def send(self, notification: Notification) -> str:
         """Posts a notification."""
@@ -68,7 +60,7 @@ class Webhook(Address, Sender):
         if path:
             url = url.rstrip("/")
             url = url if url.endswith(path) else url + path
-        return request(url, None if body is None else body.encode(), self._timeout_s)
+        return request(url, None if body is None else body.encode(), self._settings.timeout_s)
 
     def deliver(self, body: Optional[str]) -> str:
         """Sends a request, as `call`, and returns the status of its response, as `status_of`."""
@@ -76,15 +68,15 @@ class Webhook(Address, Sender):
 
     def status_of(self, answer: Answer) -> str:
         """Returns the status of a response; raises DeliveryError if that is not success (2xx)."""
-        status = answer.status
-        reason = http.client.responses.get(status, "") if self.is_secret else answer.reason
+        status, is_secret = answer.status, bool(self._settings.url_file)
+        reason = http.client.responses.get(status, "") if is_secret else answer.reason
         title = f"{status} {reason}".strip()
         if 200 <= status < 300:
             return title
         text = f"response {title}"
         if 300 <= status < 400:
             text += "; redirects are not followed"
-        elif answer.text and not self.is_secret:  # a page that says "not found" may repeat the address
+        elif answer.text and not is_secret:  # a page that says "not found" may repeat the address
             text += f": {answer.text}"
         if answer.retry_after_s:
             text += f"; the server asks to wait {duration_text(answer.retry_after_s)}"

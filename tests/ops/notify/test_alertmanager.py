@@ -132,10 +132,7 @@ def test_a_wrong_clock_neither_loses_nor_prolongs_an_alert(alertmanager: Running
     signal = f"clock{ahead_s:g}"
     pager = target(alertmanager.url, wrong_s)
     first = notification("WARN", wrong_s(), signal=signal)
-    if ahead_s > 0.0:  # refused by Alertmanager, whose response states its own time
-        with pytest.raises(DeliveryError, match=r"^this clock and the server's differ by 2 h; corrected$") as caught:
-            pager.send(first)
-        assert not caught.value.is_refused
+    # One in the future is refused by Alertmanager, whose response states its own time, and posted again.
     pager.send(first)
     assert alertmanager.levels() == {signal: "WARN"}
     pager.send(notification("OK", wrong_s(), signal=signal, before=first))

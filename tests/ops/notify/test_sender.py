@@ -12,11 +12,12 @@ from harness.transitions import transition
 
 from robot_health_monitor.core.nodes.outlets import json_line
 from robot_health_monitor.ops.configuration import TargetSettings, shown
-from robot_health_monitor.ops.notify.sender import Address, DeliveryError, Notification
+from robot_health_monitor.ops.notify.sender import DeliveryError, Notification
+from robot_health_monitor.ops.notify.webhook import Webhook
 
 
-def of_file(path: Path) -> Address:
-    return Address(TargetSettings("chat", "webhook", url_file=str(path)))
+def of_file(path: Path) -> Webhook:
+    return Webhook(TargetSettings("chat", "webhook", url_file=str(path)))
 
 
 @pytest.mark.parametrize(
@@ -37,7 +38,7 @@ def test_only_scheme_and_host_are_shown(url: str, text: str) -> None:
 
 
 def test_a_given_address_is_returned() -> None:
-    address = Address(TargetSettings("pager", "alertmanager", url="http://10.0.0.2:9093"))
+    address = Webhook(TargetSettings("pager", "alertmanager", url="http://10.0.0.2:9093"))
     assert address.http_address() == "http://10.0.0.2:9093" and address.place == "http://10.0.0.2:9093"
 
 
@@ -48,7 +49,7 @@ def test_a_file_is_read_each_time_and_only_its_host_is_shown(tmp_path: Path) -> 
     address = of_file(file)
     assert address.place == str(file)
     assert address.http_address() == "https://chat.example/hooks/s3cret"
-    assert (address.place, address.is_secret, address.warning) == ("https://chat.example", True, "")
+    assert (address.place, address.warning) == ("https://chat.example", "")
     file.write_text("https://chat.example/hooks/new")
     assert address.http_address() == "https://chat.example/hooks/new"
 
