@@ -18,9 +18,9 @@ from ..core.nodes.node import host_name
 from ..core.nodes.outlets import Outlet
 from ..core.nodes.self_monitor import EMPTY_REPORT, SelfReport
 from ..core.port.middleware import Middleware, Severity
-from ..core.values.errors import ConfigError, ServiceError
+from ..core.values.errors import ServiceError
 from ..core.values.faults import Faults
-from ..ops.configuration import OpsConfig, read_ops
+from ..ops.configuration import SECTIONS, OpsConfig, read_ops
 from ..ops.notify import Notifier
 from ..ops.store.active_silences import Silences
 from ..ops.store.history import History, RobotHistory
@@ -77,21 +77,10 @@ class Operations:
             self.black_box = BlackBox(config.black_box, self.faults, wall_time_s)
 
     def use(self, config: OpsConfig) -> List[str]:
-        """Applies the targets of another configuration and returns what changed; the rest needs a restart.
-
-        May take some seconds. Raises ConfigError if the targets cannot be replaced now.
-        """
-        texts = []
-        if config.notify != self.config.notify:
-            try:
-                texts.append(f"notify: {self.notifier.use_targets(config.notify)}")
-            except ServiceError as error:
-                raise ConfigError(f"notify: {error}") from None
-        for section in ("history", "black_box", "server"):
-            if getattr(config, section) != getattr(self.config, section):
-                texts.append(f"{section}: takes effect after a restart")
+        """Notes another configuration; returns what of it needs a restart."""
+        sections = [name for name in SECTIONS if getattr(config, name) != getattr(self.config, name)]
         self.config = config
-        return texts
+        return [f"{name}: takes effect after a restart" for name in sections]
 
     def start(
         self,

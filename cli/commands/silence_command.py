@@ -135,8 +135,7 @@ def _add(connection: sqlite3.Connection, arguments: argparse.Namespace, now_s: f
 
 
 def _list(connection: sqlite3.Connection, arguments: argparse.Namespace, now_s: float) -> List[str]:
-    stored = [each.seen_at(now_s) for each in read_silences(connection)]
-    listed = sorted(stored, key=lambda each: (not each.is_active(now_s), -each.id))
+    listed = sorted(read_silences(connection), key=lambda each: (not each.is_active(now_s), -each.id))
     if not arguments.all:
         listed = [each for each in listed if each.is_active(now_s) or now_s - each.end_s(now_s) < _SHOWN_S]
     opened = open_alerts(connection)

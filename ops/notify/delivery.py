@@ -87,11 +87,6 @@ class Delivery(StepThread):
         """Call at each tick of the monitor; returns at once."""
         self._tick_s = self._clock()
 
-    def clear_faults(self) -> None:
-        """Call when the target is no longer in use."""
-        for part in ("", ": url_file", ": queue"):
-            self._faults.clear(self._part + part)
-
     def close(self) -> None:
         """Ends the thread, and the present attempt early, where that is possible; returns at once."""
         super().close()

@@ -173,7 +173,7 @@ class NotificationQueue:
 
         `public_url` is the address of the web page, for links to the pages of alerts; empty if there is none.
         """
-        self.targets = _alerted(targets)
+        self.targets = {target.name: target for target in targets if target.type != "heartbeat"}
         """Those that are sent alerts, by their names."""
         self._silences = silences
         self._is_simulated = is_simulated
@@ -193,14 +193,11 @@ class NotificationQueue:
             return True
         return any(not self._is_silenced(robot, signal) for robot, signal in self._held.copy())
 
-    def prepare(self, connection: Connection, targets: Optional[Sequence[TargetSettings]] = None) -> None:
+    def prepare(self, connection: Connection) -> None:
         """Queues whatever a target does not know: after a start, or when a silence or a wait (`after_s`) is over.
 
-        Replaces the targets (None: they stay), and forgets others that were configured before.
+        Forgets targets that were configured before.
         """
-        if targets is not None:
-            self.targets = _alerted(targets)
-            self.waiting = Counter({name: self.waiting[name] for name in self.targets})
         for table in ("notifications", "notified"):
             known = [name for (name,) in connection.execute(f"SELECT DISTINCT target FROM {table}")]
             unknown = [(name,) for name in known if name not in self.targets]
@@ -239,9 +236,7 @@ class NotificationQueue:
         """Returns the next notification for a target and counts the attempt; None: nothing is to be sent now."""
         self._silences.look(connection)
         self.wait_s.pop(target, None)
-        settings = self.targets.get(target)
-        if settings is None:  # it has just been removed
-            return None
+        settings = self.targets[target]
         parts: List[Tuple[int, Notification]] = []
         for rows in (self._groups if settings.group_wait_s else self._heads)(connection, settings):
             parts = self._parts_of(connection, settings, rows)
@@ -430,10 +425,6 @@ class NotificationQueue:
         self.waiting[target] = connection.execute(query, (target,)).fetchone()[0]
         if self.waiting[target] == 0:
             self.dropped[target] = 0
-
-
-def _alerted(targets: Sequence[TargetSettings]) -> Mapping[str, TargetSettings]:
-    return {target.name: target for target in targets if target.type != "heartbeat"}
 
 
 def is_transition(found: Mapping[str, Any]) -> bool:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import threading
 import time
 from sqlite3 import Connection
-from typing import Callable, Collection, Dict, Mapping, Optional, Sequence, Type
+from typing import Callable, Collection, Mapping, Optional, Sequence, Type
 
 from ...core.values.model import Transition
 from ..configuration import TargetSettings
@@ -21,7 +20,6 @@ from .sender import Sender
 from .webhook import Webhook
 
 CLOSE_TIMEOUT_S = 1.0  # how long `close` waits for notifications of targets that work
-_LONGEST_END_S = 5.0
 _CLOSE_POLL_S = 0.02
 
 _SENDERS: Mapping[str, Type[Sender]] = {
@@ -53,46 +51,24 @@ class Notifier:
         self._history = history
         self._is_up_to_date = False
         self._watched: Optional[Collection[str]] = None
-        self._deliveries: Dict[str, Delivery] = {}  # by name of the target
-        self._changing = threading.Lock()
-
         self._queue = NotificationQueue(targets, silences, is_simulated, history.wall_s, public_url)
-        self._start(targets)
+        self._deliveries = [
+            Delivery(settings, make_sender(settings, history.wall_s), self._queue, history) for settings in targets
+        ]
+        for delivery in self._deliveries:
+            delivery.start()
         history.on_record.append(self._note)
         history.on_second.append(self._follow)
         history.put(self._follow)
 
-    def use_targets(self, targets: Sequence[TargetSettings]) -> str:
-        """Replaces the targets; returns what changed, in one line. Takes up to some seconds.
-
-        What waits for a target that stays is sent there. Call again after a ServiceError: the history was too slow.
-        """
-        wanted = {target.name: target for target in targets}
-        with self._changing:
-            known = {name: delivery.settings for name, delivery in self._deliveries.items()}
-            ended = [name for name, settings in known.items() if wanted.get(name) != settings]
-            started = [target for name, target in wanted.items() if known.get(name) != target]
-            if ended or started:
-                self._history.run(lambda connection: self._catch_up(connection, targets))
-            for name in ended:
-                self._end(name)
-            self._start(started)
-            self._wake()
-        changes = {
-            "added": [target.name for target in started if target.name not in ended],
-            "changed": [target.name for target in started if target.name in ended],
-            "removed": [name for name in ended if name not in wanted],
-        }
-        return ", ".join(f"{change} {', '.join(names)}" for change, names in changes.items() if names)
-
     @property
     def waiting(self) -> int:
         """How many notifications wait, over all targets."""
-        return sum(self._queue.waiting[name] for name in tuple(self._deliveries))
+        return sum(self._queue.waiting.values())
 
     def note_tick(self) -> None:
         """Call at each tick of the monitor, for the heartbeat; returns at once."""
-        for delivery in tuple(self._deliveries.values()):
+        for delivery in self._deliveries:
             delivery.note_tick()
 
     def end_unwatched(self, robots: Collection[str]) -> None:
@@ -105,26 +81,12 @@ class Notifier:
     def close(self) -> None:
         """Ends the threads. Targets that work are sent what waits, for at most 1 s; the rest stays in the queue."""
         until_s = time.monotonic() + CLOSE_TIMEOUT_S
-        while time.monotonic() < until_s and any(delivery.has_work() for delivery in self._deliveries.values()):
+        while time.monotonic() < until_s and any(delivery.has_work() for delivery in self._deliveries):
             time.sleep(_CLOSE_POLL_S)
-        for delivery in self._deliveries.values():
+        for delivery in self._deliveries:
             delivery.close()
-        for delivery in self._deliveries.values():
+        for delivery in self._deliveries:
             delivery.join(max(0.0, until_s - time.monotonic()))
-
-    def _start(self, targets: Sequence[TargetSettings]) -> None:
-        """Starts new targets."""
-        for settings in targets:
-            sender = make_sender(settings, self._history.wall_s)
-            delivery = self._deliveries[settings.name] = Delivery(settings, sender, self._queue, self._history)
-            delivery.start()
-
-    def _end(self, name: str) -> None:
-        """Ends a target, and what is being sent to it."""
-        delivery = self._deliveries.pop(name)
-        delivery.close()
-        delivery.join(min(delivery.settings.timeout_s, _LONGEST_END_S))
-        delivery.clear_faults()
 
     def _note(self, connection: Connection, alert_id: int, transition: Transition, wall_s: float) -> None:
         """Queues a transition; runs inside the transaction that stores it."""
@@ -134,23 +96,19 @@ class Notifier:
             self._history.submit(Job(lambda connection: self._wake()), is_urgent=True)
 
     def _wake(self) -> None:
-        for name, delivery in tuple(self._deliveries.items()):
-            if self._queue.waiting[name]:
+        for delivery in self._deliveries:
+            if self._queue.waiting[delivery.settings.name]:
                 delivery.note_news()
 
     def _follow(self, connection: Connection) -> None:
-        """Queues what a change of silences or robots causes; called each second."""
+        """Queues what the targets do not know yet, such as because silences or robots changed; called each second."""
         if self._queue.targets and (not self._is_up_to_date or self._queue.is_reconciliation_due()):
-            self._catch_up(connection)
-
-    def _catch_up(self, connection: Connection, targets: Optional[Sequence[TargetSettings]] = None) -> None:
-        """Queues what the targets do not know yet; `targets`: those of another configuration."""
-        watched = self._watched
-        self._queue.prepare(connection, targets)
-        if watched is not None:
-            self._queue.end_unwatched(connection, watched, self._history.wall_s())
-        self._is_up_to_date = self._watched is watched
-        self._wake()
+            watched = self._watched
+            self._queue.prepare(connection)
+            if watched is not None:
+                self._queue.end_unwatched(connection, watched, self._history.wall_s())
+            self._is_up_to_date = self._watched is watched
+            self._wake()
 
 
 def make_sender(settings: TargetSettings, wall_time_s: Callable[[], float] = time.time) -> Sender:

@@ -8,7 +8,7 @@ from sqlite3 import Connection
 from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, TypeVar
 
 from ...core.values.errors import ServiceError
-from ...core.values.formatting import count_text, printable
+from ...core.values.formatting import printable
 from ...core.values.model import Level, Transition
 from .history import History
 from .matchers import Matcher
@@ -17,7 +17,6 @@ from .silences import (
     Silence,
     add_silence,
     expire_silence,
-    limit_to_durations,
     read_silences,
     resolve_alert,
 )  # fmt: skip
@@ -27,7 +26,6 @@ Changed = TypeVar("Changed")
 _MOST_CACHED = 20_000
 _TIMEOUT_S = 2.0
 _FAULT = "silence list"
-_CLOCK_FAULT = "wall clock"
 
 
 class Silences:
@@ -51,9 +49,9 @@ class Silences:
         """Those of `_stored` that apply to an alert, of alerts that were asked for."""
         self._causes: Dict[str, Mapping[str, str]] = {}
         history.on_record.append(self._note_transition)
-        history.on_second.append(self._follow)
+        history.on_second.append(self.look)
         try:
-            history.run(self._follow, _TIMEOUT_S)
+            history.run(self.look, _TIMEOUT_S)
         except ServiceError as error:
             self._faults.report(_FAULT, f"cannot be read: {error}", Level.WARN)
 
@@ -81,13 +79,13 @@ class Silences:
                 self._covering[key] = [each for each in self._stored if each.covers(*key)]
             covering = self._covering[key]
         now_s = self._wall_time_s()
-        in_force = [each.seen_at(now_s) for each in covering if each.in_force(now_s)]
+        in_force = [each for each in covering if each.in_force(now_s)]
         return max(in_force, key=lambda each: math.inf if each.until_s is None else each.until_s, default=None)
 
     def active(self) -> List[Silence]:
         """Returns the active silences, oldest first; those that recur need not be in force."""
         now_s = self._wall_time_s()
-        return [silence.seen_at(now_s) for silence in self._stored if silence.is_active(now_s)]
+        return [silence for silence in self._stored if silence.is_active(now_s)]
 
     def look(self, connection: Connection) -> None:
         """Reads the silences, which another process may have changed: call before a notification is sent.
@@ -107,17 +105,6 @@ class Silences:
     def expire(self, number: int, **texts: str) -> Silence:
         """Ends a silence, as `expire_silence`; a ServiceError says that the history failed or did not answer."""
         return self._change(lambda connection, now_s: expire_silence(connection, number, now_s, **texts))
-
-    def _follow(self, connection: Connection) -> None:
-        """Reads the silences, and limits those that were made in the future to their duration, with one line."""
-        now_s = self._wall_time_s()
-        noticed = limit_to_durations(connection, now_s)
-        self.look(connection)
-        if noticed:
-            text = f"{count_text(noticed, 'silence')} made in the future: each ends after its duration from now on"
-            self._faults.report(_CLOCK_FAULT, text, Level.WARN)
-        elif not any(each.is_in_future(now_s) for each in self._stored):
-            self._faults.clear(_CLOCK_FAULT)
 
     def _change(self, change: Callable[[Connection, float], Changed]) -> Changed:
         """Changes the stored silences in a transaction, with the present time in s since 1970."""

@@ -152,7 +152,6 @@ CREATE TABLE silences (
     until_s REAL,                        -- NULL: without a time limit
     until_resolved INTEGER NOT NULL,     -- 1: only for the alerts in silenced_alerts, until they resolve
     ended_s REAL,                        -- NULL: not ended, except by until_s
-    noticed_s REAL,                      -- when a monitor noticed that created_s lies in the future; NULL: it did not
     ended_by TEXT NOT NULL DEFAULT '',
     ended_reason TEXT NOT NULL DEFAULT '',
     every TEXT NOT NULL DEFAULT '',      -- when it recurs, such as mon-fri 22:00-06:00

@@ -39,7 +39,8 @@ LONGEST_S = 366 * 86_400.0
 
 _MOST_KEPT = 10_000
 _RESOLVED = "its alerts are resolved"
-_CLOCK_WAS_WRONG = "it was made by a clock that was wrong"
+_TOLERATED_S = 3600.0
+"""How far in the future a silence may have been made, by a clock that was set back meanwhile, in s."""
 
 _DURATION = re.compile(r"(?:(\d{1,6})w)?(?:(\d{1,6})d)?(?:(\d{1,6})h)?(?:(\d{1,8})m)?(?:(\d{1,9})s)?\Z", re.ASCII)
 _UNITS_S = (604_800, 86_400, 3600, 60, 1)
@@ -63,8 +64,6 @@ class Silence(NamedTuple):
     """Whether it ends when the alerts that were open at its begin have resolved."""
     ended_s: Optional[float] = None
     """When it was ended, or its last alert resolved; None: not yet."""
-    noticed_s: Optional[float] = None
-    """When a monitor noticed that it was made in the future, by a clock that was wrong; None: it was not."""
     ended_by: str = ""
     """Who ended it; empty: it was not ended, or this is unknown."""
     ended_reason: str = ""
@@ -88,31 +87,17 @@ class Silence(NamedTuple):
         return parse_recurrence(self.every, self.timezone) if self.every else None
 
     def is_active(self, now_s: float) -> bool:
-        """Returns whether it has neither ended nor expired; one that recurs need not be in force."""
-        until_s = self.seen_at(now_s).until_s
-        return self.ended_s is None and (until_s is None or now_s < until_s)
+        """Returns whether it has neither ended nor expired; it need not be in force."""
+        return self.ended_s is None and (self.until_s is None or now_s < self.until_s)
 
     def in_force(self, now_s: float) -> bool:
-        """Returns whether it suppresses notifications at a time."""
-        return self.is_active(now_s) and (self.rule is None or self.rule.contains(now_s))
+        """Returns whether it suppresses notifications at a time: not if it was made in the future, by a wrong clock."""
+        is_in_future = self.until_s is not None and self.created_s > now_s + _TOLERATED_S
+        return self.is_active(now_s) and not is_in_future and (self.rule is None or self.rule.contains(now_s))
 
     def end_s(self, now_s: float) -> float:
         """Returns when it ended or expired; `now_s` if it is active."""
-        return min(end for end in (now_s, self.seen_at(now_s).until_s, self.ended_s) if end is not None)
-
-    def is_in_future(self, now_s: float) -> bool:
-        """Returns whether it has a time limit and was made later than now: the clock is wrong, or was."""
-        return self.until_s is not None and self.created_s > now_s
-
-    def seen_at(self, now_s: float) -> Silence:
-        """Returns it with the times that count now: one that was made in the future began when that was noticed.
-
-        So the time that is left is never longer than the duration that was asked for.
-        """
-        if self.until_s is None or not self.is_in_future(now_s):
-            return self
-        begin_s = now_s if self.noticed_s is None else min(self.noticed_s, now_s)
-        return self._replace(created_s=begin_s, until_s=begin_s + self.until_s - self.created_s)
+        return min(end for end in (now_s, self.until_s, self.ended_s) if end is not None)
 
     def covers(self, robot: str, signal: str) -> bool:
         """Returns whether it applies to an alert."""
@@ -213,7 +198,7 @@ def add_silence(
         raise ConfigError(f"there are {MOST_ACTIVE} active silences, the largest number; expire some first")
     until_s = None if for_s is None else now_s + for_s
     rule = ("", "") if every is None else (every.text, every.zone)
-    silence = Silence(0, text, reason, author, now_s, until_s, until_resolved, None, None, "", "", *rule)
+    silence = Silence(0, text, reason, author, now_s, until_s, until_resolved, None, "", "", *rule)
     if until_resolved:
         matching = [name for alert in open_alerts(connection) if silence.matches(*alert) for name in alert]
         silence = silence._replace(open_alerts="\n".join(matching))
@@ -272,19 +257,6 @@ def read_silences(connection: Connection, active_at_s: Optional[float] = None) -
     return silences
 
 
-def limit_to_durations(connection: Connection, now_s: float) -> int:
-    """Limits the silences that were made in the future to their duration from now on; ends those where that is over.
-
-    Call inside a transaction, about once a second while there are any. Returns how many are limited since this call.
-    """
-    values = {"now": now_s, "reason": _CLOCK_WAS_WRONG}
-    future = "WHERE ended_s IS NULL AND until_s IS NOT NULL AND created_s > :now"
-    end = f"{future} AND noticed_s + until_s - created_s <= :now"
-    connection.execute(f"UPDATE silences SET ended_s = :now, ended_reason = :reason {end}", values)
-    notice = f"{future} AND (noticed_s IS NULL OR noticed_s > :now)"
-    return connection.execute(f"UPDATE silences SET noticed_s = :now {notice}", values).rowcount
-
-
 def resolve_alert(connection: Connection, alert: Alert, now_s: float) -> bool:
     """Notes that an alert has resolved; returns whether a silence until resolved applied to it.
 
@@ -335,8 +307,7 @@ def silence_events(
     asked = {"robot": robot, "signal": signal}
     names = {label: _names(connection, label, given) for label, given in asked.items() if given is not None}
     events = []
-    for stored in read_silences(connection):
-        silence = stored.seen_at(now_s)
+    for silence in read_silences(connection):
         if all(any(silence.allows(label, name) for name in names[label]) for label in names):
             events.append(SilenceEvent(silence.created_s, "added", silence))
             if not silence.is_active(now_s):
@@ -353,7 +324,6 @@ def _names(connection: Connection, label: str, given: str) -> List[str]:
 
 def silenced_transitions(connection: Connection, silence: Silence, now_s: float) -> int:
     """Returns how many alerts a silence has applied to so far, by changes of their level since it began."""
-    silence = silence.seen_at(now_s)
     query = """
         SELECT robot, signal, count(DISTINCT coalesce(alert_id, id)) FROM transitions WHERE id BETWEEN ? AND ?
             AND +wall_s >= ? AND +wall_s < ? AND to_level <> 0 AND NOT repeat AND in_force(wall_s)

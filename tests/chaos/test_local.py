@@ -245,13 +245,10 @@ def test_a_wrong_clock_that_is_set_right_costs_no_alert(
     process.wait_for_text("serving on")
     trial = trial_of(robot("rosbridge_peer", f"http://127.0.0.1:{port}/"), seed)
     trial.change(trial.pause)
-    silence = [*command, "silence", "add", "signal=other", "--for", "10m", "--reason", "test", "--history", str(file)]
-    subprocess.run(silence, env={**environment, **clock.variables}, check=True, stdout=subprocess.DEVNULL)
     for offset in ("+0d", "-2d", "+1h", "+0d"):
         clock.set(offset)
         for _ in range(ROUNDS):
             trial.change(lambda: trial.pause(0.6))
-    process.wait_for_text("wall clock: 1 silence made in the future: each ends after its duration from now on")
     trial.finish()
     end(process)
 
