@@ -199,17 +199,15 @@ class NotificationQueue:
         Forgets targets that were configured before.
         """
         for table in ("notifications", "notified"):
-            known = [name for (name,) in connection.execute(f"SELECT DISTINCT target FROM {table}")]
-            unknown = [(name,) for name in known if name not in self.targets]
-            connection.executemany(f"DELETE FROM {table} WHERE target = ?", unknown)
+            delete = f"DELETE FROM {table} WHERE target NOT IN ({', '.join('?' * len(self.targets))})"
+            connection.execute(delete, tuple(self.targets))
         self._silences.look(connection)
         self._held.clear()
         now_s = self._wall_time_s()
         if any(target.after_s for target in self.targets.values()):
             self._note_silenced(connection, now_s)
         for name, target in self.targets.items():
-            query = "SELECT DISTINCT fingerprint FROM notifications WHERE target = ?"
-            waiting = {key for (key,) in connection.execute(query, (name,))}
+            waiting = _waiting_at(connection, name)
             for transition, at_s in tuple(self._unknown_to(connection, target, now_s)):
                 if transition["fingerprint"] not in waiting:
                     self._queue(connection, name, transition, at_s, is_wanted=True)
@@ -315,9 +313,7 @@ class NotificationQueue:
 
     def open_at(self, connection: Connection, target: str) -> List[Notification]:
         """Returns the alerts that are open at a target and about which nothing else waits."""
-        rows = connection.execute("SELECT DISTINCT fingerprint FROM notifications WHERE target = ?", (target,))
-        waiting = {key for (key,) in rows}
-        known = _known_at(connection, target).values()
+        waiting, known = _waiting_at(connection, target), _known_at(connection, target).values()
         return [row.notification for row in known if row.fingerprint not in waiting and row.level is not _UNCONFIRMED]
 
     def end_unwatched(self, connection: Connection, robots: Collection[str], wall_s: float) -> None:
@@ -454,6 +450,12 @@ def _read(connection: Connection, table: str, record: Type[T], tail: str, values
 
 def _open_alerts(connection: Connection) -> Rows[OpenAlert]:
     return _read(connection, "open_alerts", OpenAlert, "")
+
+
+def _waiting_at(connection: Connection, target: str) -> Set[object]:
+    """Returns the fingerprints of the alerts about which something waits for a target."""
+    query = "SELECT DISTINCT fingerprint FROM notifications WHERE target = ?"
+    return {fingerprint for (fingerprint,) in connection.execute(query, (target,))}
 
 
 def _known_at(connection: Connection, target: str, *fingerprint: str) -> Dict[str, Known]:

@@ -408,9 +408,8 @@ class Database:
         """Goes on in memory, with what can be read of `source`."""
         memory = schema.in_memory(CheckedConnection)
         with schema.transaction(memory):
-            self._is_copy = source is not None
-            is_numbered = source is not None and schema.copy_state(source, memory)
-            if not is_numbered and self.file is not None:
+            self._is_copy = source is not None and schema.copy_state(source, memory)
+            if not self._is_copy and self.file is not None:
                 schema.number_from(memory, int(self.wall_s() * 1000.0))  # larger than any number in the file
             self.present_run.write(memory)
         self._memory, self._retention = memory, None

@@ -337,13 +337,10 @@ def mirror_shared(connection: Connection) -> None:
 
 
 def copy_state(source: Connection, target: Connection) -> bool:
-    """Copies the present state as `mirror` has it, and the last number of each table.
-
-    Returns False if the numbers cannot be read any more.
-    """
-    for table in LIVE_TABLES:
-        copy_table(source, target, table, f"mirrored_{table}")
+    """Copies the present state as `mirror` has it, and the last number of each table; returns whether all was read."""
     try:
+        for table in LIVE_TABLES:
+            copy_table(source, target, table, f"mirrored_{table}")
         copy_table(source, target, "sqlite_sequence")
     except sqlite3.Error:
         return False

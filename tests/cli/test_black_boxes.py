@@ -84,15 +84,14 @@ def test_a_replay_that_begins_later_does_not_use_the_states(black_box: Path) -> 
 def test_an_attachment_that_cannot_be_used_is_one_line(tmp_path: Path) -> None:
     from robot_health_monitor.core.messages.raw_messages import RawFormat
     from robot_health_monitor.ops.black_box.recording_file import RecordingFile
-    from robot_health_monitor.ops.black_box.ring import Channel
 
-    channel = Channel("/a", RawFormat("json", "std_msgs/Float32", "jsonschema", "{}", ""))
+    raw_format = RawFormat("json", "std_msgs/Float32", "jsonschema", "{}", "")
     texts = [("alert_system: {ros__parameters: {signals: {a: {warn_belw: 1.0}}}}\n", "{}"), ("a: [", "{}"), ("", "")]
     lines = []
     for number, (thresholds, state) in enumerate(texts):
         attached = {"thresholds.yaml": thresholds, "state.json": state}
         file = RecordingFile(str(tmp_path / f"{number}.mcap"), "", 0, attached)
-        file.write([(float(at), channel, b'{"data": 1.0}') for at in range(9)], 0.0)
+        file.write([(float(at), "/a", raw_format, b'{"data": 1.0}') for at in range(9)], 0.0)
         file.finish({})
         code, _, error = replayed(tmp_path / f"{number}.mcap")
         assert code == 2
