@@ -181,7 +181,7 @@ class Capture:
     def _take(self, topic: _Topic, message: RawMessage, now_s: float) -> None:
         data, raw_format = message
         name = topic.resolved or topic.name
-        if raw_format is not topic.format:
+        if raw_format is not topic.format or not topic.is_recorded:
             topic.format = raw_format
             topic.is_recorded = name in self._named or canonical_type(raw_format.schema_name) not in LARGE_TYPES
         if topic.is_recorded:

@@ -10,18 +10,14 @@ from __future__ import annotations
 import base64
 import contextlib
 import email.utils
-import functools
 import http.client
-import io
 import socket
-import ssl
+import threading
 import time
-import urllib.error
 import urllib.request
-from typing import Any, NamedTuple, Optional, Sequence
-from urllib.parse import unquote, urlsplit, urlunsplit
+from typing import Dict, NamedTuple, Optional, Sequence, Tuple
+from urllib.parse import SplitResult, unquote, urlsplit, urlunsplit
 
-from ...core.values.errors import LinkError
 from ...core.values.formatting import duration_text, printable
 from ...core.values.version import package_version
 from .sender import DeliveryError, Notification, Sender
@@ -84,101 +80,73 @@ class Webhook(Sender):
         raise DeliveryError(text, is_refused=is_refused, retry_after_s=answer.retry_after_s)
 
 
-class _NotConnectedError(LinkError):
-    """The connection could not be established, because of `__cause__`: the request was not sent."""
-
-
 def request(url: str, body: Optional[bytes], timeout_s: float) -> Answer:
     """Sends JSON (POST), or nothing (GET), and returns the response, of any status.
 
     A user and password in the address are sent as basic authentication. The time limit in s is for everything; only
     the resolution of a host name may take longer. Raises DeliveryError, without the address, if there is no response.
     """
-    parts = urlsplit(url)
-    headers = {"User-Agent": f"robot-health/{package_version()}", "Accept": "*/*"}
+    deadline_s, parts = time.monotonic() + timeout_s, urlsplit(url)
+    headers = {
+        "User-Agent": f"robot-health/{package_version()}",
+        "Accept": "*/*",
+        **_credentials("Authorization", parts),
+    }
     if body is not None:
         headers["Content-Type"] = "application/json"
-    if "@" in parts.netloc:
-        user = f"{unquote(parts.username or '')}:{unquote(parts.password or '')}"
-        headers["Authorization"] = f"Basic {base64.b64encode(user.encode()).decode()}"
-        url = urlunsplit(parts._replace(netloc=parts.netloc.rpartition("@")[2]))
-    opener = urllib.request.OpenerDirector()
-    for handler in (urllib.request.ProxyHandler(), urllib.request.UnknownHandler(), _Handler()):
-        opener.add_handler(handler)
+    connection, target = _connection(parts, timeout_s, headers)
     try:
-        with opener.open(urllib.request.Request(url, body, headers), timeout=timeout_s) as response:
-            return _answer(response)
-    except Exception as error:  # the text of some exceptions contains the address
-        cause = error.reason if isinstance(error, urllib.error.URLError) else error
-        if isinstance(cause, _NotConnectedError):
-            problem = _problem(cause.__cause__, "no connection", timeout_s)
-            raise DeliveryError(problem, may_have_arrived=False) from None
-        raise DeliveryError(_problem(cause, "no response", timeout_s)) from None
+        connection.connect()
+    except Exception as error:  # the text of some exceptions contains the address, here and below
+        problem = _problem(error, "no connection", timeout_s)
+        raise DeliveryError(problem, may_have_arrived=False) from None
+    # A socket's own limit begins again with every byte.
+    guard = threading.Timer(max(0.0, deadline_s - time.monotonic()), _end_at_once, (connection.sock,))
+    guard.daemon = True
+    guard.start()
+    try:
+        connection.request("GET" if body is None else "POST", target, body, headers)
+        response = connection.getresponse()
+        if time.monotonic() >= deadline_s:  # its head may end where the guard cut it off
+            raise TimeoutError
+        return _answer(response)
+    except Exception as error:
+        reason = TimeoutError() if time.monotonic() >= deadline_s else error
+        raise DeliveryError(_problem(reason, "no response", timeout_s)) from None
+    finally:
+        guard.cancel()
+        connection.close()
 
 
-class _Handler(urllib.request.AbstractHTTPHandler):
-    def http_open(self, request: urllib.request.Request) -> http.client.HTTPResponse:
-        return self.do_open(_Connection, request)
-
-    def https_open(self, request: urllib.request.Request) -> http.client.HTTPResponse:
-        return self.do_open(_TlsConnection, request, context=ssl.create_default_context())
-
-    http_request = https_request = urllib.request.AbstractHTTPHandler.do_request_
-
-
-class _Connection(http.client.HTTPConnection):
-    """Applies its timeout to the whole request: a socket's own one begins again with every byte."""
-
-    def __init__(self, *arguments: Any, **options: Any) -> None:
-        super().__init__(*arguments, **options)
-        self._deadline_s = time.monotonic() + (self.timeout or 0.0)
-        self.response_class: Any = functools.partial(_Response, deadline_s=self._deadline_s)
-
-    def connect(self) -> None:
-        try:
-            super().connect()
-        except OSError as error:
-            raise _NotConnectedError from error
-        _limit(self.sock, self._deadline_s)
+def _connection(
+    parts: SplitResult, timeout_s: float, headers: Dict[str, str]
+) -> Tuple[http.client.HTTPConnection, str]:
+    """Returns a connection to an address, through the proxy of the environment, and what to request there."""
+    host, is_tls = parts.netloc.rpartition("@")[2], parts.scheme == "https"
+    proxy = "" if urllib.request.proxy_bypass(host) else urllib.request.getproxies().get(parts.scheme, "")
+    via = urlsplit(proxy if "://" in proxy else f"http://{proxy}") if proxy else parts
+    kind = http.client.HTTPSConnection if is_tls else http.client.HTTPConnection
+    connection = kind(via.hostname or "", via.port, timeout=timeout_s)
+    target = urlunsplit(("", "", parts.path or "/", parts.query, ""))
+    if proxy and is_tls:
+        connection.set_tunnel(parts.hostname or "", parts.port, _credentials("Proxy-Authorization", via))
+    elif proxy:
+        headers.update(_credentials("Proxy-Authorization", via))
+        target = f"http://{host}{target}"
+    return connection, target
 
 
-class _TlsConnection(_Connection, http.client.HTTPSConnection):
-    """The same with TLS; the server's certificate is verified."""
+def _credentials(header: str, parts: SplitResult) -> Dict[str, str]:
+    """Returns the header of basic authentication for the user and password of an address; empty if it has none."""
+    if "@" not in parts.netloc:
+        return {}
+    user = f"{unquote(parts.username or '')}:{unquote(parts.password or '')}"
+    return {header: f"Basic {base64.b64encode(user.encode()).decode()}"}
 
 
-class _Response(http.client.HTTPResponse):
-    def __init__(self, sock: socket.socket, *arguments: Any, deadline_s: float, **options: Any) -> None:
-        super().__init__(sock, *arguments, **options)
-        self.fp = io.BufferedReader(_DeadlineReader(self.fp.detach(), sock, deadline_s))
-
-
-class _DeadlineReader(io.RawIOBase):
-    """Reads until a deadline, whatever the pace of the server."""
-
-    def __init__(self, raw: io.RawIOBase, sock: socket.socket, deadline_s: float) -> None:
-        self._raw = raw
-        self._sock = sock
-        self._deadline_s = deadline_s
-
-    def readable(self) -> bool:
-        return True
-
-    def readinto(self, buffer: Any) -> Optional[int]:
-        _limit(self._sock, self._deadline_s)
-        count: Optional[int] = self._raw.readinto(buffer)
-        return count
-
-    def close(self) -> None:
-        self._raw.close()
-        super().close()
-
-
-def _limit(sock: socket.socket, deadline_s: float) -> None:
-    """Lets the next use of a socket end at the deadline."""
-    remaining_s = deadline_s - time.monotonic()
-    if remaining_s <= 0.0:
-        raise socket.timeout("timed out")
-    sock.settimeout(remaining_s)
+def _end_at_once(sock: socket.socket) -> None:
+    with contextlib.suppress(OSError):  # it has been closed
+        sock.shutdown(socket.SHUT_RDWR)
 
 
 def _answer(response: http.client.HTTPResponse) -> Answer:

@@ -9,6 +9,7 @@ import socket
 import ssl
 import threading
 from pathlib import Path
+from typing import List
 
 import pytest
 import trustme
@@ -236,6 +237,42 @@ def test_the_proxy_of_the_environment_is_used(server: HttpServer, monkeypatch: p
     monkeypatch.setenv("http_proxy", server.url)
     assert request("http://chat.invalid/hook", b"{}", TIMEOUT_S).status == 200
     assert server.next().path == "http://chat.invalid/hook"
+
+
+def test_the_user_of_a_proxy_is_sent_to_it_and_the_requested_host_is_named(
+    server: HttpServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("http_proxy", server.url.replace("//", "//ana:s3cret@"))
+    assert request("http://chat.invalid:81/hook?a=1", None, TIMEOUT_S).status == 200
+    found = server.next()
+    assert (found.path, found.headers["Host"]) == ("http://chat.invalid:81/hook?a=1", "chat.invalid:81")
+    assert base64.b64decode(found.headers["Proxy-Authorization"].partition(" ")[2]) == b"ana:s3cret"
+    monkeypatch.setenv("no_proxy", "127.0.0.1")
+    assert request(f"{server.url}/direct", None, TIMEOUT_S).status == 200
+    assert server.next().path == "/direct"
+
+
+def test_https_goes_through_a_tunnel_of_the_proxy(monkeypatch: pytest.MonkeyPatch) -> None:
+    received: List[bytes] = []
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+
+        def serve() -> None:
+            connection, _ = listener.accept()
+            with connection:
+                while not b"".join(received).endswith(b"\r\n\r\n"):
+                    received.append(connection.recv(65536))
+                connection.sendall(b"HTTP/1.1 403 not allowed\r\n\r\n")
+
+        thread = threading.Thread(target=serve)
+        thread.start()
+        monkeypatch.setenv("https_proxy", f"http://ana:s3cret@127.0.0.1:{listener.getsockname()[1]}")
+        with pytest.raises(DeliveryError, match=r"^Tunnel connection failed: 403 not allowed$") as caught:
+            request("https://chat.invalid/hook/secret", b"{}", TIMEOUT_S)
+        thread.join()
+    head = b"".join(received)
+    assert head.startswith(b"CONNECT chat.invalid:443 HTTP/1.")
+    assert b"Proxy-Authorization: Basic YW5hOnMzY3JldA==\r\n" in head and b"hook" not in head
+    assert not caught.value.may_have_arrived
 
 
 def test_the_servers_clock_and_requested_wait_are_read(server: HttpServer) -> None:
