@@ -18,7 +18,7 @@ import secrets
 import time
 from collections import deque
 from dataclasses import dataclass, field
-from typing import Callable, Deque, Dict, NamedTuple, Sequence, Tuple
+from typing import Callable, Deque, Dict, NamedTuple, Sequence
 from urllib.parse import urlsplit
 
 from aiohttp import web
@@ -33,6 +33,7 @@ SESSION_S = 30 * 86_400
 """How long a cookie is valid, in s."""
 _COOKIE = "robot_health"
 _LONGEST_COOKIE = 200
+_SCHEME = {"WWW-Authenticate": "Bearer"}
 _LONGEST_PORT = 5
 _MOST_WRONG = 10
 _PERIOD_S = 60.0
@@ -157,10 +158,10 @@ class TokenCheck:
         is_expired = self._wall_time_s() >= int(claim.partition(".")[0])
         return Credentials.MISSING if is_expired else Credentials.VALID
 
-    def refusal(self, address: str, credentials: Credentials) -> Tuple[str, float]:
-        """Returns why a client is refused, and how long it has to wait, in s. A wrong token counts."""
+    def refuse(self, address: str, credentials: Credentials) -> web.Response:
+        """Returns the answer for a client that is not admitted. A wrong token counts."""
         if credentials is Credentials.MISSING:
-            return "a token is required", 0.0
+            return json_error(401, "a token is required", _SCHEME)
         now_s = self._clock()
         if address not in self._wrong and len(self._wrong) >= _MOST_ADDRESSES:
             del self._wrong[next(iter(self._wrong))]
@@ -168,8 +169,12 @@ class TokenCheck:
         wait_s = times[0] + _PERIOD_S - now_s if len(times) == _MOST_WRONG else 0.0
         if wait_s <= 0.0:
             times.append(now_s)
-            return "wrong token", 0.0
-        return f"too many wrong tokens; try again in {max(1.0, wait_s):.0f} s", max(1.0, wait_s)
+            return json_error(401, "wrong token", _SCHEME)
+        seconds = f"{max(1.0, wait_s):.0f}"
+        text = f"too many wrong tokens; try again in {seconds} s"
+        response = json_error(429, text, {"Retry-After": seconds})
+        response.force_close()  # each further guess costs a connection
+        return response
 
     def new_cookie(self) -> str:
         """Returns the value of a new cookie."""
@@ -207,26 +212,18 @@ class Client(NamedTuple):
     def refusal(self) -> web.Response:
         """Returns the answer for a client that is not admitted."""
         is_wrong = Credentials.WRONG in (self.token, self.cookie)
-        return self._refusal(Credentials.WRONG if is_wrong else Credentials.MISSING)
+        return self.check.refuse(self.request.remote or "", Credentials.WRONG if is_wrong else Credentials.MISSING)
 
     def login(self, presented: object) -> web.Response:
         """Returns the answer to a login: with the cookie, if this is the token."""
         credentials = self.check.judge(presented)
         if credentials is not Credentials.VALID:
-            return self._refusal(credentials)
+            return self.check.refuse(self.request.remote or "", credentials)
         return self._answer(self.check.new_cookie(), SESSION_S)
 
     def logout(self) -> web.Response:
         """Returns the answer that deletes the cookie."""
         return self._answer("", 0)
-
-    def _refusal(self, credentials: Credentials) -> web.Response:
-        text, wait_s = self.check.refusal(self.request.remote or "", credentials)
-        if not wait_s:
-            return json_error(401, text, {"WWW-Authenticate": "Bearer"})
-        response = json_error(429, text, {"Retry-After": f"{wait_s:.0f}"})
-        response.force_close()  # each further guess costs a connection
-        return response
 
     def _answer(self, cookie: str, max_age_s: int) -> web.Response:
         response = json_response({"ok": True})
