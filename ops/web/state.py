@@ -24,7 +24,6 @@ _OFFSET_TOLERANCE_S = 0.25
 """Wall time and the monitor's time may drift apart by this much before samples get other wall times."""
 
 Json = Dict[str, Any]
-_OwnFault = Tuple[Optional[str], str, Fault]  # robot (None: the process), part, fault
 
 
 class OwnState:
@@ -43,18 +42,18 @@ class OwnState:
 
     def texts(self) -> List[str]:
         """Returns a line per fault."""
-        return [f"{name}: {fault.text}" for name, (_, _, fault) in self._faults().items()]
+        return [f"{name}: {fault.text}" for name, _, _, fault in self._faults()]
 
     def as_json(self) -> Json:
         """Returns the key `monitor` of `/api/state`."""
         faults = self._faults()
-        level, message = summary_of({name: fault for name, (_, _, fault) in faults.items()})
+        level, message = summary_of({name: fault for name, _, _, fault in faults})
         return {
             "level": level.name,
             "message": message,
             "faults": [
                 {"robot": robot, "part": part, "level": fault.level.name, "text": fault.text}
-                for robot, part, fault in faults.values()
+                for _, robot, part, fault in faults
             ],
         }
 
@@ -63,14 +62,15 @@ class OwnState:
         level, message = summary_of({**self._process_faults(), **robot.own_faults()})
         return {"level": level.name, "message": message}
 
-    def _faults(self) -> Dict[str, _OwnFault]:
-        """Returns the faults by a name for robot and part; those of the process first."""
+    def _faults(self) -> List[Tuple[str, Optional[str], str, Fault]]:
+        """Returns the faults with a name for robot and part, the robot, if any, and the part; the process's first."""
         robots = self._robots()
-        found: Dict[str, _OwnFault] = {part: (None, part, fault) for part, fault in self._process_faults().items()}
+        faults: List[Tuple[str, Optional[str], str, Fault]]
+        faults = [(part, None, part, fault) for part, fault in self._process_faults().items()]
         for robot in robots:
             prefix = f"{robot.robot}: " if len(robots) > 1 else ""
-            found.update((prefix + part, (robot.robot, part, fault)) for part, fault in robot.own_faults().items())
-        return found
+            faults += [(prefix + part, robot.robot, part, fault) for part, fault in robot.own_faults().items()]
+        return faults
 
 
 class Samples(NamedTuple):
