@@ -179,25 +179,23 @@ class FleetReader:
 
     def read(self) -> List[RobotSettings]:
         """Reads and validates fleet.yaml and every file that it names, each once; ConfigError names file and line."""
-        parameters_in = lru_cache(maxsize=None)(_read_thresholds)
-        token_in = lru_cache(maxsize=None)(self._token_files.find)
-        trust_in = lru_cache(maxsize=None)(_read_trust)
-
-        def settings_of(entry: RobotEntry) -> RobotSettings:
-            robot = entry.completed(self._options)
-            ca, ssl_context = trust_in(robot.ca or "")
-            token, parameters = token_in(robot.token_file or ""), parameters_in(robot.thresholds or "")
-            return RobotSettings(robot.name, robot.url, robot.namespace or "", token, ca, parameters, ssl_context)
-
-        settings = [settings_of(entry) for entry in self._addresses]
-        taken = {robot.name for robot in settings}
+        entries = list(self._addresses)
         if self._file:
-            file = read_yaml(self._file)
+            file, taken = read_yaml(self._file), {entry.name for entry in entries}
             for entry in read_entries(file):
                 if entry.name in taken:
                     with file.located(("robots", entry.name)):
                         raise ConfigError("a robot of this name is on the command line")
-                settings.append(settings_of(entry))
+                entries.append(entry)
+        parameters_in = lru_cache(maxsize=None)(_read_thresholds)
+        token_in = lru_cache(maxsize=None)(self._token_files.find)
+        trust_in = lru_cache(maxsize=None)(_read_trust)
+        settings = []
+        for robot in (entry.completed(self._options) for entry in entries):
+            ca, ssl_context = trust_in(robot.ca or "")
+            token, parameters = token_in(robot.token_file or ""), parameters_in(robot.thresholds or "")
+            given = (robot.name, robot.url, robot.namespace or "")
+            settings.append(RobotSettings(*given, token, ca, parameters, ssl_context))
         return settings
 
 

@@ -104,7 +104,9 @@ class _Replay:
         self._arguments = arguments
         self._report_file = report_file
         self._several = len(configurations) > 1
-        self._output = ReplayOutput(arguments.json)
+        self._progress, self._started_s = ProgressLine(), time.monotonic()
+        self._error: Optional[OSError] = None
+        """Waits for the next progress or the end: what is called while recordings are played must not raise."""
         self._player = Player(
             recordings,
             namespace=arguments.namespace,
@@ -132,13 +134,12 @@ class _Replay:
         self._buckets = buckets_of(sum(summary.recorded for summary in self._judge.summaries))
 
     def run(self) -> bool:
-        output = self._output
         try:
-            self._judge.run(output.progress)
+            self._judge.run(self._show_progress)
             if self._differences is not None:
                 self._differences.flush()
         finally:
-            output.finish()
+            self._progress.clear()
         self._require("was judged", lambda summary: not summary.missing)
         summaries = self._summaries()
         missing = {summary.config.name: summary.missing for summary in summaries if summary.missing}
@@ -147,7 +148,7 @@ class _Replay:
             reasons = ", ".join(f"{name} ({reason})" for name, reason in missing.items())
             problems.append(f"not judged: {reasons}")
         for problem in problems:
-            output.warn(f"WARN: {problem}")
+            self._write(f"WARN: {problem}", sys.stderr)
         rows = [row(summary, self._several) for summary in summaries]
         heads = ["signal", *(["file"] if self._several else []), *_NUMBERS]
         number, noun = sum(self._shown_levels.values()), "difference"
@@ -156,7 +157,11 @@ class _Replay:
         verdict = count_text(number, noun) if number else f"no {noun}s"
         if missing:
             verdict += f"; {count_text(len(missing), 'signal')} not judged"
-        output.table(table(heads, rows), verdict)
+        stream = sys.stderr if self._arguments.json else sys.stdout
+        cells = [[readable(cell, stream) for cell in each] for each in table(heads, rows)]
+        for line in ("", *plain_table(cells, len(heads) - len(_NUMBERS)), verdict):
+            self._write(line, stream)
+        self._raise_error()
         if self._report_file is not None:
             self._report_file.write(self._page(rows, verdict, problems))
         if self._arguments.fail_on == "never":
@@ -184,7 +189,7 @@ class _Replay:
                 plot.add_level(judged.wall_s, event.to_level.name)
             (self._differences.add if self._differences else self._show)(judged)
         elif judged.file == self._names[0]:
-            self._output.log(judged.wall_s, LogLine(event.now_s, "alert_system", event.severity, event.text))
+            self._log(judged.wall_s, LogLine(event.now_s, "alert_system", event.severity, event.text))
 
     def _show(self, judged: JudgedEvent) -> None:
         transition = judged.event
@@ -193,11 +198,40 @@ class _Replay:
         self._shown_levels[transition.to_level] += 1
         if self._report_file and len(self._shown) < MOST_ALERTS:
             self._shown.append(ReportedAlert(judged.wall_s, file, transition, effects=judged.effects))
-        self._output.transition(judged.wall_s, transition, file)
+        line = plain_line(Entry(judged.wall_s, transition), prefix=file)
+        if self._arguments.json:
+            line = json_line(transition, **({"file": file} if file else {}))
+        self._write(line)
 
     def _on_log(self, line: LogLine) -> None:
         if line.severity >= Severity.WARN:
-            self._output.log(self._player.wall_s, line)
+            self._log(self._player.wall_s, line)
+
+    def _log(self, wall_s: float, line: LogLine) -> None:
+        """Writes a line of a node; INFO lines go where the alerts are, except with JSON."""
+        is_beside = line.severity >= Severity.WARN or self._arguments.json
+        self._write(plain_line(Entry(wall_s, line)), sys.stderr if is_beside else None)
+
+    def _show_progress(self, fraction: float) -> None:
+        """Shows how much has been judged, 0 to 1, on a terminal."""
+        self._raise_error()
+        left_s = (time.monotonic() - self._started_s) * (1.0 - fraction) / max(fraction, 0.01)
+        self._progress.show(f"judging: {fraction:.0%}, {left_s:.0f} s left")
+
+    def _write(self, line: str, stream: Optional[TextIO] = None) -> None:
+        stream = stream or sys.stdout
+        try:
+            self._progress.clear()
+            if stream is not sys.stdout:
+                sys.stdout.flush()
+            text = printable(line if self._arguments.json else readable(line, stream))
+            print(text, file=stream, flush=stream is not sys.stdout)
+        except OSError as error:
+            self._error = self._error or error
+
+    def _raise_error(self) -> None:
+        if self._error is not None:
+            raise self._error
 
     # The report
 
@@ -275,72 +309,6 @@ def _read(arguments: argparse.Namespace, name: str) -> _Configuration:
     # The host that replays is not the robot.
     tree = {**section.tree, "robot_name": section.tree.get("robot_name") or robot}
     return name, file, section._replace(tree=tree)
-
-
-class ReplayOutput:
-    """Writes alerts to stdout and everything else about the replay to where it does not disturb them.
-
-    What is called while recordings are played must not raise: an error waits for the next `progress`, or for `finish`.
-    """
-
-    def __init__(self, as_json: bool) -> None:
-        """Prepares the output; `as_json`: one JSON object per transition on stdout, the rest on stderr."""
-        self._as_json = as_json
-        self._progress = ProgressLine()
-        self._started_s = time.monotonic()
-        self._error: Optional[OSError] = None
-
-    def progress(self, fraction: float) -> None:
-        """Shows how much has been judged, 0 to 1, on a terminal."""
-        self._raise_error()
-        left_s = (time.monotonic() - self._started_s) * (1.0 - fraction) / max(fraction, 0.01)
-        self._progress.show(f"judging: {fraction:.0%}, {left_s:.0f} s left")
-
-    def finish(self) -> None:
-        """Removes the progress; raises an OSError if something could not be written."""
-        self._progress.clear()
-        self._raise_error()
-
-    def transition(self, wall_s: float, transition: Transition, file: str) -> None:
-        """Writes a transition at a time in s since 1970; `file` is its configuration, empty if there is only one."""
-        if self._as_json:
-            self._write(json_line(transition, **({"file": file} if file else {})))
-        else:
-            self._write(plain_line(Entry(wall_s, transition), prefix=file))
-
-    def log(self, wall_s: float, line: LogLine) -> None:
-        """Writes a line of a node; INFO lines go where the alerts are, except with JSON."""
-        text = plain_line(Entry(wall_s, line))
-        if line.severity >= Severity.WARN or self._as_json:
-            self.warn(text)
-        else:
-            self._write(text)
-
-    def warn(self, text: str) -> None:
-        """Writes a line to stderr."""
-        self._write(printable(text), stream=sys.stderr)
-
-    def table(self, rows: Sequence[Sequence[str]], last_line: str) -> None:
-        """Writes the table, with a line below it."""
-        stream = sys.stderr if self._as_json else sys.stdout
-        cells = [[readable(cell, stream) for cell in row] for row in rows]
-        for line in ("", *plain_table(cells, len(rows[0]) - len(_NUMBERS)), printable(last_line)):
-            self._write(line, stream=stream)
-        self._raise_error()
-
-    def _raise_error(self) -> None:
-        if self._error is not None:
-            raise self._error
-
-    def _write(self, line: str, stream: Optional[TextIO] = None) -> None:
-        stream = stream or sys.stdout
-        try:
-            self._progress.clear()
-            if stream is not sys.stdout:
-                sys.stdout.flush()
-            print(line if self._as_json else readable(line, stream), file=stream)
-        except OSError as error:
-            self._error = self._error or error
 
 
 def row(summary: SignalSummary, several_files: bool) -> SummaryRow:
