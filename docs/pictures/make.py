@@ -212,7 +212,7 @@ class Workspace:
         seen: List[Text] = []
         for look in looks:
             terminal = Terminal(look, self._variables, 70, 24)
-            terminal.run(12.0, until=" stored; ")
+            terminal.run(12.0, until="window: 4")
             seen += [_prompt(look), *terminal.lines(self._replaced), Text("")]
             terminal.end()
         launched.run(100.0, until="battery_level WARN")
