@@ -125,7 +125,9 @@ class Ros1Harness:
         return _log[self._first_line :]
 
     def wait_until(self, predicate: Callable[[], bool]) -> None:
-        poll_until(predicate, lambda: self._pause.wait(0.002))
+        # Most things take milliseconds; later looks are rarer, since many are requests to the master.
+        pauses_s = itertools.chain(itertools.repeat(0.002, 10), itertools.repeat(0.02))
+        poll_until(predicate, lambda: self._pause.wait(next(pauses_s)))
 
     def close(self) -> None:
         for node in self._nodes:

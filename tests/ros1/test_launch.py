@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import signal
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any, Callable, Dict, Iterator, List, Set
+from typing import Any, Callable, Iterator, List, Sequence, Set
 
 import pytest
 import yaml
@@ -67,15 +68,28 @@ def ros(ros_process: Any) -> Iterator[Any]:
     harness.close()
 
 
-def output_of(process: LineProcess) -> str:
-    assert process.wait() == 0, process.text
-    return "\n".join(line.text for line in process.lines if line.stream == "out")
+PRINT = """
+import contextlib, io, json, sys
+import roslaunch
+printed = []
+for arguments in json.loads(sys.argv[1]):
+    sys.argv, text = ["roslaunch", *arguments], io.StringIO()  # parts of roslaunch read sys.argv
+    with contextlib.redirect_stdout(text), contextlib.suppress(SystemExit):
+        roslaunch.main(sys.argv)
+    printed.append(text.getvalue())
+print(json.dumps(printed))
+"""
 
 
-def dumped(process: LineProcess) -> Dict[str, Any]:
-    tree = yaml.safe_load(output_of(process))
-    assert isinstance(tree, dict)
-    return tree
+def printed(devel: Path, master: Any, *options: Sequence[str]) -> List[str]:
+    """Returns what the real roslaunch prints with each list of options, in one process."""
+    launches = json.dumps([[first, "robot_health_monitor", "health_monitor.launch", *more] for first, *more in options])
+    command = [str(devel / "env.sh"), sys.executable, "-c", PRINT, launches]
+    done = subprocess.run(command, env=master.environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    texts = json.loads(done.stdout.splitlines()[-1])
+    assert len(texts) == len(options) and all(texts), done.stderr
+    return list(texts)
 
 
 def nodes_of(ros: Any) -> Set[str]:
@@ -86,16 +100,23 @@ def wait_for_nodes(ros: Any, wanted: Set[str]) -> None:
     ros.wait_until(lambda: wanted <= nodes_of(ros))
 
 
-def test_every_argument_has_a_description(roslaunch: Any) -> None:
-    listed = output_of(roslaunch("--ros-args", "robot_health_monitor", "health_monitor.launch")).splitlines()
+def test_every_argument_has_a_description(devel: Path, master: Any) -> None:
+    (text,) = printed(devel, master, ["--ros-args"])
+    listed = text.splitlines()
     described = {line.split()[0].rstrip(":"): line for line in listed if line.startswith("  ")}
     assert set(described) >= ARGUMENTS
     assert not any("undocumented" in line for line in described.values())
     assert not any("Required" in line for line in listed)
 
 
-def test_the_thresholds_become_parameters_of_alert_system(roslaunch: Any) -> None:
-    tree = dumped(roslaunch("--dump-params", "robot_health_monitor", "health_monitor.launch"))
+def test_arguments_and_thresholds_become_parameters(devel: Path, master: Any, tmp_path: Path) -> None:
+    mine = tmp_path / "mine.yaml"
+    mine.write_text("alert_system: {ros__parameters: {signals: {fan: {warn_below: 900.0}}}}\n", encoding="utf-8")
+    arguments = ("log_level:=debug", "use_sim_time:=true", "robot_name:=robot1", f"thresholds:={mine}")
+    optional = ("robot_name:=r/007", "ops:=/etc/ops.yaml", "rosbridge_port:=9090", "rosbridge_token_file:=/etc/token")
+    options = [["--dump-params", *each] for each in ((), arguments, optional)]
+    default, given, named = map(yaml.safe_load, printed(devel, master, *options))
+
     file = yaml.safe_load((ROOT / "config" / "thresholds.yaml").read_text(encoding="utf-8"))
     below = "/alert_system/ros__parameters/signals/"
     expected = {
@@ -103,47 +124,34 @@ def test_the_thresholds_become_parameters_of_alert_system(roslaunch: Any) -> Non
         for name, signal_tree in file["alert_system"]["ros__parameters"]["signals"].items()
         for key, value in signal_tree.items()
     }
-    assert {name: value for name, value in tree.items() if name.startswith(below)} == expected
-    assert "/use_sim_time" not in tree
+    assert {name: value for name, value in default.items() if name.startswith(below)} == expected
+    assert "/use_sim_time" not in default
+    # Optional arguments become parameters only if given.
+    assert not [name for name, value in default.items() if isinstance(value, str) and not value.strip()]
 
-
-def test_arguments_reach_the_parameters(roslaunch: Any, tmp_path: Path) -> None:
-    file = tmp_path / "mine.yaml"
-    file.write_text("alert_system: {ros__parameters: {signals: {fan: {warn_below: 900.0}}}}\n", encoding="utf-8")
-    arguments = ("log_level:=debug", "use_sim_time:=true", "robot_name:=robot1", f"thresholds:={file}")
-    tree = dumped(roslaunch("--dump-params", "robot_health_monitor", "health_monitor.launch", *arguments))
-    assert tree["/use_sim_time"] is True
-    assert tree["/robot1/alert_system/ros__parameters/signals/fan/warn_below"] == 900.0
-    assert tree["/robot1/alert_system/thresholds"] == str(file)
+    assert given["/use_sim_time"] is True
+    assert given["/robot1/alert_system/ros__parameters/signals/fan/warn_below"] == 900.0
+    assert given["/robot1/alert_system/thresholds"] == str(mine)
     for node in ("battery_sensor", "aggregator", "alert_system"):
-        assert tree[f"/robot1/{node}/robot_name"] == "robot1"
-        assert tree[f"/robot1/{node}/log_level"] == "DEBUG"
+        assert given[f"/robot1/{node}/robot_name"] == "robot1"
+        assert given[f"/robot1/{node}/log_level"] == "DEBUG"
+
+    assert named["/r/007/alert_system/robot_name"] == "r/007"
+    assert named["/r/007/alert_system/ops"] == "/etc/ops.yaml"
+    assert named["/r/007/alert_system/rosbridge_token_file"] == "/etc/token"
 
 
-def test_optional_arguments_become_parameters_only_if_given(roslaunch: Any) -> None:
-    arguments = ("robot_name:=r/007", "ops:=/etc/ops.yaml", "rosbridge_port:=9090", "rosbridge_token_file:=/etc/token")
-    tree = dumped(roslaunch("--dump-params", "robot_health_monitor", "health_monitor.launch", *arguments))
-    assert tree["/r/007/alert_system/robot_name"] == "r/007"
-    assert tree["/r/007/alert_system/ops"] == "/etc/ops.yaml"
-    assert tree["/r/007/alert_system/rosbridge_token_file"] == "/etc/token"
-    tree = dumped(roslaunch("--dump-params", "robot_health_monitor", "health_monitor.launch"))
-    assert not [name for name, value in tree.items() if isinstance(value, str) and not value.strip()]
-
-
-@pytest.mark.parametrize(
-    ("arguments", "nodes"),
-    [
-        ((), {"/battery_sensor", "/aggregator", "/alert_system"}),
-        (("robot_name:=robot1",), {"/robot1/battery_sensor", "/robot1/aggregator", "/robot1/alert_system"}),
-        (("composed:=true",), {"/health_monitor"}),
-        (("composed:=true", "robot_name:=robot1"), {"/robot1/health_monitor"}),
-        (("sensors:=none",), {"/aggregator", "/alert_system"}),
-        (("sensors:=none", "composed:=true"), {"/health_monitor"}),
-    ],
-)
-def test_it_starts_the_nodes_that_were_asked_for(roslaunch: Any, arguments: Any, nodes: Set[str]) -> None:
-    listed = output_of(roslaunch("--nodes", "robot_health_monitor", "health_monitor.launch", *arguments))
-    assert set(listed.split()) == nodes
+def test_it_starts_the_nodes_that_were_asked_for(devel: Path, master: Any) -> None:
+    nodes = {
+        (): {"/battery_sensor", "/aggregator", "/alert_system"},
+        ("robot_name:=robot1",): {"/robot1/battery_sensor", "/robot1/aggregator", "/robot1/alert_system"},
+        ("composed:=true",): {"/health_monitor"},
+        ("composed:=true", "robot_name:=robot1"): {"/robot1/health_monitor"},
+        ("sensors:=none",): {"/aggregator", "/alert_system"},
+        ("sensors:=none", "composed:=true"): {"/health_monitor"},
+    }
+    listed = printed(devel, master, *(["--nodes", *arguments] for arguments in nodes))
+    assert {arguments: set(text.split()) for arguments, text in zip(nodes, listed)} == nodes
 
 
 def test_it_can_be_included_with_a_namespace_and_remapped(roslaunch: Any, ros: Any, tmp_path: Path) -> None:
@@ -169,13 +177,7 @@ def test_it_can_be_included_with_a_namespace_and_remapped(roslaunch: Any, ros: A
     assert ros.call("/fleet/robot1/alert_system/reset", "std_srvs/Trigger")["success"] is True
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_launch_runs_and_ends_cleanly(roslaunch: Any, ros: Any, number: int) -> None:
-    process = roslaunch("robot_health_monitor", "health_monitor.launch")
-    wait_for_nodes(ros, {"/battery_sensor", "/aggregator", "/alert_system"})
-    topics = ("battery_level", "temperature", "cpu_usage", "system_health")
-    heard = [ros.listen(f"/{topic}", FLOAT32) for topic in topics]
-    ros.wait_until(lambda: all(heard))
+def end_cleanly(process: LineProcess, number: int) -> None:
     process.signal(number)
     assert process.wait(30.0) == 0
     assert "Traceback" not in process.text
@@ -183,29 +185,28 @@ def test_a_launch_runs_and_ends_cleanly(roslaunch: Any, ros: Any, number: int) -
     assert "exit code" not in process.text
 
 
-def test_a_composed_launch_with_a_discharging_battery_warns_on_the_screen(
-    roslaunch: Any, ros: Any, tmp_path: Path
-) -> None:
-    file = tmp_path / "fast.yaml"
-    file.write_text(
-        "alert_system: {ros__parameters: {signals: {battery_level: {unit: '%', warn_below: 95.0}}}}\n"
-        "battery_sensor: {ros__parameters: {battery_level: {discharge_rate: 4.0}}}\n",
-        encoding="utf-8",
-    )
-    process = roslaunch("robot_health_monitor", "health_monitor.launch", "composed:=true", f"thresholds:={file}")
-    process.wait_for_text("battery_level WARN: ")
-    process.signal()
-    assert process.wait(30.0) == 0
+def test_a_launch_runs_and_ends_cleanly(roslaunch: Any, ros: Any) -> None:
+    process = roslaunch("robot_health_monitor", "health_monitor.launch")
+    wait_for_nodes(ros, {"/battery_sensor", "/aggregator", "/alert_system"})
+    topics = ("battery_level", "temperature", "cpu_usage", "system_health")
+    heard = [ros.listen(f"/{topic}", FLOAT32) for topic in topics]
+    ros.wait_until(lambda: all(heard))
+    end_cleanly(process, signal.SIGINT)
 
 
 @pytest.mark.parametrize("composed", ["false", "true"])
-def test_without_sensors_only_the_robot_publishes_values(roslaunch: Any, ros: Any, composed: str) -> None:
+def test_without_sensors_only_the_robot_publishes_and_the_aggregator_is_not_started_again_and_again(
+    roslaunch: Any, ros: Any, composed: str
+) -> None:
     reports = ros.listen("/diagnostics", "diagnostic_msgs/DiagnosticArray")
-    process = roslaunch("robot_health_monitor", "health_monitor.launch", f"composed:={composed}", "sensors:=none")
+    options = (f"composed:={composed}", "respawn:=true", "sensors:=none")
+    process = roslaunch("robot_health_monitor", "health_monitor.launch", *options)
     process.wait_for_texts("watching cpu_usage", "aggregator is not started")
-    ros.wait_until(lambda: len(reports) >= 3)
-    process.signal()
-    assert process.wait(30.0) == 0
+    ros.wait_until(lambda: len(reports) >= 5)  # longer than the pause before a respawn
+    assert "/aggregator" not in nodes_of(ros)
+    end_cleanly(process, signal.SIGTERM)
+    assert process.text.count("aggregator is not started") == 1
+    assert "restarting process" not in process.text
     assert SENSOR_READY not in process.text
     names = {status["name"] for report in reports for status in report["status"]}
     assert {name.partition(":")[0] for name in names} == {"alert_system"}
@@ -236,18 +237,6 @@ def test_without_sensors_inputs_of_the_robot_are_averaged(
     assert heard[0] == {"data": 80.0}
 
 
-def test_an_aggregator_without_inputs_is_not_started_again_and_again(roslaunch: Any, ros: Any) -> None:
-    process = roslaunch("robot_health_monitor", "health_monitor.launch", "respawn:=true", "sensors:=none")
-    process.wait_for_texts("watching cpu_usage", "aggregator is not started")
-    reports = ros.listen("/diagnostics", "diagnostic_msgs/DiagnosticArray")
-    ros.wait_until(lambda: len(reports) >= 5)  # longer than the pause before a respawn
-    assert "/aggregator" not in nodes_of(ros)
-    process.signal()
-    assert process.wait(30.0) == 0
-    assert process.text.count("aggregator is not started") == 1
-    assert "restarting process" not in process.text
-
-
 def test_a_node_that_ends_is_started_again_on_request(roslaunch: Any, ros: Any) -> None:
     process = roslaunch("robot_health_monitor", "health_monitor.launch", "composed:=true", "respawn:=true")
     for _ in range(2):
@@ -270,17 +259,6 @@ def node_pid(ros: Any, node: str) -> Any:
         return None
 
 
-def test_wrong_thresholds_end_only_the_node_that_needs_them(roslaunch: Any, tmp_path: Path) -> None:
-    file = tmp_path / "wrong.yaml"
-    file.write_text("alert_system:\n  ros__parameters:\n    signals:\n      fan: {warn_below: low}\n", encoding="utf-8")
-    process = roslaunch("robot_health_monitor", "health_monitor.launch", f"thresholds:={file}")
-    line = process.wait_for_text("alert_system: ")
-    process.wait_for_text("exit code 2")
-    assert any(f"{file}:4: " in text and "warn_below" in text for text in (line, process.text))
-    process.signal()
-    assert process.wait(30.0) == 0
-
-
 def test_a_refused_value_does_not_keep_a_killed_node_from_starting_again(roslaunch: Any, ros: Any) -> None:
     bound = "/alert_system/ros__parameters/signals/battery_level/warn_below"
     process = roslaunch("robot_health_monitor", "health_monitor.launch", "respawn:=true", "sensors:=none")
@@ -295,29 +273,40 @@ def test_a_refused_value_does_not_keep_a_killed_node_from_starting_again(roslaun
     assert "exit code 2" not in process.text
 
 
-def test_a_new_launch_with_a_wrong_file_does_not_start_with_earlier_parameters(
+def test_a_wrong_file_ends_only_the_node_that_needs_it_which_does_not_start_with_earlier_parameters(
     roslaunch: Any, ros: Any, tmp_path: Path
 ) -> None:
+    """The parameter server outlives a launch."""
     first = roslaunch("robot_health_monitor", "health_monitor.launch", "sensors:=none")
     first.wait_for_text("watching cpu_usage")
     first.signal()
     assert first.wait(30.0) == 0
     file = tmp_path / "wrong.yaml"
-    file.write_text("alert_system: {ros__parameters: {signals: {fan: {warn_below: low}}}}\n", encoding="utf-8")
-    second = roslaunch("robot_health_monitor", "health_monitor.launch", "sensors:=none", f"thresholds:={file}")
-    second.wait_for_text("exit code 2")
+    file.write_text("alert_system:\n  ros__parameters:\n    signals:\n      fan: {warn_below: low}\n", encoding="utf-8")
+    second = roslaunch("robot_health_monitor", "health_monitor.launch", f"thresholds:={file}")
+    second.wait_for_texts("alert_system: ", "exit code 2", SENSOR_READY)
+    assert f"{file}:4: " in second.text and "warn_below" in second.text
+    second.signal()
+    assert second.wait(30.0) == 0
 
 
-def test_a_signal_that_left_the_file_is_not_watched_any_more(roslaunch: Any, ros: Any, tmp_path: Path) -> None:
+def test_alerts_are_on_the_screen_and_a_signal_that_left_the_file_is_not_watched_any_more(
+    roslaunch: Any, ros: Any, tmp_path: Path
+) -> None:
     """The parameter server outlives a launch."""
     file = tmp_path / "thresholds.yaml"
-    for signals in ("{fan: {warn_below: 900.0}, pump: {warn_above: 3.0}}", "{fan: {warn_below: 900.0}}"):
-        file.write_text(f"alert_system: {{ros__parameters: {{signals: {signals}}}}}\n", encoding="utf-8")
+    battery = "battery_level: {unit: '%', warn_below: 95.0}"
+    for signals in (f"{battery}, pump: {{warn_above: 3.0}}", battery):
+        file.write_text(
+            f"alert_system: {{ros__parameters: {{signals: {{{signals}}}}}}}\n"
+            "battery_sensor: {ros__parameters: {battery_level: {discharge_rate: 4.0}}}\n",
+            encoding="utf-8",
+        )
         process = roslaunch("robot_health_monitor", "health_monitor.launch", f"thresholds:={file}", "composed:=true")
-        process.wait_for_text(SENSOR_READY)
+        process.wait_for_text("battery_level WARN: ")
         process.signal()
         assert process.wait(30.0) == 0
-    assert "watching fan" in process.text
+    assert "watching battery_level" in process.text
     assert "watching pump" not in process.text
 
 
