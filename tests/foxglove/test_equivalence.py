@@ -9,6 +9,7 @@ from harness.equivalence import FIELDS, Equivalence
 from harness.local import LocalHarness
 
 
+@pytest.mark.newest_python
 class TestFoxglove(Equivalence):
     @pytest.fixture
     def harness(self) -> Any:

@@ -123,6 +123,7 @@ def check(found: Mapping[str, Totals], expected: Mapping[str, Totals]) -> None:
         assert list(found[name][2:]) == pytest.approx(ends, abs=1e-5), name
 
 
+@pytest.mark.newest_python
 def test_a_replay_has_the_samples_of_the_run(
     live: RecordedRobot, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -141,6 +142,7 @@ def test_a_replay_has_the_samples_of_the_run(
     assert expected["spread_max"].most == 6.25
 
 
+@pytest.mark.newest_python
 def test_the_replay_of_a_black_box_has_the_samples_of_the_run(
     live: RecordedRobot, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -8,6 +8,7 @@ import pytest
 from harness.equivalence import Equivalence
 
 
+@pytest.mark.newest_python
 class TestRosbridge(Equivalence):
     @pytest.fixture
     def harness(self) -> Any:
