@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 import numbers
-import sys
 from typing import Mapping, Tuple
 
 from ..config.signal_config import SignalConfig
@@ -21,8 +20,6 @@ from .window import Window
 RUN = 20
 """Good samples after which values from 0 to 1 are suspicious where the unit is %."""
 
-_LARGEST = sys.float_info.max
-
 
 _CELSIUS = (200.0, "millidegrees")
 _UNITS: Mapping[str, Tuple[float, str]] = {
@@ -33,46 +30,22 @@ _UNITS: Mapping[str, Tuple[float, str]] = {
 _KELVIN = (200.0, 500.0)
 
 
-class Quality:
-    """Judges and counts the samples of one signal."""
+def received(config: SignalConfig, datum: object) -> object:
+    """Returns what is judged of a datum: with `reduce`, the one value of its elements."""
+    if type(datum) is Elements and config.reduce:
+        return reduced(datum, config.reduce, lambda each: _in_unit(config, each))
+    return datum
 
-    __slots__ = (
-        "_config", "_converts", "_number_of_element", "_valid_max", "_valid_min", "bad_samples", "good_samples",
-        "latest",
-    )  # fmt: skip
 
-    def __init__(self, config: SignalConfig) -> None:
-        """Starts before the first sample."""
-        self.good_samples = 0
-        self.bad_samples = 0
-        self.latest: object = None
-        """The latest datum as received."""
-        self.configure(config)
+def number_of(config: SignalConfig, datum: object) -> float:
+    """Returns the number of a datum in the signal's unit; NaN if it is none, or is a placeholder."""
+    return as_float(datum) if config.reduce else _in_unit(config, datum)
 
-    def configure(self, config: SignalConfig) -> None:
-        """Applies a new configuration; the counts stay."""
-        self._config = config
-        converts = config.scale != 1.0 or bool(config.placeholders)
-        self._converts = converts and not config.reduce
-        self._number_of_element = self._converted_element if converts else as_float
-        self._valid_min = -_LARGEST if config.valid_min is None else config.valid_min
-        self._valid_max = _LARGEST if config.valid_max is None else config.valid_max
 
-    def judge(self, value: object) -> float:
-        """Processes a datum; returns the number in the signal's unit, NaN if it is bad."""
-        if type(value) is Elements and self._config.reduce:
-            value = reduced(value, self._config.reduce, self._number_of_element)
-        self.latest = value
-        raw = value if type(value) is float else as_float(value)
-        number = converted(self._config, raw) if self._converts else raw
-        if self._valid_min <= number <= self._valid_max:  # False for NaN; infinities lie outside
-            self.good_samples += 1
-            return number
-        self.bad_samples += 1
-        return math.nan
-
-    def _converted_element(self, value: object) -> float:
-        return _in_unit(self._config, as_float(value))
+def is_valid(config: SignalConfig, number: float) -> bool:
+    """Returns whether a number in the signal's unit is finite and within the valid range."""
+    low, high = config.valid_min, config.valid_max
+    return math.isfinite(number) and (low is None or low <= number) and (high is None or number <= high)
 
 
 def as_float(value: object) -> float:
@@ -87,21 +60,17 @@ def as_float(value: object) -> float:
         return math.nan
 
 
-def converted(config: SignalConfig, raw: float) -> float:
-    """Returns a number in the signal's unit; NaN for a placeholder. A reduction is in the unit already."""
-    return raw if config.reduce else _in_unit(config, raw)
-
-
-def _in_unit(config: SignalConfig, raw: float) -> float:
-    for number in config.placeholders:
-        if is_equal(raw, number):
+def _in_unit(config: SignalConfig, datum: object) -> float:
+    number = as_float(datum)
+    for placeholder in config.placeholders:
+        if is_equal(number, placeholder):
             return math.nan
-    return raw * config.scale
+    return number * config.scale
 
 
-def suspicion_of(config: SignalConfig, raw: float, good_samples: int, window: Window) -> str:
-    """Returns what looks wrong with the latest number, as received, and how to mend it; empty: nothing does."""
-    number, shown = converted(config, raw), number_text(raw)
+def suspicion_of(config: SignalConfig, latest: object, good_samples: int, window: Window) -> str:
+    """Returns what looks wrong with the latest datum, and how to mend it; empty: nothing does."""
+    raw, number = as_float(latest), number_of(config, latest)
     if not math.isfinite(number):
         return ""
     low, high = window.min(), window.max()
@@ -117,6 +86,7 @@ def suspicion_of(config: SignalConfig, raw: float, good_samples: int, window: Wi
         return _suspect(seen, f"if so, set scale: {bound_text(100.0 * config.scale)}")
     if is_equal(raw, -0.01) and config.unit == "%":  # BatteryState.percentage as some drivers send it
         return _suspect("-0.01 is what some drivers send for 'not measured'", "if so, set placeholders: [-0.01]")
+    shown = number_text(raw)
     ordinary_max, thousandths = _UNITS.get(config.unit, (math.inf, ""))
     largest = ordinary_max if config.valid_max is None else config.valid_max
     if number <= largest:

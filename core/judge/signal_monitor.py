@@ -15,7 +15,7 @@ from ..values.elements import DriverStatus
 from ..values.model import Level, Transition
 from .alert import Alert, Held
 from .forecast import ForecastWindow, window_for
-from .quality import Quality, as_float, suspicion_of
+from .quality import is_valid, number_of, received, suspicion_of
 from .rule import Rule, SignalRules
 from .sample_summary import SampleCollector, SampleSummary
 from .saved_state import SavedState
@@ -37,14 +37,16 @@ class SignalMonitor(Alert):
     """State and judgement of one signal. Times (`now_s`) are in seconds."""
 
     __slots__ = (
-        "_calm_max", "_calm_min", "_healthy_max", "_quality", "_rules", "_samples", "_statistics", "_zero_s",
-        "judged", "window",
+        "_bad_samples", "_calm_max", "_calm_min", "_good_samples", "_healthy_max", "_latest", "_rules", "_samples",
+        "_statistics", "_zero_s", "judged", "window",
     )  # fmt: skip
 
     def __init__(self, config: SignalConfig, robot: str, now_s: float) -> None:
         """Starts before the first sample: the startup grace counts from `now_s`."""
         super().__init__(config, robot, now_s)
-        self._quality = Quality(config)
+        self._good_samples = self._bad_samples = 0
+        self._latest: object = None
+        """The latest datum as received."""
         self.window = window_for(config)
         self.judged = self.window.statistic(config.statistic)
         """The value of the statistic that the bounds apply to; None while it is undefined."""
@@ -78,9 +80,8 @@ class SignalMonitor(Alert):
                 self.window.add(number, now_s)
                 self.judged = number
                 staleness.last_seen_s = staleness.silent_since_s = now_s
-                quality = self._quality
-                quality.latest = value
-                quality.good_samples += 1
+                self._latest = value
+                self._good_samples += 1
                 if self._samples is not None:
                     self._samples.note(number, now_s)
                 return None
@@ -171,7 +172,6 @@ class SignalMonitor(Alert):
             self._rules = SignalRules(config)
         else:
             self._rules.configure(config)
-        self._quality.configure(config)
         self._use_config(config)
         self._configure(config, now_s)
         self._know_count(now_s)
@@ -188,7 +188,7 @@ class SignalMonitor(Alert):
 
     def judgement(self, now_s: float, *, with_statistics: bool = True) -> Judgement:
         """Returns the state after the last call, as of `now_s`; without statistics in half the time. Reads only."""
-        level, quality, announcer, rules = self.level, self._quality, self._announcer, self._rules
+        level, announcer, rules = self.level, self._announcer, self._rules
         is_invalid = level is _ERROR and rules.invalid.fires
         is_silent = level is _STALE and self.staleness.frozen  # else its driver reports that it is stale
         announced = announcer.rule if announcer.level is not _OK else None
@@ -205,19 +205,19 @@ class SignalMonitor(Alert):
             super()
             .judgement(now_s)
             ._replace(
-                latest=quality.latest,
+                latest=self._latest,
                 latest_good=latest_good,
                 judged=self.judged,
                 rule=None if is_silent or is_invalid else rules.explaining(level, announced),
                 is_invalid=is_invalid,
                 is_bad=rules.invalid.condition,
-                good_samples=quality.good_samples,
-                bad_samples=quality.bad_samples,
+                good_samples=self._good_samples,
+                bad_samples=self._bad_samples,
                 statistics=statistics,
                 forecast=forecast,
                 window_samples=len(window),
                 window_is_long_enough=window.is_long_enough,
-                suspicion=suspicion_of(self.config, as_float(quality.latest), quality.good_samples, window),
+                suspicion=suspicion_of(self.config, self._latest, self._good_samples, window),
             )
         )
 
@@ -275,13 +275,16 @@ class SignalMonitor(Alert):
         staleness.arrive(now_s)
         if self.held is not None:
             self.held.awaits_until_s = -math.inf
-        number = self._quality.judge(value)
+        self._latest = received(config, value)
+        number = number_of(config, self._latest)
         if type(value) is DriverStatus and rules.of_bounds and not config.bounds:
             rules.expect_levels()
             self._freeze_or_thaw(now_s)
-        good = not math.isnan(number)
+        good = is_valid(config, number)
+        self._bad_samples += not good
         judged = None
         if good:
+            self._good_samples += 1
             window.add(number, now_s)
             judged = number if config.statistic == "last" else window.statistic(config.statistic)
             thaws = thaws or (judged is None) is not (self.judged is None)

@@ -16,7 +16,7 @@ from ..values.field_path import element_path
 from ..values.formatting import bound_text, count_text, datum_text, duration_text, number_text, printable, with_unit
 from ..values.model import Forecast, Level, Status
 from ..values.reduction import Element, Reduced
-from .quality import as_float, converted
+from .quality import as_float, number_of
 from .rule import Rule, State
 
 STATES: Mapping[str, str] = {
@@ -321,7 +321,7 @@ def latest_text(judgement: Judgement) -> str:
         return printable(latest)[:_LONGEST_DATUM]
     if isinstance(latest, Reduced) and latest.problem:
         return latest.problem
-    number = converted(judgement.config, as_float(latest))
+    number = number_of(judgement.config, latest)
     return number_text(number) if math.isfinite(number) else datum_text(latest)
 
 
@@ -412,7 +412,7 @@ def _link_reason(judgement: Judgement) -> str:
 
 def _invalid_reason(judgement: Judgement) -> str:
     config, raw = judgement.config, as_float(judgement.latest)
-    number = converted(config, raw)
+    number = number_of(config, judgement.latest)
     if math.isnan(number) and not math.isnan(raw) and config.placeholders:
         return f"invalid data: {datum_text(judgement.latest)} is a placeholder for 'not measured'"
     if config.valid_min is not None and number < config.valid_min:

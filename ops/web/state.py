@@ -11,7 +11,7 @@ from ...core.config.signal_config import OF_ARRIVALS
 from ...core.judge import wording
 from ...core.judge.element_signals import config_of
 from ...core.judge.monitor import Monitor
-from ...core.judge.quality import as_float, converted
+from ...core.judge.quality import number_of
 from ...core.judge.wording import Judgement
 from ...core.nodes import AlertSystem
 from ...core.values.faults import Fault, summary_of
@@ -177,7 +177,7 @@ class RobotReader:
 
     def _signal(self, name: str, judgement: Judgement, samples: Sequence[Tuple[float, float]]) -> Json:
         config, forecast = judgement.config, judgement.forecast
-        number = converted(config, as_float(judgement.latest)) if judgement.seen else math.nan
+        number = number_of(config, judgement.latest) if judgement.seen else math.nan
         return {
             "level": judgement.level.name,
             "state": judgement.state,

@@ -11,48 +11,46 @@ from hypothesis import strategies as st
 
 from robot_health_monitor.core import Level, Monitor, Sample, load_config
 from robot_health_monitor.core.config.signal_config import read_signal
-from robot_health_monitor.core.judge.quality import Quality, as_float
+from robot_health_monitor.core.judge.quality import as_float, is_valid, number_of, received
 from robot_health_monitor.core.values.model import Status
 
 
-def quality(**settings: Any) -> Quality:
-    return Quality(read_signal("battery", settings))
+def valid_number(datum: object, **settings: Any) -> float:
+    """Returns the number of a datum; NaN if it is bad."""
+    config = read_signal("battery", settings)
+    number = number_of(config, received(config, datum))
+    return number if is_valid(config, number) else math.nan
 
 
 @pytest.mark.parametrize(
     ("value", "number"), [(19.5, 19.5), (True, 1.0), (20, 20.0), (-0.0, 0.0), (1.7e308, 1.7e308), (5e-324, 5e-324)]
 )
 def test_real_numbers_are_good(value: object, number: float) -> None:
-    judged = quality()
-    assert judged.judge(value) == number
-    assert (judged.good_samples, judged.bad_samples, judged.latest) == (1, 0, value)
+    assert valid_number(value) == number
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, None, "19.5", [1.0], 10**400, 1 + 2j])
-def test_what_is_no_finite_real_number_is_bad_and_counted(value: object) -> None:
-    judged = quality()
-    assert math.isnan(judged.judge(value))
-    assert (judged.good_samples, judged.bad_samples) == (0, 1)
-    assert judged.latest is value
+def test_what_is_no_finite_real_number_is_bad(value: object) -> None:
+    assert math.isnan(valid_number(value))
 
 
 @pytest.mark.parametrize(("value", "good"), [(0.0, True), (100.0, True), (-0.001, False), (100.001, False)])
 def test_the_ends_of_the_valid_range_are_valid(value: float, good: bool) -> None:
-    assert math.isnan(quality(valid_min=0.0, valid_max=100.0).judge(value)) is not good
+    assert math.isnan(valid_number(value, valid_min=0.0, valid_max=100.0)) is not good
 
 
 def test_a_placeholder_is_bad_and_scale_converts_the_rest() -> None:
-    judged = quality(scale=100.0, placeholders=[-1.0])
-    assert math.isnan(judged.judge(-1.0))
-    assert judged.judge(0.25) == 25.0
+    assert math.isnan(valid_number(-1.0, scale=100.0, placeholders=[-1.0]))
+    assert valid_number(0.25, scale=100.0, placeholders=[-1.0]) == 25.0
 
 
-def test_a_new_configuration_keeps_the_counts() -> None:
-    judged = quality()
-    judged.judge(5.0)
-    judged.configure(read_signal("battery", {"valid_max": 1.0}))
-    assert math.isnan(judged.judge(5.0))
-    assert (judged.good_samples, judged.bad_samples) == (1, 1)
+def test_good_and_bad_samples_are_counted_also_after_a_new_configuration() -> None:
+    monitor = Monitor(load_config({"signals": {"battery": {}}}))
+    monitor.observe(Sample("battery", 5.0, 0.0))
+    monitor.configure(load_config({"signals": {"battery": {"valid_max": 1.0}}}))
+    monitor.observe(Sample("battery", 5.0, 1.0))
+    judgement = monitor.judgements(1.0)["battery"]
+    assert (judgement.good_samples, judgement.bad_samples, judgement.latest) == (1, 1, 5.0)
 
 
 def test_a_number_whose_conversion_raises_is_no_number() -> None:
