@@ -5,7 +5,7 @@ core/judge/alert.py holds back what follows from a cause.
 
 from __future__ import annotations
 
-from typing import AbstractSet, Callable, Dict, Iterable, Iterator, List, Mapping, Sequence, Tuple, TypeVar
+from typing import AbstractSet, Callable, Dict, Iterable, List, Mapping, Sequence, Tuple, TypeVar
 
 from .signal_config import LINK, SignalConfig, template_name
 
@@ -22,12 +22,11 @@ class Causes:
         """
         self._ancestors: Dict[str, Tuple[str, ...]] = {}
         for name, direct in depends_on.items():
-            nearest_first = dict.fromkeys(direct)
-            for cause in _growing(nearest_first):
-                of_cause = (*_of_signal(cause, depends_on, ()), _of_signal(cause, sources, ""))
-                nearest_first.update(
-                    dict.fromkeys(each for each in of_cause if each not in ("", name, sources.get(name)))
-                )
+            nearest_first = list(direct)
+            for cause in nearest_first:  # it grows meanwhile
+                for each in (*_of_signal(cause, depends_on, ()), _of_signal(cause, sources, "")):
+                    if each not in ("", name, sources.get(name), *nearest_first):
+                        nearest_first.append(each)
             self._ancestors[name] = tuple(nearest_first)
         self.names = frozenset(cause for causes in self._ancestors.values() for cause in causes)
         """Every name that is a cause of another one."""
@@ -55,14 +54,6 @@ class Causes:
         for name in given:
             place(name)
         return ordered
-
-
-def _growing(names: Mapping[str, None]) -> Iterator[str]:
-    """Yields the keys of a mapping that grows meanwhile."""
-    done = 0
-    while done < len(names):
-        yield list(names)[done]
-        done += 1
 
 
 def _of_signal(name: str, table: Mapping[str, Value], default: Value) -> Value:

@@ -143,7 +143,7 @@ def load_config(source: Union[Mapping[str, Any], PathLike], node: str = "alert_s
         node: the node whose section of a whole file to read; without one, the only section with `signals`.
 
     Raises:
-        ConfigError: unknown keys, wrong types, contradictory bounds, impossible units, or an unreadable file. The
+        ConfigError: unknown keys, wrong types, contradictory bounds, or an unreadable file. The
             message names file, line, key path, what was expected and what was found; `others` are further mistakes.
     """
     if isinstance(source, (str, os.PathLike)):
@@ -210,12 +210,7 @@ def refuse_missing_parameters(tree: Mapping[str, Any], node: str) -> None:
     below = tree.get(node)
     if not isinstance(below, Mapping) or is_whole_file({node: below}):
         return
-    import difflib  # only for mistakes: it takes memory in every node
-
-    for key in list(below)[:100]:
-        if difflib.get_close_matches(str(key)[:60], ["ros__parameters"]):
-            raise ConfigError("unknown key; did you mean ros__parameters, with two underscores?", (node, str(key)))
-    raise ConfigError("expected the key ros__parameters above the parameters", (node,))
+    raise ConfigError("expected the key ros__parameters, with two underscores, above the parameters", (node,))
 
 
 def refuse_second_section(found: List[Section], node: str) -> None:

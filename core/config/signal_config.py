@@ -55,12 +55,6 @@ LONGEST_TEMPLATE_NAME = 60
 LONGEST_S = 365.0 * 86_400.0
 """Longest duration in a configuration, in s: a year. Prometheus refuses much longer ones."""
 
-_UNIT_RANGES: Mapping[str, Tuple[Optional[float], Optional[float]]] = {
-    "%": (0.0, 100.0), "degC": (-273.15, None), "°C": (-273.15, None), "C": (-273.15, None), "K": (0.0, None),
-    "Hz": (0.0, None),
-}  # fmt: skip
-"""Smallest and largest possible value per unit."""
-
 _TIME_FIELDS = (("std_msgs/Time", "data"), ("sensor_msgs/TimeReference", "time_ref"), ("rosgraph_msgs/Clock", "clock"))
 """Type and name of fields that are times, whatever their name says."""
 
@@ -259,7 +253,6 @@ class SignalConfig:
             yield "forget_after_s", f"{expected}, got {bound_text(self.forget_after_s)}: {why}"
         yield from _mistakes_of_forecast(self)
         yield from _mistakes_of_bounds(self, given)
-        yield from _mistakes_of_unit(self)
 
     @property
     def is_template(self) -> bool:
@@ -439,21 +432,6 @@ def _mistakes_of_bounds(signal: SignalConfig, given: Mapping[str, Any]) -> Mista
         if too_high or too_low:
             why = f"{name} would clear at {number_text(clears_at)}, which is not a valid value"
             yield "hysteresis", f"expected less, got {hysteresis}: {why}"
-
-
-def _mistakes_of_unit(signal: SignalConfig) -> Mistakes:
-    unit = signal.unit
-    low, high = _UNIT_RANGES.get(unit, (None, None))
-    in_unit = signal.bounds if signal.statistic in (*_IN_UNIT, "forecast") else ()
-    for key in ("valid_min", "valid_max", *in_unit):
-        value = getattr(signal, key)
-        if value is not None and low is not None and value < low:
-            yield key, f"expected at least {bound_text(low)} (the minimum of {unit}), got {bound_text(value)}"
-        if value is not None and high is not None and value > high:
-            yield key, f"expected at most {bound_text(high)} (the maximum of {unit}), got {bound_text(value)}"
-    if unit == "%" and signal.valid_max is not None and signal.valid_max <= 1.0:
-        expected = f"expected valid_max 100 for the unit '%', got {bound_text(signal.valid_max)}"
-        yield "unit", f"{expected}; a fraction from 0 to 1 has the unit ''"
 
 
 LINK_CONFIG = read_signal(

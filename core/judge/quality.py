@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import numbers
-from typing import Mapping, Tuple
+from typing import Mapping
 
 from ..config.signal_config import SignalConfig
 from ..values.elements import DriverStatus, Elements
@@ -21,13 +21,8 @@ RUN = 20
 """Good samples after which values from 0 to 1 are suspicious where the unit is %."""
 
 
-_CELSIUS = (200.0, "millidegrees")
-_UNITS: Mapping[str, Tuple[float, str]] = {
-    "%": (100.0, ""), "degC": _CELSIUS, "°C": _CELSIUS, "C": _CELSIUS, "V": (1000.0, "millivolts"),
-    "A": (1000.0, "milliamperes"),
-}  # fmt: skip
-"""Largest plausible value per unit where `valid_max` is not set, and the unit of numbers 1,000 times as large."""
-_KELVIN = (200.0, 500.0)
+_ORDINARY_MAX: Mapping[str, float] = {"%": 100.0, "degC": 200.0, "°C": 200.0, "C": 200.0, "V": 1000.0, "A": 1000.0}
+"""Largest plausible value per unit where `valid_max` is not set."""
 
 
 def received(config: SignalConfig, datum: object) -> object:
@@ -80,25 +75,17 @@ def suspicion_of(config: SignalConfig, latest: object, good_samples: int, window
         and good_samples >= RUN
         and high
         and high <= 1.0
-        and low == max(low or 0.0, 0.0)
+        and low == abs(low or 0.0)
     ):
         seen = f"values from 0 to 1, the last {number_text(number)}, look like a fraction, not like %"
         return _suspect(seen, f"if so, set scale: {bound_text(100.0 * config.scale)}")
-    if is_equal(raw, -0.01) and config.unit == "%":  # BatteryState.percentage as some drivers send it
-        return _suspect("-0.01 is what some drivers send for 'not measured'", "if so, set placeholders: [-0.01]")
-    shown = number_text(raw)
-    ordinary_max, thousandths = _UNITS.get(config.unit, (math.inf, ""))
-    largest = ordinary_max if config.valid_max is None else config.valid_max
-    if number <= largest:
+    shown, ordinary_max = number_text(raw), _ORDINARY_MAX.get(config.unit, math.inf)
+    if number <= (ordinary_max if config.valid_max is None else config.valid_max):
         return ""
     if config.unit == "%" and config.scale == 100.0 and 1.0 < raw <= 100.0:
         return _suspect(f"{shown} looks like a percentage already, not like a fraction", "if so, set scale: 1")
-    if config.unit == "" and largest == 1.0 and number <= 100.0:
+    if config.unit == "" and config.valid_max == 1.0 and number <= 100.0:
         return _suspect(f"{shown} looks like a percentage, not like a fraction", "if so, set scale: 0.01")
-    if thousandths == _CELSIUS[1] and _KELVIN[0] <= number <= _KELVIN[1]:
-        return _suspect(f"{shown} looks like kelvin", "if so, set unit: K and bounds in K")
-    if thousandths and 1000.0 <= number <= 1000.0 * largest:
-        return _suspect(f"{shown} looks like {thousandths}", f"if so, set scale: {bound_text(config.scale / 1000.0)}")
     if config.valid_max is not None:
         return ""
     return _suspect(f"{shown} is implausibly high for {config.unit}", "check unit and scale, or set valid_max")

@@ -154,11 +154,11 @@ HEAD = "# a comment\nalert_system:\n  ros__parameters:\n    signals:\n      batt
         ),
         (
             HEAD.replace("ros__parameters", "ros_parameters"),
-            "3: alert_system.ros_parameters: unknown key; did you mean ros__parameters, with two underscores?",
+            "2: alert_system: expected the key ros__parameters, with two underscores, above the parameters",
         ),
         (
             "alert_system:\n  signals: {a: {}}\n",
-            "1: alert_system: expected the key ros__parameters above the parameters",
+            "1: alert_system: expected the key ros__parameters, with two underscores, above the parameters",
         ),
         (
             HEAD + "      temperature:\n",

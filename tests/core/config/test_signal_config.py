@@ -206,27 +206,6 @@ def test_bounds_that_contradict_each_other_are_refused(settings: Dict[str, Any],
 @pytest.mark.parametrize(
     ("settings", "problem"),
     [
-        ({"unit": "%", "warn_below": 120}, "warn_below: expected at most 100 (the maximum of %), got 120"),
-        ({"unit": "%", "valid_min": -1}, "valid_min: expected at least 0 (the minimum of %), got -1"),
-        (
-            {"unit": "%", "valid_max": 1.0},
-            "unit: expected valid_max 100 for the unit '%', got 1; a fraction from 0 to 1 has the unit ''",
-        ),
-        (
-            {"unit": "degC", "warn_below": -300},
-            "warn_below: expected at least -273.15 (the minimum of degC), got -300",
-        ),
-        ({"unit": "K", "valid_min": -40}, "valid_min: expected at least 0 (the minimum of K), got -40"),
-        ({"unit": "Hz", "warn_below": -1}, "warn_below: expected at least 0 (the minimum of Hz), got -1"),
-    ],
-)
-def test_units_that_cannot_be_right_are_refused(settings: Dict[str, Any], problem: str) -> None:
-    assert refusal(**settings) == problem
-
-
-@pytest.mark.parametrize(
-    ("settings", "problem"),
-    [
         ({"warn_below": "low"}, "warn_below: expected a number, got 'low'"),
         ({"warn_below": math.nan}, "warn_below: expected a number, got nan"),
         ({"warn_above": math.inf}, "warn_above: expected a number, got inf"),
@@ -355,7 +334,6 @@ print([(each.name, each.default) for each in described_parameters(config) if "se
         ({"forecast_s": 1801.0}, "forecast_s: expected at most 3 times window_s (1800), got 1801"),
         ({"warn_above": 90.0}, "a forecast has bounds on one side; use two signals, got warn_below and warn_above"),
         ({"statistic": "mean"}, "forecast_s: expected statistic: forecast with it, got 'mean'"),
-        ({"unit": "%", "warn_below": -1.0}, "warn_below: expected at least 0"),
     ],
 )
 def test_an_impossible_forecast_is_refused(settings: Dict[str, Any], problem: str) -> None:
