@@ -242,15 +242,21 @@ def judged_unit(config: SignalConfig) -> str:
     return units.get(config.statistic, config.unit)
 
 
-def judged_text(config: SignalConfig, value: str) -> str:
-    """Returns a value of the statistic with its unit, as a reason begins: `rate 5 Hz`, `forecast 18 % in 30 min`."""
-    value = with_unit(value, judged_unit(config))
+def judged_text(config: SignalConfig, judged: float, bound: Optional[float] = None, *, is_named: bool = True) -> str:
+    """Returns a value of the statistic with its unit, as a reason begins: `rate 5 Hz`; only `5 Hz` unless `is_named`.
+
+    A forecast and a count always say over which time. A count is no more than the window holds.
+    """
+    number = number_text(judged, bound)
+    if config.statistic == "count" and judged > config.window_samples:
+        number = f"at least {config.window_samples}"
+    value = with_unit(number, judged_unit(config))
     if config.statistic == "forecast" and config.forecast_s is not None:
         return f"forecast {value} in {duration_text(config.forecast_s)}"
     if config.statistic == "count":
         return f"{value} in {duration_text(config.window_s)}"
     name = {"last": "", "frequency_hz": "rate", "largest_gap_s": "largest gap"}.get(config.statistic, config.statistic)
-    return f"{name} {value}".lstrip()
+    return f"{name} {value}".lstrip() if is_named else value
 
 
 def bounds_text(config: SignalConfig) -> str:
@@ -285,14 +291,7 @@ def shown_text(judgement: Judgement) -> str:
         return count_text(int(judged), "element")
     if config.statistic == "last":
         return _latest_with_unit(judgement)
-    return "" if judged is None else _statistic_text(config, _judged_number(config, judged))
-
-
-def _judged_number(config: SignalConfig, judged: float, bound: Optional[float] = None) -> str:
-    """Returns the value of the statistic as a text; of a count no more than the window holds."""
-    if config.statistic == "count" and judged > config.window_samples:
-        return f"at least {config.window_samples}"
-    return number_text(judged, bound)
+    return "" if judged is None else judged_text(config, judged, is_named=False)
 
 
 def outlook(judgement: Judgement) -> str:
@@ -355,12 +354,6 @@ def _reduction_values(judgement: Judgement) -> Dict[str, str]:
 def _latest_with_unit(judgement: Judgement) -> str:
     text = latest_text(judgement)
     return with_unit(text, judgement.config.unit) if text else ""
-
-
-def _statistic_text(config: SignalConfig, value: str) -> str:
-    """Returns a value of a statistic; a forecast says so, since it has the unit of the latest value."""
-    says_so = config.statistic in ("forecast", "count")
-    return judged_text(config, value) if says_so else with_unit(value, judged_unit(config))
 
 
 def _last_announced(judgement: Judgement) -> str:
@@ -442,8 +435,8 @@ def _value_reason(judgement: Judgement) -> str:
     bound = None if rule is None else rule.bound
     decided = decided_text(judgement)
     if rule is None or bound is None:
-        return _statistic_text(config, _judged_number(config, judged)) + decided
-    value = judged_text(config, _judged_number(config, judged, bound)) + decided
+        return judged_text(config, judged, is_named=False) + decided
+    value = judged_text(config, judged, bound) + decided
     side = f"{'below' if rule.is_below else 'above'} {with_unit(bound_text(bound), judged_unit(config))}"
     if judged < bound if rule.is_below else judged > bound:
         text = f"{value} is {side}{_goals_text(judgement)}"

@@ -49,12 +49,6 @@ class Every(NamedTuple):
     pattern: Optional[str] = None
     """With `*` for any text and `?` for any character; None: all elements, by index."""
 
-    def element(self, name: str) -> str:
-        """Returns the step to one element as it is written in a path."""
-        if self.pattern is None:
-            return f"[{name}]"
-        return f"['{name}']" if '"' in name else f'["{name}"]'
-
 
 Step = Union[str, int, Keyed, Every]
 """A field's name, an element's index or name, or several elements."""
@@ -135,15 +129,13 @@ def element_path(path: str, name: str) -> str:
     >>> element_path("status[*].level", "7")
     'status[7].level'
     """
-    texts: List[str] = []
-    for step in parse_field_path(path):
-        if isinstance(step, str):
-            texts.append(f".{step}" if texts else step)
-        elif isinstance(step, int):
-            texts.append(f"[{step}]")
-        else:
-            texts.append(step.element(name) if isinstance(step, Every) else Every("").element(step.key))
-    return "".join(texts)
+    every = every_step(path)
+    if every is None or every.pattern is None:
+        return path.replace("[*]", f"[{name}]")
+    quote = "'" if '"' in name else '"'
+    for given in ("'", '"'):
+        path = path.replace(f"[{given}{every.pattern}{given}]", f"[{quote}{name}{quote}]")
+    return path
 
 
 def mapping_getter(field: str) -> Getter:

@@ -13,6 +13,7 @@ from robot_health_monitor.core.values.field_path import (
     ABSENT,
     Every,
     Keyed,
+    element_path,
     every_step,
     key_field,
     mapping_getter,
@@ -90,17 +91,18 @@ def test_only_one_part_of_a_path_selects_several_elements() -> None:
 
 
 @pytest.mark.parametrize(
-    ("path", "name", "element"),
+    ("path", "name", "expected"),
     [
-        ("cell_voltage[*]", "7", "[7]"),
-        ('effort["*"]', "wheel_left", '["wheel_left"]'),
-        ('effort["*"]', 'a "big" arm', "['a \"big\" arm']"),
+        ("cell_voltage[*]", "7", "cell_voltage[7]"),
+        ("status[0].values[*].value", "7", "status[0].values[7].value"),
+        ('effort["*"]', "wheel_left", 'effort["wheel_left"]'),
+        ("effort['wheel_*']", "wheel_left", 'effort["wheel_left"]'),
+        ('effort["*"]', 'a "big" arm', "effort['a \"big\" arm']"),
+        ('status["motor"].values["*"]', "volts", 'status["motor"].values["volts"]'),
     ],
 )
-def test_one_of_several_elements_is_written_as_in_a_path(path: str, name: str, element: str) -> None:
-    every = every_step(path)
-    assert every is not None
-    assert every.element(name) == element
+def test_one_of_several_elements_is_written_as_in_a_path(path: str, name: str, expected: str) -> None:
+    assert element_path(path, name) == expected
 
 
 @pytest.mark.parametrize("path", ["", "data", "cells[0]", 'status["motor"].level', "a..b"])
