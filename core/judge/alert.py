@@ -15,13 +15,13 @@ and by what it depends on (causes.py).
 from __future__ import annotations
 
 import math
-from typing import Optional, Sequence
+from typing import Optional
 
 from ..config.signal_config import SignalConfig
 from ..values.formatting import duration_text, fingerprint
 from ..values.model import Level, Transition
 from .announcer import Announcer
-from .rule import TIME_TOLERANCE_S, Rule
+from .rule import TIME_TOLERANCE_S
 from .saved_state import SavedState
 from .staleness import LONG_DOWNTIME_S, Staleness
 from .wording import Judgement
@@ -87,23 +87,22 @@ class Held:
             self.caused_s, self.ended_s = min(self.caused_s, now_s), min(self.ended_s, now_s)
 
 
-class Alert:
+class Alert(Announcer):
     """The levels of a signal or a source. Methods return the one transition that they cause, or None.
 
     By itself it is OK, and STALE while it is silent for too long. Times (`now_s`) are in seconds.
     """
 
     __slots__ = (
-        "_announcer", "_fingerprint", "_level", "_level_since_s", "_robot", "config", "held", "staleness",
+        "_fingerprint", "_level", "_level_since_s", "_robot", "held", "staleness",
     )  # fmt: skip
 
     def __init__(self, config: SignalConfig, robot: str, now_s: float) -> None:
         """Starts before the first sample: the startup grace counts from `now_s`."""
-        self.config = config
+        self.staleness = Staleness(config, now_s)
+        super().__init__(config, now_s)
         self._robot = robot
         self._fingerprint = fingerprint(robot, config.name)
-        self._announcer = Announcer(config, now_s)
-        self.staleness = Staleness(config, now_s)
         self._level = _OK
         self._level_since_s = now_s
         self.held: Optional[Held] = None
@@ -143,12 +142,12 @@ class Alert:
     @property
     def is_announced(self) -> bool:
         """Whether an alert of it is open."""
-        return self._announcer.level is not _OK
+        return self.announced is not _OK
 
     @property
     def is_withheld(self) -> bool:
         """Whether it has a cause, and its level is worse than the announced one."""
-        return bool(self.cause) and self.level.severity > self._announcer.level.severity
+        return bool(self.cause) and self.level.severity > self.announced.severity
 
     def hold(self, alert: str) -> None:
         """Holds worse levels back: its source is silent, which is an alert of this name; empty: no longer."""
@@ -185,7 +184,7 @@ class Alert:
         """Freezes it: from `now_s` on, the robot cannot be reached."""
         if self.staleness.unreachable_since_s is None:
             self.staleness.unreachable_since_s = now_s
-            self._announcer.note_unknown(now_s)
+            self.note_unknown(now_s)
 
     def _end_downtime(self, now_s: float, *, is_link: bool) -> float:
         """Ends `inhibit`; returns how long that was. `is_link`: the link was down; else nothing watched the robot."""
@@ -199,20 +198,19 @@ class Alert:
     def restart_time(self, now_s: float, back_s: float) -> None:
         """Restarts what waits: time went back to `now_s` by `back_s`."""
         self._level_since_s = min(self._level_since_s, now_s)
-        self._announcer.restart(now_s, back_s)
+        super().restart_time(now_s, back_s)
         self.staleness.restart(now_s)
         if self.held is not None:
             self.held.restart(now_s, self._settles_s)
 
     def _configure(self, config: SignalConfig, now_s: float) -> None:
         """Applies a new configuration of the same name; durations stay."""
-        self.config = config
-        self._announcer.configure(config, now_s)
+        super()._configure(config, now_s)
         self.staleness.configure(config, now_s)
 
     def judgement(self, now_s: float, *, with_statistics: bool = True) -> Judgement:
         """Returns the state after the last call, as of `now_s`; without statistics in half the time. Reads only."""
-        staleness, flaps = self.staleness, self._announcer.flaps
+        staleness, flaps = self.staleness, self.flaps
         return Judgement(
             config=self.config,
             robot=self._robot,
@@ -220,7 +218,7 @@ class Alert:
             now_s=now_s,
             level=self.level,
             state=self.state,
-            announced=self._announcer.level,
+            announced=self.announced,
             since_s=self._shown_since_s,
             seen=staleness.seen,
             is_stale=staleness.stale,
@@ -239,9 +237,9 @@ class Alert:
 
         After an UnusableStateError it must not be used.
         """
-        self._announcer.exchange(state, self._explaining_rules)
+        super().exchange(state)
         # A silence that is announced as its source's is known again after a restart, by itself or with its source.
-        is_open = self._announcer.level.severity >= _STALE.severity
+        is_open = self.announced.severity >= _STALE.severity
         is_stale = state.flag("stale", self.staleness.stale and is_open)
         if state.is_saved:
             if is_stale:
@@ -254,17 +252,12 @@ class Alert:
         if cause and state.is_saved:
             self._get_held().begin(cause, caused_s)
 
-    @property
-    def _explaining_rules(self) -> Sequence[Rule]:
-        """The rules that can explain a level."""
-        return ()
-
     def end(self, now_s: float) -> Optional[Transition]:
         """Returns the transition with which an alert that is open leaves the configuration."""
         if not self.is_announced:
             return None
         ended = self.judgement(now_s)._replace(level=_OK, rule=None, is_invalid=False, flapping=False, hint="")
-        return self._announcer.announce(ended, "no longer watched")
+        return self.announce(ended, "no longer watched")
 
     def _true_level(self) -> Level:
         return _STALE if self.staleness.stale else _OK
@@ -283,15 +276,15 @@ class Alert:
             self._level_since_s = now_s
         if self.staleness.unknown:
             return None
-        announcer, held, caused = self._announcer, self.held, ""
+        held, caused = self.held, ""
         if held is not None:
-            is_worse = level.severity > announcer.level.severity
+            is_worse = level.severity > self.announced.severity
             if not held.holds(now_s):
                 self.held, caused = None, held.text if is_worse else ""
             elif is_worse:
-                announcer.note_known(now_s)
+                self.note_known(now_s)
                 return None
-        if level is announcer.level or not announcer.is_due(level, is_news=self._is_news(level)):
-            announcer.note_known(now_s)
+        if level is self.announced or not self.is_due(level, is_news=self._is_news(level)):
+            self.note_known(now_s)
             return None
-        return announcer.announce(self.judgement(now_s), caused=caused)
+        return self.announce(self.judgement(now_s), caused=caused)

@@ -102,39 +102,40 @@ class FlapDetector:
 
 
 class Announcer:
-    """Keeps the announced level of one signal. It is OK at first. Times are in seconds."""
+    """The announced level of a signal or a source. It is OK at first. Times are in seconds."""
 
     __slots__ = (
-        "_announced_at_s", "_config", "_times", "_unknown_since_s", "_was_known", "flaps", "level", "rule", "since_s",
+        "_announced_at_s", "_times", "_unknown_since_s", "_was_known", "announced", "announced_rule",
+        "announced_since_s", "config", "flaps",
     )  # fmt: skip
 
     def __init__(self, config: SignalConfig, now_s: float) -> None:
         """Starts before the level is known."""
-        self.level = Level.OK
+        self.announced = Level.OK
         """The level of the last transition."""
-        self.since_s = now_s
+        self.announced_since_s = now_s
         """When it was announced first; for OK moved forward by the time in which the level was unknown."""
         self._unknown_since_s: Optional[float] = now_s
         """Since when the level has been unknown; None while it is known."""
         self._was_known = False
         """Whether the level has ever been known."""
-        self.rule: Optional[Rule] = None
+        self.announced_rule: Optional[Rule] = None
         """The rule that explained the last transition."""
         self._announced_at_s = now_s
         self.flaps = FlapDetector(math.inf, 0.0)
         """Follows the level after each good sample."""
         self._times: List[float] = []  # most signals have none, and an empty deque takes 760 bytes
         """When the latest transitions were announced: at most one more than are no storm."""
-        self.configure(config, now_s)
+        self._configure(config, now_s)
 
-    def configure(self, config: SignalConfig, now_s: float) -> None:
+    def _configure(self, config: SignalConfig, now_s: float) -> None:
         """Applies a new configuration."""
-        self._config = config
+        self.config = config
         self.flaps.configure(config.flap_high if config.flap_detection else math.inf, config.flap_low)
         self._end_flapping_unless_allowed(now_s)
 
     def _end_flapping_unless_allowed(self, now_s: float) -> None:
-        if not self._config.flap_detection and not self.is_storm(now_s):
+        if not self.config.flap_detection and not self.is_storm(now_s):
             self.flaps.end()
 
     def is_storm(self, now_s: float, more: int = 0) -> bool:
@@ -158,85 +159,95 @@ class Announcer:
         """Notes that the level is known. Time in which it was not never counts as OK."""
         if self._unknown_since_s is None:
             return
-        if self.level is Level.OK:
-            self.since_s = self.since_s + (now_s - self._unknown_since_s) if self._was_known else now_s
+        if self.announced is Level.OK:
+            self.announced_since_s = (
+                self.announced_since_s + (now_s - self._unknown_since_s) if self._was_known else now_s
+            )
         self._unknown_since_s = None
         self._was_known = True
 
     def is_due(self, level: Level, *, is_news: bool) -> bool:
         """Whether a level is to be announced; `is_news`: flapping never hides it (silence, invalid data)."""
-        if level is self.level:
+        if level is self.announced:
             return False
         return is_news or not self.flaps.withholds(level)
 
     def is_repeat_due(self, now_s: float) -> bool:
         """Whether the level is to be announced again (`repeat_s`)."""
-        if self._config.repeat_s <= 0.0 or self.level is Level.OK or self.flaps.flapping:
+        if self.config.repeat_s <= 0.0 or self.announced is Level.OK or self.flaps.flapping:
             return False
-        return now_s - self._announced_at_s >= self._config.repeat_s - TIME_TOLERANCE_S
+        return now_s - self._announced_at_s >= self.config.repeat_s - TIME_TOLERANCE_S
 
     def announce(self, judgement: Judgement, message: Optional[str] = None, *, caused: str = "") -> Transition:
         """Announces the level of a signal; `message` replaces the reason, `caused` the level and time before it."""
-        if judgement.level is not self.level:
+        if judgement.level is not self.announced:
             self._times = [*self._recent(judgement.now_s)[-MOST:], judgement.now_s]
         if self.is_storm(judgement.now_s):
             self.flaps.flapping = True
             judgement = judgement._replace(flapping=True, storm=_STORM)
         self.flaps.note_announced(judgement.level)
         status = wording.status(judgement, message)
-        unknown_s = None if self._was_known else judgement.now_s - self.since_s
+        unknown_s = None if self._was_known else judgement.now_s - self.announced_since_s
         self.note_known(judgement.now_s)
         transition = Transition(
             signal=judgement.config.name,
-            from_level=self.level,
+            from_level=self.announced,
             to_level=judgement.level,
             value=judgement.datum if judgement.is_invalid else judgement.judged,
             statistic=judgement.config.statistic,
             bound=None if judgement.rule is None else judgement.rule.bound,
             now_s=judgement.now_s,
-            since_s=self.since_s,
+            since_s=self.announced_since_s,
             robot=judgement.robot,
             fingerprint=judgement.fingerprint,
-            text=wording.alert_line(judgement, status.message, self.level, self.since_s, unknown_s, caused),
+            text=wording.alert_line(
+                judgement, status.message, self.announced, self.announced_since_s, unknown_s, caused
+            ),
             status=status,
             statistics=judgement.statistics,
-            repeat=judgement.level is self.level,
+            repeat=judgement.level is self.announced,
             hint=judgement.hint,
             cause=judgement.cause,
         )
         if not transition.repeat:
-            self.level = judgement.level
-            self.since_s = judgement.now_s
-        self.rule = judgement.rule
+            self.announced = judgement.level
+            self.announced_since_s = judgement.now_s
+        self.announced_rule = judgement.rule
         self._announced_at_s = judgement.now_s
         return transition
 
-    def exchange(self, state: SavedState, rules: Sequence[Rule]) -> None:
+    def exchange(self, state: SavedState) -> None:
         """Writes the state, or continues from one, unknown at least since nothing watched.
 
-        The rule that explains the level is saved by its index in `rules`. May raise UnusableStateError.
+        May raise UnusableStateError.
         """
+        rules = self._explaining_rules
         announced = state.section("announced")
-        rule = announced.number("rule", None if self.rule is None else rules.index(self.rule))
-        self.rule = rules[int(rule)] if rule is not None and rule in range(len(rules)) else None
-        self.level = announced.member("level", Level, self.level) or Level.OK
+        rule = announced.number("rule", None if self.announced_rule is None else rules.index(self.announced_rule))
+        self.announced_rule = rules[int(rule)] if rule is not None and rule in range(len(rules)) else None
+        self.announced = announced.member("level", Level, self.announced) or Level.OK
         self._was_known = not announced.flag("never_known", not self._was_known)
-        self.since_s = state.since_s("announced", self.since_s)
+        self.announced_since_s = state.since_s("announced", self.announced_since_s)
         unknown_since_s = state.since_s("unknown", self._unknown_since_s)
-        repeats = self._config.repeat_s > 0.0 and self.level is not Level.OK
+        repeats = self.config.repeat_s > 0.0 and self.announced is not Level.OK
         waited_s = announced.waited_s("repeat_waited_s", state.now_s - self._announced_at_s if repeats else 0.0)
         self._times = state.times_s("storm", self._times, MOST + 1)
         if state.is_saved:
-            self._unknown_since_s = max(self.since_s, min(unknown_since_s, state.unwatched_since_s))
+            self._unknown_since_s = max(self.announced_since_s, min(unknown_since_s, state.unwatched_since_s))
             self._announced_at_s = state.now_s - waited_s
-        if state.is_saved or self._config.flap_detection or self.flaps.flapping:
+        if state.is_saved or self.config.flap_detection or self.flaps.flapping:
             self.flaps.exchange(announced.section("flaps"))
             self._end_flapping_unless_allowed(state.now_s)
 
-    def restart(self, now_s: float, back_s: float) -> None:
+    def restart_time(self, now_s: float, back_s: float) -> None:
         """Time went back to `now_s` by `back_s`."""
         self._times = [time_s - back_s for time_s in self._times]
-        self.since_s = min(self.since_s, now_s)
+        self.announced_since_s = min(self.announced_since_s, now_s)
         if self._unknown_since_s is not None:
             self._unknown_since_s = min(self._unknown_since_s, now_s)
         self._announced_at_s = min(self._announced_at_s, now_s)
+
+    @property
+    def _explaining_rules(self) -> Sequence[Rule]:
+        """The rules that can explain a level; the one that does is saved by its index."""
+        return ()

@@ -106,10 +106,9 @@ class SignalMonitor(Alert):
         if self._statistics is not None:
             self._note_statistic(self._statistics, now_s)
         transition = self._settle(now_s)
-        announcer = self._announcer
-        if transition is not None or self._level is not announcer.level or staleness.unknown:
+        if transition is not None or self._level is not self.announced or staleness.unknown:
             return transition
-        return announcer.announce(self.judgement(now_s)) if announcer.is_repeat_due(now_s) else None
+        return self.announce(self.judgement(now_s)) if self.is_repeat_due(now_s) else None
 
     def follow(self, latest_good: Callable[[str], Optional[float]], now_s: float) -> Optional[Transition]:
         """Judges the conditions on other signals; `latest_good` returns the value of one, None while it is unknown."""
@@ -184,14 +183,14 @@ class SignalMonitor(Alert):
 
     def note_unknown_since(self, since_s: float) -> None:
         """Notes since when the level was unknown before the first sample, if that is longer than it was watched."""
-        self._announcer.since_s = since_s
+        self.announced_since_s = since_s
 
     def judgement(self, now_s: float, *, with_statistics: bool = True) -> Judgement:
         """Returns the state after the last call, as of `now_s`; without statistics in half the time. Reads only."""
-        level, announcer, rules = self.level, self._announcer, self._rules
+        level, rules = self.level, self._rules
         is_invalid = level is _ERROR and rules.invalid.fires
         is_silent = level is _STALE and self.staleness.frozen  # else its driver reports that it is stale
-        announced = announcer.rule if announcer.level is not _OK else None
+        announced = self.announced_rule if self.announced is not _OK else None
         window, latest_good = self.window, self.latest_good
         statistics = window.statistics() if with_statistics else {}
         if self.judged is None:
@@ -225,7 +224,7 @@ class SignalMonitor(Alert):
     def at_rest_since_s(self) -> Optional[float]:
         """Since when the signal is OK; None unless its state depends on nothing else."""
         # `_calm_max` is above minus infinity only while it is at rest.
-        return self._announcer.since_s if self._calm_max > -math.inf or self._is_at_rest else None
+        return self.announced_since_s if self._calm_max > -math.inf or self._is_at_rest else None
 
     def shown_samples(self, limit: int, since_s: float) -> Samples:
         """Returns the values of the statistic that the bounds apply to; see `Monitor.shown_samples`."""
@@ -300,7 +299,7 @@ class SignalMonitor(Alert):
             self._samples.note(judged, now_s, good=good)
         level = rules.level(stale=staleness.stale)
         if good:
-            self._announcer.note_sample(level, now_s)
+            self.note_sample(level, now_s)
         transition = self._enter(level, now_s)
         if self._calm_min < number <= self._healthy_max and self._is_at_rest:
             self._calm_max = self._healthy_max
@@ -324,7 +323,7 @@ class SignalMonitor(Alert):
         if self.config.statistic == "count":
             self.staleness.waiting = False
             if self.staleness.unreachable_since_s is None:
-                self._announcer.note_known(now_s)
+                self.note_known(now_s)
 
     def _use_config(self, config: SignalConfig) -> None:
         """Takes a configuration, and from it the values from which nothing can follow while everything is at rest.
@@ -353,11 +352,11 @@ class SignalMonitor(Alert):
     @property
     def _is_at_rest(self) -> bool:
         return (
-            self._level is self._announcer.level is _OK
+            self._level is self.announced is _OK
             and self.held is None
             and not self.staleness.unknown
             and self._rules.is_at_rest
-            and self._announcer.flaps.is_at_rest
+            and self.flaps.is_at_rest
         )
 
     def _fall_silent(self) -> float:

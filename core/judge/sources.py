@@ -102,7 +102,7 @@ class Source(Alert):
             signal.await_sample(now_s + (signal.config.stale_after_s or math.inf))
         self.hold("")
         self.staleness.arrive(now_s)
-        self._announcer.note_sample(Level.OK, now_s)
+        self.note_sample(Level.OK, now_s)
         return self._settle(now_s)
 
     def part(self, now_s: float) -> None:

@@ -282,11 +282,11 @@ def test_the_memory_is_bounded() -> None:
     for number in range(1_000):
         announce(under_test, WARN if number % 2 == 0 else OK, number * 0.001)
     saved: Dict[str, Any] = {}
-    under_test.exchange(SavedState(10.0, saved), ())
+    under_test.exchange(SavedState(10.0, saved))
     times = saved["storm"]
     assert (len(times), times[0], times[-1]) == (61, pytest.approx(0.939), 0.999)
-    under_test.exchange(SavedState(10.0, {"storm": [1.0] * 10_000}, Downtime(10.0, 10.0)), ())
-    under_test.exchange(SavedState(10.0, saved), ())
+    under_test.exchange(SavedState(10.0, {"storm": [1.0] * 10_000}, Downtime(10.0, 10.0)))
+    under_test.exchange(SavedState(10.0, saved))
     assert saved["storm"] == [1.0] * 61
 
 
