@@ -22,12 +22,14 @@ import operator
 from array import array
 from bisect import bisect_right
 from collections import deque
-from typing import Callable, Deque, Dict, List, Mapping, Optional, Sequence, Tuple
+from typing import Callable, Deque, Dict, List, Optional, Sequence, Tuple
 
 Samples = Sequence[Tuple[float, float]]
 """(time in seconds, value), oldest first."""
 
 _TIME_TOLERANCE_S = 1e-6
+STATISTICS_OF_SAMPLES = ("last", "mean", "min", "max", "stddev", "rate", "frequency_hz")
+"""The statistics that every window has: methods of the same names."""
 LEAST_OF_LINE = 3
 """Samples that a rate needs."""
 _DIGITS = 53
@@ -183,17 +185,18 @@ class Window:
 
     def statistic(self, name: str) -> Optional[float]:
         """Returns a statistic to judge by its name in the configuration, None while it is undefined."""
-        if name != "last" and not self.is_long_enough:
+        if name not in ("last", "count") and not self.is_long_enough:
             return None
-        return STATISTIC_OF_WINDOW[name](self)
+        value: Optional[float] = getattr(self, name)()
+        return value
 
     def arrive(self, silence_s: float, now_s: float) -> None:
         """Notes the arrival of a sample, good or bad, after a silence; only a `GapWindow` keeps it."""
 
     def statistics(self) -> Dict[str, float]:
         """Returns every statistic that can be computed, to show, by its name in the configuration."""
-        found = {name: statistic(self) for name, statistic in STATISTIC_OF_WINDOW.items()}
-        return {name: value for name, value in found.items() if value is not None}
+        values = {name: getattr(self, name)() for name in STATISTICS_OF_SAMPLES} if len(self) else {}
+        return {name: value for name, value in values.items() if value is not None}
 
     def samples(self, limit: int, since_s: float = -math.inf) -> Samples:
         """Returns samples after a time.
@@ -297,11 +300,9 @@ class GapWindow(Window):
             self._gaps.take_over(other._gaps)
             self._arrived = other._arrived
 
-    def statistic(self, name: str) -> Optional[float]:
-        """Returns a statistic to judge, as `Window.statistic`."""
-        if name != "largest_gap_s":
-            return super().statistic(name)
-        return self._gaps.max() if self.is_long_enough else None
+    def largest_gap_s(self) -> Optional[float]:
+        """The longest time before an arrival, in seconds."""
+        return self._gaps.max()
 
 
 class CountWindow(Window):
@@ -348,18 +349,7 @@ class CountWindow(Window):
         if isinstance(other, CountWindow):
             self._from_s = other._from_s
 
-    def statistic(self, name: str) -> Optional[float]:
-        """Returns the count, as `Window.statistic`."""
+    def count(self) -> Optional[float]:
+        """The number of samples."""
         is_known = self._now_s - self._from_s >= self.window_s - _TIME_TOLERANCE_S or self._from_s == -math.inf
         return float(len(self)) if is_known else None
-
-    def statistics(self) -> Dict[str, float]:
-        """Returns the statistics of the samples, none if there are none."""
-        return super().statistics() if len(self) else {}
-
-
-STATISTIC_OF_WINDOW: Mapping[str, Callable[[Window], Optional[float]]] = {
-    "last": Window.last, "mean": Window.mean, "min": Window.min, "max": Window.max, "stddev": Window.stddev,
-    "rate": Window.rate, "frequency_hz": Window.frequency_hz,
-}  # fmt: skip
-"""The statistics by their names in the configuration."""

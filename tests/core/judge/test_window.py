@@ -8,7 +8,7 @@ from typing import Iterable, Tuple
 import pytest
 
 from robot_health_monitor.core.config.signal_config import STATISTICS
-from robot_health_monitor.core.judge.window import STATISTIC_OF_WINDOW, CountWindow, Window
+from robot_health_monitor.core.judge.window import STATISTICS_OF_SAMPLES, CountWindow, Window
 
 
 def window_of(*values: float, window_s: float = 60.0, window_samples: int = 6000) -> Window:
@@ -24,7 +24,7 @@ def timed(samples: Iterable[Tuple[float, float]], window_s: float = 60.0, window
 
 
 def test_every_statistic_of_the_configuration_is_there() -> None:
-    assert (*STATISTIC_OF_WINDOW, "largest_gap_s", "count", "forecast") == STATISTICS  # these need other windows
+    assert (*STATISTICS_OF_SAMPLES, "largest_gap_s", "count", "forecast") == STATISTICS  # these need other windows
 
 
 def test_the_statistics_of_four_values() -> None:
@@ -180,10 +180,10 @@ def test_nothing_but_last_is_judged_before_window_min_s_has_passed() -> None:
     window = Window(60.0, 100, window_min_s=30.0)
     for now_s in (100.0, 110.0, 129.9):
         window.add(5.0, now_s)
-        assert [name for name in STATISTIC_OF_WINDOW if window.statistic(name) is not None] == ["last"]
+        assert [name for name in STATISTICS_OF_SAMPLES if window.statistic(name) is not None] == ["last"]
         assert window.statistics()["mean"] == 5.0  # to show
     window.add(5.0, 130.0)
-    assert all(window.statistic(name) is not None for name in STATISTIC_OF_WINDOW)
+    assert all(window.statistic(name) is not None for name in STATISTICS_OF_SAMPLES)
 
 
 def test_window_min_s_counts_from_the_first_sample_after_a_gap() -> None:
