@@ -91,9 +91,9 @@ class Rule:
         self,
         below: Optional[float] = None,
         above: Optional[float] = None,
-        hysteresis: float = 0.0,
         for_s: float = 0.0,
         keep_firing_for_s: float = 0.0,
+        hysteresis: float = 0.0,
     ) -> None:
         """Takes new bounds and durations, those of `SignalConfig`; the state stays until the rule advances."""
         self._below = -math.inf if below is None else below
@@ -128,15 +128,10 @@ class Rule:
                 below = self._below_clear
             else:
                 above = self._above_clear
-        if value < below:
-            self.bound = self._below
-            self._crossed = self.is_below = True
-        elif value > above:
-            self.bound = self._above
-            self._crossed = True
-            self.is_below = False
-        else:
-            self._crossed = False
+        self._crossed = value < below or value > above
+        if self._crossed:
+            self.is_below = value < below
+            self.bound = self._below if self.is_below else self._above
         condition = self.condition = self._crossed and self.allowed
         if self.state is not (_FIRING if condition else _INACTIVE):
             self.advance(now_s)
@@ -169,16 +164,11 @@ class Rule:
             if now_s - self.since_s >= wait_s - TIME_TOLERANCE_S:
                 self._enter(_AFTER_WAIT[state], now_s)
 
-    def freeze(self, now_s: float) -> None:
-        """Neither fires nor clears from `now_s` on, until `thaw`."""
-        if self._frozen_since_s is None:
-            self._frozen_since_s = now_s
-
-    def thaw(self, now_s: float) -> None:
-        """Continues where `freeze` stopped."""
-        if self._frozen_since_s is not None:
-            self.since_s += now_s - self._frozen_since_s
-            self._frozen_since_s = None
+    def freeze(self, now_s: float, *, is_frozen: bool = True) -> None:
+        """Neither fires nor clears from `now_s` on, or continues where it stopped."""
+        if is_frozen is (self._frozen_since_s is None):
+            self.since_s += 0.0 if self._frozen_since_s is None else now_s - self._frozen_since_s
+            self._frozen_since_s = now_s if is_frozen else None
 
     def restart(self, now_s: float) -> None:
         """Restarts a running wait: time went back to `now_s`."""
@@ -187,7 +177,7 @@ class Rule:
             self._frozen_since_s = now_s
 
     def exchange(self, state: SavedState) -> None:
-        """Writes the state, or continues from one, frozen until `thaw`."""
+        """Writes the state, or continues from one, frozen."""
         condition = state.flag("condition", self.condition)
         bound = state.number("bound", self.bound)
         is_below, crossed = state.flag("is_below", self.is_below), state.flag("crossed", self._crossed)
@@ -231,12 +221,10 @@ class SignalRules:
     def configure(self, config: SignalConfig) -> None:
         """Applies a new configuration; states stay where they still have a meaning."""
         self._config = config
-        of_warn = (config.warn_below, config.warn_above, config.hysteresis, config.for_s, config.keep_firing_for_s)
-        of_error = (config.error_below, config.error_above, config.hysteresis)
-        for rule, given in zip(
-            self.bounds, (of_warn, (*of_error, config.error_for_s, config.error_keep_firing_for_s), of_warn)
-        ):
-            rule.configure(*given)
+        of_warn = (config.warn_below, config.warn_above, config.for_s, config.keep_firing_for_s)
+        of_error = (config.error_below, config.error_above, config.error_for_s, config.error_keep_firing_for_s)
+        for level, rule in self.worst_first:
+            rule.configure(*(of_error if level is _ERROR else of_warn), config.hysteresis)
             if self.of_bounds and not rule.has_bounds:
                 rule.clear()
             if config.only_if is None:
@@ -289,8 +277,8 @@ class SignalRules:
     def freeze_or_thaw(self, now_s: float, *, unknown: bool, undefined: bool) -> None:
         """Freezes all rules while the level is `unknown`, those with bounds while the statistic is `undefined`."""
         for rule in self.bounds:
-            (rule.freeze if unknown or undefined else rule.thaw)(now_s)
-        (self.invalid.freeze if unknown else self.invalid.thaw)(now_s)
+            rule.freeze(now_s, is_frozen=unknown or undefined)
+        self.invalid.freeze(now_s, is_frozen=unknown)
 
     def restart(self, now_s: float) -> None:
         """Restarts running waits: time went back to `now_s`."""

@@ -21,7 +21,7 @@ def rule(
     keep_firing_for_s: float = 0.0,
 ) -> Rule:
     rule = Rule()
-    rule.configure(below, above, hysteresis, for_s, keep_firing_for_s)
+    rule.configure(below, above, for_s, keep_firing_for_s, hysteresis)
     return rule
 
 
@@ -173,7 +173,7 @@ def test_new_bounds_apply_to_the_next_value_and_a_firing_rule_keeps_firing() -> 
     under_test = rule(below=20.0, for_s=5.0)
     under_test.judge(19.0, 0.0)
     under_test.judge(19.0, 5.0)
-    under_test.configure(25.0, None, 0.0, 5.0, 0.0)
+    under_test.configure(25.0, None, 5.0)
     under_test.judge(24.0, 6.0)
     assert under_test.state is State.FIRING and under_test.bound == 25.0
 
@@ -181,7 +181,7 @@ def test_new_bounds_apply_to_the_next_value_and_a_firing_rule_keeps_firing() -> 
 def test_an_old_bounds_hysteresis_does_not_hold_under_a_new_bound() -> None:
     under_test = rule(below=20.0, hysteresis=5.0)
     under_test.judge(19.0, 0.0)
-    under_test.configure(10.0, None, 5.0, 0.0, 0.0)
+    under_test.configure(10.0, None, hysteresis=5.0)
     under_test.judge(14.0, 1.0)
     assert not under_test.fires
 
@@ -190,7 +190,7 @@ def test_a_rule_that_keeps_firing_under_a_new_bound_still_knows_the_side_it_cros
     under_test = rule(below=20.0, keep_firing_for_s=10.0)
     under_test.judge(19.0, 0.0)
     under_test.judge(30.0, 1.0)
-    under_test.configure(25.0, None, 0.0, 0.0, 10.0)
+    under_test.configure(25.0, None, 0.0, 10.0)
     assert (under_test.bound, under_test.is_below) == (20.0, True)
 
 
