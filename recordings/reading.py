@@ -182,7 +182,7 @@ class Recordings:
         with contextlib.suppress(OSError, ConfigError, LookupError, TypeError, ValueError, RecursionError):
             if os.path.isfile(file):
                 with open(file, encoding="utf-8") as stream:
-                    tree = load(stream.read(_LARGEST_METADATA), Problems()).value
+                    tree = load(stream.read(_LARGEST_METADATA), {}, Problems())
                 if isinstance(tree["rosbag2_bagfile_information"], dict):
                     return tree["rosbag2_bagfile_information"]
         problem = "cannot be read" if os.path.exists(file) else "does not exist (the recorder was stopped early)"

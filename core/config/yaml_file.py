@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import stat
-from typing import Any, Iterator, Mapping, NamedTuple, Optional, Union
+from typing import Any, Dict, Iterator, Mapping, NamedTuple, Optional, Union
 
 from ..values.errors import ConfigError, Path, Problems
 from .parameters import require_mapping
@@ -63,23 +63,18 @@ def parse_yaml(text: str, name: str, problems: Optional[Problems] = None) -> Yam
     """Reads the text of a file, whose `name` is that in errors; as `read_yaml`."""
     from .yaml_loader import load  # here, so that configuration by mapping does not need PyYAML
 
-    found = Problems()
-    try:
-        document = load(text, found)
-        if document.value is None and not document.lines:
+    lines: Dict[Path, int] = {}
+    result, twice = YamlFile({}, lines, name), Problems()
+    with result.located():
+        tree = load(text, lines, twice)
+        if tree is None:
             raise ConfigError("is empty; expected a mapping of keys to values")
-    except ConfigError as error:
-        raise YamlFile({}, {}, name).locate(error) from None
-    result = YamlFile(document.value, document.lines, name)
-    try:
-        require_mapping(document.value)
-        found.raise_if_any()
-    except ConfigError as error:
-        located = result.locate(error)
-        if problems is None or not isinstance(document.value, Mapping):
-            raise located from None
-        problems.add(located)
-    return result
+        require_mapping(tree)
+        if problems is None:
+            twice.raise_if_any()
+    if problems is not None and twice.errors:
+        problems.add(result.locate(ConfigError.joined(twice.errors)))
+    return result._replace(tree=tree)
 
 
 def _read_text(name: str) -> str:

@@ -6,7 +6,7 @@ parser of ROS 2 reads no aliases, so a file that has any could not be used every
 
 from __future__ import annotations
 
-from typing import Any, Dict, NamedTuple
+from typing import Any, Dict
 
 import yaml
 from yaml.composer import Composer
@@ -32,17 +32,11 @@ _TOO_DEEP_TO_SCAN = "exceeded maximum nesting depth"
 """The problem that libyaml 0.2.6 reports at 1,000 levels, which it may reach before the first node is composed."""
 
 
-class Document(NamedTuple):
-    """A YAML document."""
+def load(text: str, lines: Dict[Path, int], problems: Problems) -> Any:
+    """Loads the only document of a text; None for an empty one.
 
-    value: Any
-    """None for an empty document."""
-    lines: Dict[Path, int]
-    """Line of each key, counted from 1. The path of a list element ends with its number, counted from 0."""
-
-
-def load(text: str, problems: Problems) -> Document:
-    """Loads the only document of a text; `problems` receives keys that are given twice, of which the last one counts.
+    `lines` receives the line of each key, counted from 1; the path of a list element ends with its number, counted from
+    0. `problems` receives keys that are given twice, of which the last one counts.
 
     Raises ConfigError, with the line but no file, for invalid YAML and aliases, and if it is too large.
     """
@@ -50,10 +44,9 @@ def load(text: str, problems: Problems) -> Document:
         loader = _Loader(text)
         root = loader.get_single_node()
         if root is None:
-            return Document(None, {})
-        lines: Dict[Path, int] = {}
+            return None
         loader.note_lines(root, (), lines, problems)
-        return Document(loader.construct_document(root), lines)
+        return loader.construct_document(root)
     except MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         line = mark.line + 1 if mark else None

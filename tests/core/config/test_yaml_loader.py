@@ -7,12 +7,12 @@ from __future__ import annotations
 
 import importlib.util
 from types import ModuleType
-from typing import Any, Iterator
+from typing import Any, Dict, Iterator
 
 import pytest
 
 from robot_health_monitor.core.config import yaml_loader
-from robot_health_monitor.core.values.errors import ConfigError, Problems
+from robot_health_monitor.core.values.errors import ConfigError, Path, Problems
 
 yaml = pytest.importorskip("yaml")
 
@@ -35,7 +35,7 @@ def loader(request: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[ModuleType
 
 def refusal(loader: ModuleType, text: str) -> ConfigError:
     with pytest.raises(ConfigError) as raised:
-        loader.load(text, Problems())
+        loader.load(text, {}, Problems())
     assert len(str(raised.value).splitlines()) == 1 and len(str(raised.value)) < 250
     return raised.value
 
@@ -72,12 +72,12 @@ def test_too_many_values_are_refused_where_they_begin(loader: ModuleType) -> Non
 
 @pytest.mark.parametrize("number", ["9" * 5000, "0x" + "f" * 5000, ":".join(["59"] * 3000), "1." + "0" * 5000])
 def test_a_number_of_thousands_of_digits_is_text(loader: ModuleType, number: str) -> None:
-    assert loader.load(f"a: {number}\n", Problems()).value == {"a": number}
+    assert loader.load(f"a: {number}\n", {}, Problems()) == {"a": number}
 
 
 @pytest.mark.parametrize("text", ["1:30", "1:30:00", "-1:30.5"])
 def test_a_sexagesimal_number_is_a_text_as_in_ros_2(loader: ModuleType, text: str) -> None:
-    assert loader.load(f"a: {text}\n", Problems()).value == {"a": text}
+    assert loader.load(f"a: {text}\n", {}, Problems()) == {"a": text}
 
 
 @pytest.mark.parametrize(
@@ -120,7 +120,8 @@ def test_a_syntax_error_is_one_short_line(loader: ModuleType, text: str) -> None
 
 def test_lines_are_those_of_the_keys_also_in_flow_mappings_and_lists(loader: ModuleType) -> None:
     text = "base: &base\n  unit: V\n  limits: {low: 1,\n    high: 2}\nleft:\n- unit: A\n- true: 3\n"
-    lines = loader.load(text, Problems()).lines
+    lines: Dict[Path, int] = {}
+    loader.load(text, lines, Problems())
     assert lines["base", "limits", "high"] == 4
     assert lines["left", "1"] == 7
     assert lines["left", "0", "unit"] == 6
@@ -129,8 +130,8 @@ def test_lines_are_those_of_the_keys_also_in_flow_mappings_and_lists(loader: Mod
 
 def test_keys_given_twice_are_reported_once_each_with_both_lines(loader: ModuleType) -> None:
     problems = Problems()
-    document = loader.load("a:\n  b: 1\n  b: 2\nc: 2\nc: 3\n", problems)
-    assert document.value == {"a": {"b": 2}, "c": 3}
+    tree = loader.load("a:\n  b: 1\n  b: 2\nc: 2\nc: 3\n", {}, problems)
+    assert tree == {"a": {"b": 2}, "c": 3}
     assert [(each.line, each.path, each.problem) for each in problems.errors] == [
         (3, ("a", "b"), "is given twice, first in line 2"),
         (5, ("c",), "is given twice, first in line 4"),
@@ -149,5 +150,5 @@ def test_keys_given_twice_are_reported_once_each_with_both_lines(loader: ModuleT
 )
 def test_common_mistakes_say_how_to_correct_them(loader: ModuleType, text: str, hint: str) -> None:
     with pytest.raises(ConfigError) as caught:
-        loader.load(text, Problems())
+        loader.load(text, {}, Problems())
     assert str(caught.value).endswith(hint)
