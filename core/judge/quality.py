@@ -26,8 +26,8 @@ _ORDINARY_MAX: Mapping[str, float] = {"%": 100.0, "degC": 200.0, "°C": 200.0, "
 
 
 def received(config: SignalConfig, datum: object) -> object:
-    """Returns what is judged of a datum: with `reduce`, the one value of its elements."""
-    if type(datum) is Elements and config.reduce:
+    """Returns what is judged of a datum of a signal with `reduce`: the one value of its elements."""
+    if type(datum) is Elements:
         return reduced(datum, config.reduce, lambda each: _in_unit(config, each))
     return datum
 
@@ -35,12 +35,6 @@ def received(config: SignalConfig, datum: object) -> object:
 def number_of(config: SignalConfig, datum: object) -> float:
     """Returns the number of a datum in the signal's unit; NaN if it is none, or is a placeholder."""
     return as_float(datum) if config.reduce else _in_unit(config, datum)
-
-
-def is_valid(config: SignalConfig, number: float) -> bool:
-    """Returns whether a number in the signal's unit is finite and within the valid range."""
-    low, high = config.valid_min, config.valid_max
-    return math.isfinite(number) and (low is None or low <= number) and (high is None or number <= high)
 
 
 def as_float(value: object) -> float:
@@ -56,7 +50,7 @@ def as_float(value: object) -> float:
 
 
 def _in_unit(config: SignalConfig, datum: object) -> float:
-    number = as_float(datum)
+    number = datum if type(datum) is float else as_float(datum)
     for placeholder in config.placeholders:
         if is_equal(number, placeholder):
             return math.nan

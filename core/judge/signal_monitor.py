@@ -15,7 +15,7 @@ from ..values.elements import DriverStatus
 from ..values.model import Level, Transition
 from .alert import Alert, Held
 from .forecast import ForecastWindow, window_for
-from .quality import is_valid, number_of, received, suspicion_of
+from .quality import number_of, received, suspicion_of
 from .rule import Rule, SignalRules
 from .sample_summary import SampleCollector, SampleSummary
 from .saved_state import SavedState
@@ -25,6 +25,7 @@ from .wording import Judgement
 # Globals are faster than members of an enumeration, above all in Python 3.11, and these are used per sample.
 _OK, _WARN, _ERROR, _STALE = Level
 
+_LARGEST = sys.float_info.max
 MOST_STATISTICS = 300
 """Most values of a statistic that are kept to be shown."""
 
@@ -38,7 +39,7 @@ class SignalMonitor(Alert):
 
     __slots__ = (
         "_bad_samples", "_calm_max", "_calm_min", "_good_samples", "_healthy_max", "_latest", "_rules", "_samples",
-        "_statistics", "_zero_s", "judged", "window",
+        "_statistics", "_valid_max", "_valid_min", "_zero_s", "judged", "window",
     )  # fmt: skip
 
     def __init__(self, config: SignalConfig, robot: str, now_s: float) -> None:
@@ -274,12 +275,12 @@ class SignalMonitor(Alert):
         staleness.arrive(now_s)
         if self.held is not None:
             self.held.awaits_until_s = -math.inf
-        self._latest = received(config, value)
-        number = number_of(config, self._latest)
+        latest = self._latest = received(config, value) if config.reduce else value
+        number = number_of(config, latest)
         if type(value) is DriverStatus and rules.of_bounds and not config.bounds:
             rules.expect_levels()
             self._freeze_or_thaw(now_s)
-        good = is_valid(config, number)
+        good = self._valid_min <= number <= self._valid_max  # False for NaN; infinities lie outside
         self._bad_samples += not good
         judged = None
         if good:
@@ -336,8 +337,10 @@ class SignalMonitor(Alert):
             self._statistics = None
         elif self._statistics is None or (config.statistic, config.window_s) != (before.statistic, before.window_s):
             self._statistics = Window(config.window_s, MOST_STATISTICS)
+        self._valid_min = -_LARGEST if config.valid_min is None else config.valid_min
+        self._valid_max = _LARGEST if config.valid_max is None else config.valid_max
         lows = (config.valid_min, config.warn_below, config.error_below)
-        highs = (config.valid_max, config.warn_above, config.error_above, sys.float_info.max)
+        highs = (self._valid_max, config.warn_above, config.error_above)
         self._calm_min = max((low for low in lows if low is not None), default=-math.inf)
         self._healthy_max = min(high for high in highs if high is not None)
         if config.statistic != "last" or config.scale != 1.0 or config.placeholders:

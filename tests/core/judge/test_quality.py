@@ -10,16 +10,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robot_health_monitor.core import Level, Monitor, Sample, load_config
-from robot_health_monitor.core.config.signal_config import read_signal
-from robot_health_monitor.core.judge.quality import as_float, is_valid, number_of, received
+from robot_health_monitor.core.judge.quality import as_float, number_of
 from robot_health_monitor.core.values.model import Status
 
 
 def valid_number(datum: object, **settings: Any) -> float:
-    """Returns the number of a datum; NaN if it is bad."""
-    config = read_signal("battery", settings)
-    number = number_of(config, received(config, datum))
-    return number if is_valid(config, number) else math.nan
+    """Returns the number of a datum as a monitor judges it; NaN if it is bad."""
+    monitor = Monitor(load_config({"signals": {"battery": settings}}))
+    monitor.observe(Sample("battery", datum, 0.0))
+    judgement = monitor.judgements(0.0)["battery"]
+    assert judgement.good_samples + judgement.bad_samples == 1
+    number = number_of(judgement.config, datum)
+    assert judgement.judged is None or judgement.judged == number
+    return math.nan if judgement.judged is None else judgement.judged
 
 
 @pytest.mark.parametrize(
