@@ -215,7 +215,7 @@ class SignalMonitor(Alert):
                 bad_samples=self._bad_samples,
                 statistics=statistics,
                 forecast=forecast,
-                window_samples=len(window),
+                window_samples=min(len(window), self.config.window_samples),
                 window_is_long_enough=window.is_long_enough,
                 suspicion=suspicion_of(self.config, self._latest, self._good_samples, window),
             )
