@@ -180,7 +180,7 @@ class MonitorProcess:
     async def reload_ops(self, monitors: Monitors) -> str:
         """Reads ops.yaml and the server's token, then applies what differs; see `Reload`.
 
-        A revoked token is refused at once, and new targets are notified.
+        A revoked token is refused at once.
         """
 
         def read() -> Tuple[OpsConfig, Optional[ServerSettings]]:
@@ -193,7 +193,7 @@ class MonitorProcess:
             server.use_token(settings.token)
             self._token = settings.token
             texts.append("server: the token changed, every client has to present the new one")
-        texts += await run_in_daemon_thread(partial(self.operations.use, config))
+        texts += self.operations.use(config)
         return "; ".join(texts) or NOTHING_CHANGED
 
 
