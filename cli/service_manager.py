@@ -7,7 +7,8 @@ Elsewhere, nothing is sent.
 from __future__ import annotations
 
 import os
-from typing import MutableMapping
+import time
+from typing import Callable, MutableMapping, Optional
 
 _LONGEST_TICK_AGE_S = 5.0
 
@@ -15,12 +16,16 @@ _LONGEST_TICK_AGE_S = 5.0
 class ServiceManager:
     """The connection to the service manager that started this process. Never raises and never waits."""
 
-    def __init__(self, environment: MutableMapping[str, str] = os.environ) -> None:
+    def __init__(
+        self, environment: MutableMapping[str, str] = os.environ, clock: Callable[[], float] = time.monotonic
+    ) -> None:
         """Takes the variables of systemd out of the environment: they are not for commands that this process starts."""
+        self._clock = clock
         self._address = environment.pop("NOTIFY_SOCKET", "")
         limit_us = environment.pop("WATCHDOG_USEC", "")
         is_meant = environment.pop("WATCHDOG_PID", str(os.getpid())) == str(os.getpid())
         self._limit_s = float(limit_us) / 1e6 if limit_us.isdigit() and is_meant else 0.0
+        self._alive_at_s: Optional[float] = None
         self.watchdog_period_s = self._limit_s / 2.0 if self._address and self._limit_s else None
         """Longest time between two calls of `alive`, in s; None if systemd does not watch this process."""
 
@@ -29,11 +34,17 @@ class ServiceManager:
         self._send("READY=1")
 
     def alive(self, tick_age_s: float) -> None:
-        """Sends a sign of life. Call it in the thread that runs the ticks.
+        """Sends a sign of life if one is due. Call it in the thread that runs the ticks.
 
         If the last tick is too old, nothing is sent, and systemd restarts the process.
         """
-        if self.watchdog_period_s is not None and tick_age_s <= max(_LONGEST_TICK_AGE_S, self._limit_s):
+        period_s = self.watchdog_period_s
+        if period_s is None or tick_age_s > max(_LONGEST_TICK_AGE_S, self._limit_s):
+            return
+        now_s = self._clock()
+        # Half a period early rather than one call too late.
+        if self._alive_at_s is None or now_s - self._alive_at_s >= period_s / 2.0:
+            self._alive_at_s = now_s
             self._send("WATCHDOG=1")
 
     def stopping(self) -> None:
