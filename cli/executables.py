@@ -109,11 +109,30 @@ class _Running:
             others = self._process.middlewares
             if name == "battery_sensor" and others and others[0].given_parameters().get("sensors") == "none":
                 continue
-            alert_system = self._start(name, self._process.create_node(name)) or alert_system
+            alert_system = self._start_node(name) or alert_system
         return alert_system
 
+    def _start_node(self, name: str) -> Optional[AlertSystem]:
+        """Starts a node; if it refuses its parameters, with those with which it ran last. Returns alert_system."""
+        from ..core.port.middleware import Severity
+        from ..core.values.errors import ConfigError
+        from ..core.values.faults import PARAMETERS_FAULT
+
+        middleware: Middleware = self._process.create_node(name)
+        try:
+            return self._start(name, middleware)
+        except ConfigError as error:
+            recovered = self._process.recover_node(name, middleware)
+            if recovered is None:
+                raise
+            alert_system = self._start(name, recovered)
+            text = f"started with the last good ones: {error}"
+            recovered.faults.report(PARAMETERS_FAULT, text)
+            if name != "alert_system":  # which logs its faults
+                recovered.log(Severity.ERROR, f"{PARAMETERS_FAULT}: {text}")
+            return alert_system
+
     def _start(self, name: str, middleware: Middleware) -> Optional[AlertSystem]:
-        """Starts a node; returns alert_system. Raises ConfigError if it refuses its parameters."""
         from ..core.nodes import Aggregator, BatterySensor
         from ..core.nodes.aggregator import has_inputs
         from ..core.port.middleware import Severity
@@ -139,6 +158,7 @@ class _Running:
 
     def _start_alert_system(self, middleware: Middleware) -> AlertSystem:
         parameters = middleware.given_parameters()
+        self._after_nodes.close()  # the operations of a first attempt
         if not (parameters.get("ops") or parameters.get("rosbridge_port")):
             from ..core.nodes import AlertSystem
 

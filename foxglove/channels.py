@@ -7,7 +7,7 @@ import threading
 from typing import Callable, Dict, Iterable, Mapping, Optional, Protocol, Sequence, Tuple
 
 from ..core.messages.serialized import SerializedType
-from ..core.port.hints import explain
+from ..core.port.hints import explain, similar_topic
 from ..core.values.formatting import printable
 from .protocol import LARGEST_ID, Channel, subscribe, unsubscribe
 
@@ -119,10 +119,12 @@ class Channels:
         """Returns why a topic brings no samples, None if nothing is known; see `core/port/hints.py`."""
         with self._lock:
             offered = [self._channels[id] for id in self._by_topic.get(topic, ())]  # noqa: A001
+        published = {name: channel.raw_format.type_name for name, channel in self.topics().items()}
         problems = [channel.problem for channel in offered]
         if offered and all(problems):
             return printable(problems[0])
-        return explain(topic, type_name, [channel.raw_format.type_name for channel in offered])
+        similar = similar_topic(topic, type_name, published)
+        return explain(topic, type_name, [channel.raw_format.type_name for channel in offered], similar=similar)
 
     def _with_known_schema(self, channel: Channel) -> Channel:
         """Returns a channel whose schema is one object for all that have it; empty once they take too much memory."""

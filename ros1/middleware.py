@@ -26,7 +26,7 @@ from ..core.messages.dialect import Message
 from ..core.messages.raw_messages import RawFormat
 from ..core.messages.serialized import SerializedType
 from ..core.port.graph import NOT_COUNTED, Counts, Wanted, count, is_pattern, matching
-from ..core.port.hints import Answer, explain
+from ..core.port.hints import Answer, explain, similar_topic
 from ..core.port.middleware import Callback, OnChange, RawCallback, Severity
 from ..core.port.timers import ClockTimer
 from ..core.values.errors import ConfigError, ServiceError
@@ -365,4 +365,4 @@ class PublisherLookup:
     def _explain(self, topic: str, type_name: str, published: Mapping[str, str]) -> Optional[str]:
         gone = [node for node in self._last_publishers(topic) if self._master.answers(node) is False]
         types = [published[topic]] if topic in published and not gone else []
-        return explain(topic, type_name, types, gone)
+        return explain(topic, type_name, types, gone, similar_topic(topic, type_name, published))

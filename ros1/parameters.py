@@ -1,29 +1,33 @@
 """The parameters of a logical node on the parameter server of ROS 1.
 
 Launch files load a file in ROS 2's form below the node's name, `/alert_system/ros__parameters/signals/...`; private
-parameters such as `_publish_rate:=5` stand beside it, `/alert_system/publish_rate`, and override it. The parameter
-server outlives the node and accepts any value, so values that a `~reload` refuses are replaced there by those in force.
+parameters such as `_publish_rate:=5` stand beside it, `/alert_system/publish_rate`. The parameter server outlives the
+node and accepts any value, so the values in force are kept there too: below `last_accepted`, where a launch file that
+clears the node's parameters clears them.
 """
 
 from __future__ import annotations
 
 import logging
 import threading
-from typing import Any, Dict, Mapping, Optional
+from typing import Any, Dict, Iterator, Mapping, Optional
 
 from ..core.config.monitor_config import NODE_PARAMETERS
 from ..core.messages.dialect import Message
 from ..core.port.middleware import OnChange
-from ..core.values.errors import ConfigError
-from ..core.values.faults import Faults
+from ..core.values.errors import ConfigError, Path, Problems
+from ..core.values.faults import PARAMETERS_FAULT, Faults
 from ..core.values.formatting import describe
 from ..runtime.native_node import Log, apply_change
 from .master import Master
 
 _FILE_KEY = "ros__parameters"
 """Key above the parameters of a node in a parameter file."""
+_ACCEPTED_KEY = "last_accepted"
 _LOG_LEVEL = next(parameter for parameter in NODE_PARAMETERS if parameter.name == "log_level")
 _SERVER = "parameter server"
+_OVERRIDES = tuple(parameter.name for parameter in NODE_PARAMETERS)
+"""Arguments of the launch files: private parameters that override the file, and cannot change at run time."""
 
 
 class NodeParameters:
@@ -39,6 +43,8 @@ class NodeParameters:
         self._lock = threading.Lock()
         self._given: Optional[Mapping[str, Any]] = None
         self._found: Any = {}
+        self._kept: Any = None
+        self._accepted: Optional[Dict[str, Any]] = None
 
     def given(self) -> Mapping[str, Any]:
         """Returns the configuration in force: what `read` returned, or raised, until a `reload` is accepted."""
@@ -47,17 +53,27 @@ class NodeParameters:
         return self._given
 
     def read(self) -> Mapping[str, Any]:
-        """Returns the configuration: the parameters of the file, and the private ones, which override them.
+        """Returns the configuration: the parameters of the file together with the private ones.
 
-        Raises ConfigError if a value stands where a mapping is expected.
+        Raises:
+            ConfigError: a value stands where a mapping is expected, or a parameter is set in both places.
         """
         self._found = self._master.parameter(self._node, {})
         if not isinstance(self._found, dict):
             raise ConfigError(f"expected a mapping as the parameter {self._node}, got {describe(self._found)}")
+        self._kept = self._found.pop(_ACCEPTED_KEY, None)
+        if self._accepted is None and isinstance(self._kept, dict):
+            self._accepted = self._kept
         private = {key: value for key, value in self._found.items() if key != _FILE_KEY}
         from_file = self._found.get(_FILE_KEY, {})
         if not isinstance(from_file, dict):
             raise ConfigError(f"expected a mapping, got {describe(from_file)}", (_FILE_KEY,))
+        problems = Problems()
+        for path in _paths_in_both(from_file, private):
+            if path[0] not in _OVERRIDES:
+                first, second = "/".join((self._node, *path)), "/".join((self._node, _FILE_KEY, *path))
+                problems.add(ConfigError(f"is set twice: {first} and {second}; delete one of them", path))
+        problems.raise_if_any()
         return _overlay(from_file, private)
 
     def reload(self, apply: OnChange, faults: Faults, log: Log) -> Message:
@@ -73,18 +89,30 @@ class NodeParameters:
             before = self._found
             accepted, text = apply_change(read, log)
             if accepted:
-                faults.clear(_SERVER)
+                faults.guard(_SERVER, self.keep)
+                faults.clear(PARAMETERS_FAULT)
             elif self._found is not before:  # the master has answered
-                faults.guard(_SERVER, self._put_back, before)
+                faults.guard(_SERVER, self.put_back)
         return {"success": accepted, "message": text}
 
-    def _put_back(self, accepted: Dict[str, Any]) -> None:
-        """Replaces what was read last by the values in force."""
-        found, self._found = self._found, accepted
-        if isinstance(found, dict):
-            self._restore(self._node, found, accepted)
+    def keep(self) -> None:
+        """Keeps what was read last, if anything, as the values in force for this node and one that is started again."""
+        if self._given is None:
+            return
+        self._accepted = self._found
+        if self._kept != self._found:
+            self._master.set_parameter(f"{self._node}/{_ACCEPTED_KEY}", self._found)
+
+    def put_back(self) -> bool:
+        """Replaces what was read last by the values in force; returns whether that changed anything."""
+        if self._accepted is None or self._accepted == self._found:
+            return False
+        if isinstance(self._found, dict):
+            self._restore(self._node, self._found, self._accepted)
         else:
-            self._master.set_parameter(self._node, accepted)
+            self._master.set_parameter(self._node, {**self._accepted, _ACCEPTED_KEY: self._accepted})
+        self._found = self._accepted
+        return True
 
     def _restore(self, name: str, found: Mapping[str, Any], accepted: Mapping[str, Any]) -> None:
         """Touches only what differs: other parameters may be changing at the same time."""
@@ -102,6 +130,15 @@ def set_log_level(parameters: Mapping[str, Any]) -> None:
     """Sets the log level of this process to that of a configuration; raises ConfigError if it is not a level."""
     level = _LOG_LEVEL.read(parameters.get(_LOG_LEVEL.name, _LOG_LEVEL.default), (_LOG_LEVEL.name,))
     logging.getLogger("rosout").setLevel(level)
+
+
+def _paths_in_both(first: Mapping[str, Any], second: Mapping[str, Any], path: Path = ()) -> Iterator[Path]:
+    """Yields the paths of values that are in two trees."""
+    for key in first.keys() & second.keys():
+        if isinstance(first[key], dict) and isinstance(second[key], dict):
+            yield from _paths_in_both(first[key], second[key], (*path, key))
+        else:
+            yield (*path, key)
 
 
 def _overlay(below: Mapping[str, Any], above: Mapping[str, Any]) -> Dict[str, Any]:

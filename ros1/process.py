@@ -9,14 +9,15 @@ import logging
 import os
 import sys
 import time
-from typing import TYPE_CHECKING, List
+from typing import TYPE_CHECKING, List, Optional
 
 import rosgraph
 import rospy
 import rospy.impl.paramserver
 
 from ..core.config.monitor_config import load_config
-from ..core.values.errors import ConfigError
+from ..core.values.errors import ConfigError, ServiceError
+from ..core.values.faults import PARAMETERS_FAULT
 from ..core.values.model import Level
 from .introspection import Ros1ServedMiddleware
 from .master import Master, MasterWatch, limit_calls_of_rospy
@@ -39,6 +40,7 @@ class Ros1Process:
         self.middlewares: List[Ros1Middleware] = []
         self._executable = executable
         self._interrupts = interrupts
+        self._problem = ""
 
     def start(self) -> None:
         """Waits for the master and registers with it."""
@@ -52,18 +54,17 @@ class Ros1Process:
         limit_calls_of_rospy(master)
         rospy.init_node(self._executable, disable_signals=True)
         rospy.on_shutdown(self._close_nodes)
-        master = Master(rospy.get_name())
-        # A parameter of the ROS node, also if that has several logical nodes.
-        set_log_level(NodeParameters(master, rospy.get_name()).given())
-        # rospy would otherwise ask the master for this parameter at every log line.
-        value = bool(master.parameter(_ROSOUT_WITHOUT_TOPICS, False))
-        rospy.impl.paramserver.get_param_server_cache().set(_ROSOUT_WITHOUT_TOPICS, value)
-        self._watch = MasterWatch(master, rospy.get_name(), self._report_master)
+        self._master = Master(rospy.get_name())
+        self._set_log_level()
+        self._keep_log_from_master()
+        self._watch = MasterWatch(self._master, rospy.get_name(), self._report_master)
         self._watch.start()
 
     def create_node(self, name: str) -> Ros1Middleware:
         """Creates the middleware of one logical node; one with the executable's name is the ROS node itself."""
         self.middlewares.append(Ros1Middleware("" if name == self._executable else name))
+        if self._problem:
+            self.middlewares[-1].faults.report(PARAMETERS_FAULT, self._problem)
         return self.middlewares[-1]
 
     def create_served_node(self, alert_system: Ros1Middleware) -> Ros1ServedMiddleware:
@@ -77,6 +78,20 @@ class Ros1Process:
         listener = Ros1ServedMiddleware(name)
         self.middlewares.append(listener)
         return listener
+
+    def recover_node(self, name: str, failed: Ros1Middleware) -> Optional[Ros1Middleware]:
+        """Creates a node again with the parameters with which it ran last; None if no others are known.
+
+        The parameter server accepts any value and outlives the node, which would otherwise never start again.
+        """
+        try:
+            if not failed.parameters.put_back():
+                return None
+        except ServiceError:
+            return None
+        failed.close()
+        self.middlewares.remove(failed)
+        return self.create_node(name)
 
     def locate(self, error: ConfigError, middleware: Ros1Middleware) -> ConfigError:
         """Returns the error with file and line if the file that the parameters came from has it too.
@@ -97,6 +112,9 @@ class Ros1Process:
 
     def spin(self) -> str:
         """Waits for the end; rospy runs its own threads."""
+        known = {middleware.name: middleware.parameters for middleware in self.middlewares}
+        for parameters in {rospy.get_name(): self._parameters, **known}.values():
+            self.middlewares[0].faults.guard("parameter server", parameters.keep)
         self._interrupts.wait_until(lambda: rospy.is_shutdown() or self._watch.lost.is_set())
         if not self._watch.lost.is_set():
             return ""
@@ -118,6 +136,23 @@ class Ros1Process:
                 f"{self._executable}: waiting for the ROS master at {master.uri} (ROS_MASTER_URI); Ctrl-C to stop\n"
             )
             self._interrupts.wait_until(master.is_online)
+
+    def _set_log_level(self) -> None:
+        """Sets the log level of the process, which is a parameter of the ROS node, also if it has several nodes."""
+        self._parameters = NodeParameters(self._master, rospy.get_name())
+        try:
+            set_log_level(self._parameters.given())
+        except ConfigError as error:
+            if not self._parameters.put_back():
+                raise
+            set_log_level(self._parameters.read())
+            self._problem = f"started with the last good ones: {error}"
+            rospy.logerr(f"{PARAMETERS_FAULT}: {self._problem}")
+
+    def _keep_log_from_master(self) -> None:
+        """Caches the parameter that rospy would otherwise ask the master for at every log line."""
+        value = bool(self._master.parameter(_ROSOUT_WITHOUT_TOPICS, False))
+        rospy.impl.paramserver.get_param_server_cache().set(_ROSOUT_WITHOUT_TOPICS, value)
 
     def _report_master(self, problem: str, level: Level) -> None:
         for middleware in tuple(self.middlewares):

@@ -95,7 +95,7 @@ class Ros2Middleware(NativeNode):
         self.node = ParameterNode(name, context=context, **options)
         self._logger = self.node.get_logger()
         self._ros_clock = self.node.get_clock()
-        self._lookup = PublisherLookup(self.node)
+        self._lookup = PublisherLookup(self.node, self._qos_of)
         sim_time_s = self._ros_clock.now().nanoseconds / 1e9 if self._ros_clock.ros_time_is_active else None
         super().__init__(self.node.get_fully_qualified_name(), messages.native, sim_time_s)
         self.parameters = NodeParameters(self.node)
@@ -236,6 +236,10 @@ class Ros2Middleware(NativeNode):
 
     def _stamp(self) -> Any:
         return self._ros_clock.now().to_msg()
+
+    def _qos_of(self, topic: str) -> List[QoSProfile]:
+        """Returns the QoS of this node's subscriptions to a topic."""
+        return [channel.native.qos_profile for channel in self._channels.values() if channel.key[0] == topic]
 
     def _resolve(self, name: str) -> str:
         try:

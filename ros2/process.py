@@ -113,6 +113,9 @@ class Ros2Process:
         self._listening.start()
         return listener
 
+    def recover_node(self, name: str, failed: Ros2Middleware) -> None:
+        """Returns None, since parameters that were set at run time end with their node."""
+
     def locate(self, error: ConfigError, middleware: Ros2Middleware) -> ConfigError:
         """Returns the error and its others with file and line where the key is in a parameter file."""
         first, *others = (self._files.located(one, middleware.name) for one in error.all)

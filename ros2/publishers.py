@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Collection, Dict, List, Mapping, Sequence, Tuple
+import time
+from typing import Callable, Collection, Dict, List, Mapping, Sequence, Tuple
 
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSCompatibility, QoSProfile, ReliabilityPolicy, qos_check_compatible
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
-from ..core.port.hints import Answer, explain
+from ..core.port.hints import INCOMPATIBLE_QOS, Answer, explain, similar_topic
+
+
+_TOPICS_PERIOD_S = 1.0
+"""Reading all topics takes milliseconds on a large graph, and several signals may need them at once."""
 
 
 def full_name(name: str, namespace: str) -> str:
@@ -37,9 +42,12 @@ def are_latched(node: Node, topic: str) -> bool:
 class PublisherLookup:
     """Why a topic brings no samples."""
 
-    def __init__(self, node: Node) -> None:
-        """Reads nothing yet."""
+    def __init__(self, node: Node, qos_of: Callable[[str], Sequence[QoSProfile]]) -> None:
+        """Reads nothing yet; `qos_of` returns the QoS of the node's subscriptions to a topic."""
         self._node = node
+        self._qos_of = qos_of
+        self._published: Mapping[str, str] = {}
+        self._read_s = float("-inf")
         self._publishers: Dict[str, Tuple[int, Collection[str]]] = {}
         """How many publishers each topic has now, and the nodes of the latest ones."""
 
@@ -61,7 +69,25 @@ class PublisherLookup:
             self._publishers[topic] = len(publishers), _nodes_of(publishers)
         elif topic in self._publishers:
             gone = set(self._publishers[topic][1]).difference(node_names(self._node))
-        answer(explain(topic, type_name, types, gone))
+        similar = similar_topic(topic, type_name, {} if publishers else self._read_published())
+        text = explain(topic, type_name, types, gone, similar)
+        if publishers and text is None and not self._can_receive(topic, publishers):
+            text = INCOMPATIBLE_QOS
+        answer(text)
+
+    def _read_published(self) -> Mapping[str, str]:
+        """Returns the topics that have publishers, with their types."""
+        now_s = time.monotonic()
+        if now_s - self._read_s >= _TOPICS_PERIOD_S:
+            topics = self._node.get_topic_names_and_types()
+            self._published = {name: types[0] for name, types in topics if self._node.count_publishers(name)}
+            self._read_s = now_s
+        return self._published
+
+    def _can_receive(self, topic: str, publishers: Sequence[TopicEndpointInfo]) -> bool:
+        wanted = self._qos_of(topic)
+        checks = [qos_check_compatible(publisher.qos_profile, mine)[0] for publisher in publishers for mine in wanted]
+        return not checks or any(check != QoSCompatibility.ERROR for check in checks)
 
 
 def _nodes_of(publishers: Sequence[TopicEndpointInfo]) -> Collection[str]:

@@ -19,7 +19,7 @@ from ..messages.standard_messages import check_type, definition
 from ..values.errors import ConfigError, ServiceError
 from ..values.names import full_name, split_type_name
 from .graph import Counts, GraphCallback, Wanted, count, state_of
-from .hints import Answer, explain
+from .hints import Answer, explain, similar_topic
 from .mapping_node import CLOCK, MappingNode, MappingSubscription, RawSubscription
 from .middleware import Callback, Graph, NodeInfo, RawCallback, Severity
 from .timers import ClockTimer
@@ -222,7 +222,7 @@ class LocalMiddleware(MappingNode):
         types = [published[topic]] if topic in published else []
         last = self._bus._topics.get(topic, _Topic()).publisher
         gone = {last}.difference(["", *(node.name for node in self._bus.nodes)])
-        answer(explain(topic, type_name, types, gone))
+        answer(explain(topic, type_name, types, gone, similar_topic(topic, type_name, published)))
 
     def graph_name(self, key: str, name: str) -> str:
         return self.resolve(name)

@@ -13,6 +13,8 @@ from .formatting import printable
 from .model import Level
 
 _MAX_PARTS = 100
+PARAMETERS_FAULT = "parameters"
+"""Part of the fault that the node does not run with the parameters that it was given."""
 OTHER_PARTS = "other parts"
 """Part under which the faults of parts beyond the limit are reported, as one."""
 

@@ -18,7 +18,7 @@ from typing import (
     Tuple,
 )
 
-from ...core.port.hints import Answer, explain
+from ...core.port.hints import Answer, explain, similar_topic
 from ...core.values.errors import LinkError, MessageError, ServiceError
 from ...core.values.names import canonical_type
 from ...runtime.bridge.node import KnownTopic
@@ -129,7 +129,10 @@ class PublisherLookup:
             return explain(topic, type_name, [topics[topic]]) if topics.get(topic) else None
         known = self._publishers.get(topic, ())
         gone = set(known).difference(await names_of(self._call, "nodes")) if known else ()
-        return explain(topic, type_name, [], gone)
+        similar = similar_topic(topic, type_name, topics)
+        if similar and not await self._publishers_of(similar):
+            similar = None
+        return explain(topic, type_name, [], gone, similar)
 
     async def _publishers_of(self, topic: str) -> Sequence[str]:
         nodes = await names_of(self._call, "publishers", topic=topic)

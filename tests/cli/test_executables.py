@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import socket
 from pathlib import Path
-from typing import Any, Callable, Dict, List
+from typing import Any, Callable, Dict, List, Optional
 
 import pytest
 
@@ -13,6 +13,7 @@ from robot_health_monitor.cli.executables import run
 from robot_health_monitor.cli.exit_codes import ExitCode
 from robot_health_monitor.core import Level
 from robot_health_monitor.core.port.local import LocalBus
+from robot_health_monitor.core.port.middleware import Severity
 from robot_health_monitor.core.values.errors import ConfigError, ServiceError
 from robot_health_monitor.ops.store import queries
 from robot_health_monitor.ops.store.database_file import reading
@@ -23,8 +24,9 @@ Parameters = Dict[str, Dict[str, Any]]
 class LocalProcess:
     """A process of nodes on one bus, which spins for three seconds of virtual time."""
 
-    def __init__(self, parameters: Parameters, failure: str = "") -> None:
+    def __init__(self, parameters: Parameters, failure: str = "", last_good: Optional[Parameters] = None) -> None:
         self.bus = LocalBus()
+        self.last_good = last_good or {}
         self.middlewares: List[Any] = []
         self.closed = False
         self._parameters = parameters
@@ -39,6 +41,14 @@ class LocalProcess:
 
     def create_served_node(self, alert_system: Any) -> Any:
         return self.create_node("rosbridge")
+
+    def recover_node(self, name: str, failed: Any) -> Any:
+        if name not in self.last_good:
+            return None
+        failed.close()
+        self.middlewares.remove(failed)
+        self._parameters[name] = self.last_good[name]
+        return self.create_node(name)
 
     def locate(self, error: ConfigError, middleware: Any) -> ConfigError:
         return ConfigError(error.problem, (middleware.name, *error.path))
@@ -116,6 +126,37 @@ def test_a_configuration_that_cannot_be_used_is_one_line_and_code_2(capfd: pytes
     written = capfd.readouterr().err
     assert written.startswith("aggregator: /aggregator.publish_rate: expected a number")
     assert written.count("\n") == 1 and process.closed
+
+
+@pytest.mark.parametrize("executable", ["alert_system", "health_monitor"])
+def test_a_node_that_refuses_its_parameters_starts_with_the_last_good_ones(executable: str, tmp_path: Path) -> None:
+    ops = tmp_path / "ops.yaml"
+    ops.write_text("history: {file: history.db}\n")
+    good = {"ops": str(ops), "signals": {"fan": {"warn_below": 900.0}}}
+    bad = {"ops": str(ops), "signals": {"fan": {"warn_below": "low", "field": "speed"}}}
+    process = LocalProcess({"alert_system": bad}, last_good={"alert_system": good})
+    assert start(executable, process) == ExitCode.SUCCESS
+    assert process.middlewares[0].given_parameters() == good
+    fault = process.middlewares[0].faults.current()["parameters"]
+    assert fault.level is Level.ERROR
+    assert fault.text == (
+        "started with the last good ones: /alert_system.signals.fan.warn_below: expected a number, got 'low'"
+    )
+    errors = [line.text for line in process.bus.log_lines if line.severity >= Severity.ERROR]
+    assert errors == [f"parameters: {fault.text}"]
+
+
+def test_the_other_nodes_log_that_they_started_with_the_last_good_parameters() -> None:
+    process = LocalProcess({"aggregator": {"publish_rate": 0.0}}, last_good={"aggregator": {"publish_rate": 2.0}})
+    assert start("aggregator", process) == ExitCode.SUCCESS
+    (error,) = [line.text for line in process.bus.log_lines if line.severity >= Severity.ERROR]
+    assert error.startswith("parameters: started with the last good ones: /aggregator.publish_rate: expected a number")
+
+
+def test_last_good_parameters_that_are_refused_too_end_it_with_code_2(capfd: pytest.CaptureFixture[str]) -> None:
+    process = LocalProcess({"aggregator": {"publish_rate": 0.0}}, last_good={"aggregator": {"publish_rate": 1e9}})
+    assert start("aggregator", process) == ExitCode.USAGE
+    assert "got 1000000000.0" in capfd.readouterr().err
 
 
 def test_a_process_that_failed_says_why_and_ends_with_code_3(capfd: pytest.CaptureFixture[str]) -> None:

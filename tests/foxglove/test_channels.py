@@ -196,7 +196,7 @@ def test_bytes_that_are_no_message_of_the_type_do_not_pass() -> None:
     ("offered", "wanted", "hint"),
     [
         ([], "", "no publisher on /battery"),
-        ([channel(1, "/battery_state")], "", "no publisher on /battery"),
+        ([channel(1, "/battery_state")], "", "no publisher on /battery; /battery_state exists"),
         ([channel(1)], "", None),
         ([channel(1)], "std_msgs/Float32", None),
         (

@@ -1002,6 +1002,31 @@ class PortConformance:
         for type_name in (FLOAT32, "std_msgs/msg/Float32"):
             self._wait_for_hint(harness, harness.node("alert_system"), "battery", type_name, text)
 
+    @pytest.mark.parametrize(
+        ("topic", "type_name", "existing"),
+        [
+            ("battery", FLOAT32, "/battery_state"),  # part of the name
+            ("/robot1/battery_state", "sensor_msgs/BatteryState", "/battery_state"),  # another namespace
+            ("batery_state", "sensor_msgs/BatteryState", "/battery_state"),  # a typing mistake
+            ("power", "sensor_msgs/BatteryState", "/battery_state"),  # the type
+        ],
+    )
+    def test_a_topic_that_may_be_meant_is_named(
+        self, harness: Harness, topic: str, type_name: str, existing: str
+    ) -> None:
+        self._publish_until_heard(harness, existing, "sensor_msgs/BatteryState", "percentage")
+        node = harness.node("alert_system")
+        resolved = node.subscribe(topic, type_name, Recorder(), field=None).topic
+        text = f"no publisher on {resolved}; {existing} exists"
+        self._wait_for_hint(harness, node, topic, type_name, text)
+
+    def test_a_topic_that_is_only_subscribed_to_is_not_meant(self, harness: Harness) -> None:
+        self._publish_until_heard(harness, "/temperature", "sensor_msgs/Temperature", "temperature")
+        node = harness.node("alert_system")
+        for topic in ("battery_state", "battery_current"):
+            node.subscribe(topic, "", Recorder(), field=None)
+        self._wait_for_hint(harness, node, "battery", FLOAT32, "no publisher on /battery")
+
     def test_a_topic_with_a_publisher_of_the_type_gives_no_hint(self, harness: Harness) -> None:
         self._publish_until_heard(harness, "/battery", FLOAT32, "data")
         node = harness.node("alert_system")
@@ -1018,7 +1043,7 @@ class PortConformance:
         monitor = AlertSystem(node).monitor
         harness.set_time(START_S + 1.0)
         harness.wait_until(lambda: bool(monitor.signals()))
-        times_s, hint = itertools.count(START_S + 60_000.0), "no publisher on /battery"
+        times_s, hint = itertools.count(START_S + 60_000.0), "no publisher on /battery; /battery_state exists"
 
         def has_hint() -> bool:
             harness.set_time(next(times_s))  # the answer may come after some ticks

@@ -7,7 +7,7 @@ import re
 import signal
 import subprocess
 from pathlib import Path
-from typing import Any, Iterator, Mapping
+from typing import Any, Iterator, List, Mapping
 
 import pytest
 from harness.executables_on_ros import FLOAT32, READY, TRIGGER, WRONG_FILE, ExecutablesOnRos, file_with, warnings_of
@@ -177,6 +177,56 @@ def test_the_command_in_the_readme_changes_a_bound(start: Any, ros: Any, paramet
     assert line.endswith("parameters changed: battery_level.warn_below: 20 -> 25")
 
 
+def test_a_parameter_that_is_set_in_both_places_ends_it(start: Any, parameters: Any) -> None:
+    parameters("/alert_system/ros__parameters/signals/fan/warn_below", 900.0)
+    parameters("/alert_system/signals/fan/warn_below", 800.0)
+    process = start("alert_system")
+    assert process.wait() == 2
+    assert process.errors == [
+        "alert_system: signals.fan.warn_below: is set twice: /alert_system/signals/fan/warn_below and "
+        "/alert_system/ros__parameters/signals/fan/warn_below; delete one of them"
+    ]
+
+
+@pytest.mark.parametrize("executable", ["alert_system", "health_monitor"])
+def test_after_kill_9_it_starts_with_the_last_good_parameters_and_says_so(
+    start: Any, ros: Any, parameters: Any, executable: str
+) -> None:
+    bound = "/alert_system/ros__parameters/signals/fan/warn_below"
+    parameters(bound, 900.0)
+    first = start(executable)
+    first.wait_for_text("watching fan on /fan: WARN below 900")
+    ros.wait_until(lambda: has_parameter(ros, "/alert_system/last_accepted"))
+    parameters(bound, "low")
+    first.signal(signal.SIGKILL)
+    first.wait()
+    second = start(executable)
+    second.wait_for_text("watching fan on /fan: WARN below 900")
+    line = second.wait_for_text("started with the last good ones")
+    assert "parameters: started with the last good ones: signals.fan.warn_below: expected a number, got 'low'" in line
+    states = ros.listen("/diagnostics", "diagnostic_msgs/DiagnosticArray")
+
+    def own_levels() -> List[int]:
+        statuses = [status for array in tuple(states) for status in array["status"]]
+        return [status["level"] for status in statuses if status["name"] == "alert_system: monitor"]
+
+    ros.wait_until(lambda: 2 in own_levels())
+    assert ros.call("/alert_system/reload", TRIGGER) == {"success": True, "message": "nothing changed"}
+    second.wait_for_text("parameters works again")
+
+
+@pytest.mark.parametrize("executable", ["aggregator", "health_monitor"])
+def test_after_kill_9_a_wrong_log_level_ends_nothing(start: Any, ros: Any, parameters: Any, executable: str) -> None:
+    first = start(executable)
+    first.wait_for_text("system_health is the mean of")
+    ros.wait_until(lambda: has_parameter(ros, f"/{executable}/last_accepted"))
+    parameters(f"/{executable}/log_level", "LOUD")
+    first.signal(signal.SIGKILL)
+    first.wait()
+    second = start(executable)
+    second.wait_for_texts("parameters: started with the last good ones: log_level: expected one of", "system_health is")
+
+
 def test_reload_changes_the_log_level(start: Any, ros: Any, parameters: Any) -> None:
     process = start("alert_system")
     process.wait_for_text("watching cpu_usage")
@@ -190,6 +240,10 @@ def test_reload_changes_the_log_level(start: Any, ros: Any, parameters: Any) -> 
     ros.publish("/battery_level", FLOAT32, {"data": 35.0})
     process.wait_for_text("battery_level ERROR")
     assert warnings_of(process, "battery_level") == []
+
+
+def has_parameter(ros: Any, name: str) -> bool:
+    return bool(ros._master.hasParam(name))
 
 
 def test_simulated_time_is_followed(start: Any, ros: Any, parameters: Any) -> None:

@@ -28,6 +28,7 @@ class Node:
 
     def start(self) -> None:
         self.parameters.given()
+        self.parameters.keep()
 
     def reload(self) -> Dict[str, Any]:
         return dict(
@@ -49,17 +50,36 @@ def node(master: Any, parameters: Any, monkeypatch: pytest.MonkeyPatch) -> Node:
     return Node(master)
 
 
-def test_private_parameters_override_those_of_the_file(node: Node, parameters: Any) -> None:
+def test_arguments_of_the_launch_file_go_over_the_file(node: Node, parameters: Any) -> None:
     parameters(f"{NODE}/ros__parameters/log_level", "DEBUG")
     parameters(f"{NODE}/log_level", "WARN")
     parameters(f"{NODE}/publish_rate", 5.0)
-    parameters(f"{NODE}/signals/fan/unit", "rpm")
-    parameters(f"{NODE}/signals/fan/warn_below", 800)
     assert node.parameters.given() == {
         "log_level": "WARN",
         "publish_rate": 5.0,
-        "signals": {"fan": {"warn_below": 800, "unit": "rpm"}},
+        "signals": {"fan": {"warn_below": 900}},
     }
+
+
+def test_a_parameter_in_both_places_is_an_error_that_names_both(node: Node, parameters: Any) -> None:
+    node.start()
+    parameters(f"{NODE}/signals/fan/warn_below", 800)
+    response = node.reload()
+    assert response == {
+        "success": False,
+        "message": "signals.fan.warn_below: is set twice: /alert_system/signals/fan/warn_below and "
+        "/alert_system/ros__parameters/signals/fan/warn_below; delete one of them",
+    }
+    parameters(BOUND, 700)  # the refusal has removed the other one
+    assert node.reload() == {"success": True, "message": "warn_below: 700"}
+
+
+def test_every_parameter_in_both_places_is_named(node: Node, parameters: Any) -> None:
+    parameters(f"{NODE}/signals/fan", {"warn_below": 1, "unit": "rpm"})
+    parameters(f"{NODE}/ros__parameters/signals/fan/unit", "rpm")
+    with pytest.raises(ConfigError) as refused:
+        node.parameters.given()
+    assert {error.path for error in refused.value.all} == {("signals", "fan", "unit"), ("signals", "fan", "warn_below")}
 
 
 def test_an_accepted_change_is_one_info_line(node: Node, parameters: Any) -> None:
@@ -103,6 +123,30 @@ def test_what_was_deleted_comes_back_with_a_refusal(node: Node, parameters: Any)
     assert node.server.parameter(f"{NODE}/ros__parameters", {}) == {
         "signals": {"fan": {"warn_below": 900, "unit": "rpm"}}
     }
+
+
+def test_a_node_that_is_started_again_can_go_back_to_the_last_good_parameters(
+    node: Node, parameters: Any, master: Any
+) -> None:
+    node.start()
+    parameters(BOUND, 800)
+    assert node.reload()["success"] is True
+    parameters(BOUND, "low")  # and no reload before the node is killed
+    again = Node(master)
+    assert again.parameters.given() == {"signals": {"fan": {"warn_below": "low"}}}
+    assert again.parameters.put_back() is True
+    assert again.parameters.read() == {"signals": {"fan": {"warn_below": 800}}}
+    assert again.parameters.put_back() is False  # these are the last good ones
+
+
+def test_a_first_start_has_nothing_to_go_back_to(node: Node) -> None:
+    node.parameters.given()
+    assert node.parameters.put_back() is False
+
+
+def test_a_node_that_reads_no_parameters_keeps_none(node: Node) -> None:
+    node.parameters.keep()
+    assert node.server.parameter(f"{NODE}/last_accepted", None) is None
 
 
 def test_a_master_that_is_gone_refuses_nothing_and_changes_nothing(

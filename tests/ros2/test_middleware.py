@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, List
+from typing import Any, List, Optional, Sequence
 
 import pytest
 from harness.port_conformance import FLOAT32, Recorder, RefusingNode
@@ -241,6 +241,35 @@ def test_a_type_of_a_package_that_is_not_installed_is_rejected(ros: Any) -> None
         node.subscribe("in", "no_such_msgs/Float32", Recorder(), field="data")
 
 
+def answer_of(ros: Any, wanted: Sequence[Any], topic: str) -> Optional[str]:
+    """Returns the answer for subscriptions of some QoS once the publisher is known to the node."""
+    from robot_health_monitor.ros2.publishers import PublisherLookup
+
+    node = ros.node("alert_system").node
+    ros.wait_until(lambda: bool(node.get_publishers_info_by_topic(topic)))
+    answers: List[Optional[str]] = []
+    PublisherLookup(node, lambda topic: wanted).look_up(topic, FLOAT32, answers.append)
+    (text,) = answers
+    return text
+
+
+def test_publishers_of_a_qos_that_no_subscription_can_hear_are_the_reason(ros: Any) -> None:
+    from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+    from std_msgs.msg import Float32
+
+    best_effort = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+    reliable = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
+    latched = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    ros._me.create_publisher(Float32, "/fast", best_effort)
+    incompatible = "its publishers are not compatible in QoS"
+    assert answer_of(ros, [reliable], "/fast") == incompatible
+    assert answer_of(ros, [reliable, best_effort], "/fast") is None
+    assert answer_of(ros, [], "/fast") is None
+    ros._me.create_publisher(Float32, "/volatile", reliable)
+    assert answer_of(ros, [latched], "/volatile") == incompatible
+    assert answer_of(ros, [best_effort], "/volatile") is None
+
+
 def test_a_subscription_is_best_effort_once_a_publisher_requires_that(ros: Any) -> None:
     from rclpy.qos import QoSProfile, ReliabilityPolicy
     from std_msgs.msg import Float32
@@ -250,7 +279,7 @@ def test_a_subscription_is_best_effort_once_a_publisher_requires_that(ros: Any) 
     node.subscribe("sensor", FLOAT32, lambda value, now_s: heard.append(value), field="data")
 
     def reliabilities() -> List[Any]:
-        return [channel.native.qos_profile.reliability for channel in node._channels.values()]
+        return [qos.reliability for qos in node._qos_of("/sensor")]
 
     assert reliabilities() == [ReliabilityPolicy.RELIABLE]
     publisher = ros._me.create_publisher(

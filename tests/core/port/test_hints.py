@@ -10,7 +10,7 @@ from harness.stage import FLOAT32, Stage, status, values_of
 
 from robot_health_monitor.core import Changes, Level, Monitor, Sample, load_config
 from robot_health_monitor.core.nodes.outlets import json_line
-from robot_health_monitor.core.port.hints import Answer, Hints, explain
+from robot_health_monitor.core.port.hints import Answer, Hints, explain, similar_topic
 from robot_health_monitor.core.port.local import LocalMiddleware
 from robot_health_monitor.core.port.middleware import Severity
 
@@ -154,16 +154,18 @@ def test_the_log_the_alert_and_diagnostics_show_the_hint_in_brackets(stage: Stag
     stage.alert_system(CONFIG)
     stage.bus.run_until(6.0)
     waiting = status(arrays[-1], "alert_system: battery")
-    assert waiting["message"] == "waiting for the first sample [no publisher on /battery]"
+    assert waiting["message"] == "waiting for the first sample [no publisher on /battery; /battery_state exists]"
     stage.bus.run_until(12.0)
     (line,) = (text for text in stage.log(Severity.WARN) if " STALE: " in text)
     assert line.startswith(
         "/battery STALE: no message since the start 11 s ago (limit 10 s), nor on 1 other topic: /fix "
     )
-    assert line.endswith(" [no publisher on /battery]")
+    assert line.endswith(" [no publisher on /battery; /battery_state exists]")
     assert status(arrays[-1], "alert_system: gps")["message"].endswith(" [no publisher on /fix]")
     assert line in [alert["message"] for alert in alerts]
-    assert status(arrays[-1], "alert_system: battery")["message"].endswith(" [no publisher on /battery]")
+    assert status(arrays[-1], "alert_system: battery")["message"].endswith(
+        " [no publisher on /battery; /battery_state exists]"
+    )
     stage.publish("battery", 50.0)
     stage.bus.run_until(13.0)
     assert "[" not in status(arrays[-1], "alert_system: battery")["message"]
@@ -321,3 +323,50 @@ def test_names_from_outside_are_bounded_and_have_no_control_characters() -> None
     assert text is not None and len(text) < 250 and text.isprintable()
     text = explain("/battery", FLOAT32, [], gone=["/battery\n\x1b[2J" + "b" * 10_000])
     assert text is not None and len(text) < 250 and text.isprintable()
+
+
+@pytest.mark.parametrize(
+    ("wanted", "other"),
+    [
+        ("/battery", "/battery_state"),
+        ("/battery", "/robot1/battery"),
+        ("/battery_state", "/BatteryState"),
+        ("/batery", "/battery"),  # left out
+        ("/battrey", "/battery"),  # exchanged
+        ("/scam", "/scan"),  # replaced
+    ],
+)
+def test_a_name_is_similar(wanted: str, other: str) -> None:
+    assert similar_topic(wanted, FLOAT32, {other: "sensor_msgs/Range"}) == other
+
+
+@pytest.mark.parametrize(
+    ("wanted", "other"),
+    [
+        ("/battery", "/battery"),  # itself
+        ("/battery", "/temperature"),
+        ("/imu", "/maximum"),
+        ("/imu", "/imo"),
+        ("/battery_left", "/battery_rights"),
+        ("/cpu_usage", "/cpu_load"),
+        ("/battery", "/"),
+        ("/battery", ""),
+    ],
+)
+def test_a_name_is_not_similar(wanted: str, other: str) -> None:
+    assert similar_topic(wanted, FLOAT32, {other: FLOAT32}) is None
+
+
+def test_the_configured_type_counts_unless_it_says_nothing_about_the_meaning() -> None:
+    topics = {"/power": "sensor_msgs/msg/BatteryState", "/pressure": "std_msgs/msg/Float32"}
+    assert similar_topic("/bat", BATTERY, topics) == "/power"
+    assert similar_topic("/bat", FLOAT32, topics) is None
+    assert similar_topic("/bat", "", topics) is None
+    named = {**topics, "/bat_1": FLOAT32}
+    assert similar_topic("/bat", BATTERY, named) == "/bat_1"  # a similar name comes first
+
+
+def test_a_graph_of_any_size_is_read_in_part() -> None:
+    topics = {f"/t{number}": FLOAT32 for number in range(20_000)}
+    assert similar_topic("/battery", FLOAT32, {**topics, "/battery_state": BATTERY}) is None
+    assert similar_topic("/" + "b" * 100_000, FLOAT32, {"/" + "b" * 99_999: BATTERY}) == "/" + "b" * 99_999

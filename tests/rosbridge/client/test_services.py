@@ -111,8 +111,17 @@ async def test_the_types_and_publishers_of_the_server_give_the_reason() -> None:
     assert await answer_of(rosapi, "/battery", "sensor_msgs/Temperature") is None
     assert await answer_of(rosapi, "/battery", "") is None
     assert await answer_of(rosapi, "/fan") is None
-    assert await answer_of(rosapi, "/batery") == "no publisher on /batery"
+    assert await answer_of(rosapi, "/batery") == "no publisher on /batery; /battery exists"
     assert await answer_of(rosapi, "/none") == "no publisher on /none"
+
+
+@scenario
+async def test_a_similar_topic_without_a_publisher_is_not_meant() -> None:
+    """The list of topics also has those that have only subscribers."""
+    rosapi = Rosapi({"/battery_1": FLOAT32}, {"/battery_1": ["/driver"]})
+    assert await answer_of(rosapi, "/battery") == "no publisher on /battery; /battery_1 exists"
+    rosapi.publishers = {}
+    assert await answer_of(rosapi, "/battery") == "no publisher on /battery"
 
 
 @scenario
