@@ -76,7 +76,8 @@ def explain(
     '/battery is published as sensor_msgs/Temperature, configured as std_msgs/Float32'
 
     The topic is published with `types`; if these are empty, it has no publisher, and `gone` are the nodes that
-    published it and are not there any more, and `similar` is the topic that may be meant. An empty `type_name` stands for any type.
+    published it and are not there any more, and `similar` is the topic that may be meant. An empty `type_name` stands
+    for any type.
     """
     if not types:
         names = sorted(map(_shown, gone))[:_MOST_GONE]
