@@ -163,10 +163,7 @@ class Retention:
         return deleted
 
     def _delete(self, rows: _Rows) -> int:
-        ids = [(number,) for number, _, _ in rows]
-        for table in ("evidence", "notes", "effects"):
-            self._connection.executemany(f"DELETE FROM {table} WHERE transition_id = ?", ids)
-        self._connection.executemany("DELETE FROM transitions WHERE id = ?", ids)
+        self._connection.executemany("DELETE FROM transitions WHERE id = ?", [(number,) for number, _, _ in rows])
         if self._counts is not None:
             self._counts.subtract((robot, _template(signal)) for _, robot, signal in rows)
             self._counts += Counter()  # without those of which nothing is left
@@ -175,13 +172,7 @@ class Retention:
     def _delete_others(self, table: str, condition: str, run_id: int, before_s: float) -> int:
         selected = f"SELECT id FROM {table} WHERE {condition} ORDER BY id LIMIT {_MAX_ROWS}"
         values = {"run_id": run_id, "before_s": before_s}
-        deleted = self._connection.execute(f"DELETE FROM {table} WHERE id IN ({selected})", values).rowcount
-        if deleted and table == "runs":
-            self._connection.execute("DELETE FROM watches WHERE run_id < (SELECT min(id) FROM runs)")
-        if deleted and table == "configuration_changes":
-            query = "DELETE FROM configurations WHERE hash NOT IN (SELECT hash FROM configuration_changes)"
-            self._connection.execute(query)
-        return deleted
+        return self._connection.execute(f"DELETE FROM {table} WHERE id IN ({selected})", values).rowcount
 
 
 def _template(signal: object) -> str:

@@ -191,6 +191,20 @@ CREATE TABLE notifications (
 CREATE INDEX notifications_by_alert ON notifications(target, fingerprint, id);
 CREATE INDEX notifications_by_place ON notifications(target, attempts, place, id);
 CREATE INDEX notifications_by_source ON notifications(target, source, place);
+-- What belongs to a row is deleted with it.
+CREATE TRIGGER evidence_of_deleted AFTER DELETE ON transitions
+BEGIN DELETE FROM evidence WHERE transition_id = OLD.id; END;
+CREATE TRIGGER notes_of_deleted AFTER DELETE ON transitions
+BEGIN DELETE FROM notes WHERE transition_id = OLD.id; END;
+CREATE TRIGGER effects_of_deleted AFTER DELETE ON transitions
+BEGIN DELETE FROM effects WHERE transition_id = OLD.id; END;
+CREATE TRIGGER watches_of_deleted AFTER DELETE ON runs
+BEGIN DELETE FROM watches WHERE run_id = OLD.id; END;
+CREATE TRIGGER text_of_deleted AFTER DELETE ON configuration_changes
+BEGIN DELETE FROM configurations
+    WHERE hash = OLD.hash AND hash NOT IN (SELECT hash FROM configuration_changes); END;
+CREATE TRIGGER alerts_of_deleted AFTER DELETE ON silences
+BEGIN DELETE FROM silenced_alerts WHERE silence_id = OLD.id; END;
 """
 
 _CREATE = (*_TABLES.split(";\n"), f"PRAGMA application_id = {APPLICATION_ID}")

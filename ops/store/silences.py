@@ -213,7 +213,6 @@ def add_silence(
     # Ended ones are kept for `list`, in a bounded number.
     ended = "id <= ? AND (ended_s IS NOT NULL OR until_s <= ?)"
     connection.execute(f"DELETE FROM silences WHERE {ended}", (number - _MOST_KEPT, now_s))
-    connection.execute("DELETE FROM silenced_alerts WHERE silence_id NOT IN (SELECT id FROM silences)")
     return silence._replace(id=number)
 
 
