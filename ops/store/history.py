@@ -11,7 +11,7 @@ import threading
 import time
 from collections import deque
 from contextlib import contextmanager
-from sqlite3 import Connection, Error
+from sqlite3 import Connection, OperationalError
 from typing import Any, Callable, Deque, Dict, Iterable, Iterator, List, Mapping, Optional, Sequence, Tuple, TypeVar
 
 from ...core.judge.sample_summary import PERIOD_S, SampleSummary
@@ -22,10 +22,12 @@ from ...core.values.formatting import printable
 from ...core.values.model import Transition
 from ..configuration import HistorySettings
 from .database import PART, Database, Job
+from .database_file import is_file_error
 from .present_state import alert_of, note_transition, write_states
 from .queries import read_states
 from .rows import INSERT_TRANSITION, pack_samples, transition_row
 from .samples import StoredSamples, store
+from .schema import altered_error
 
 Result = TypeVar("Result")
 OnRecord = Callable[[Connection, int, Transition, float], None]
@@ -118,9 +120,12 @@ class History(Database):
             try:
                 hook(connection, began or number, transition, wall_s)
             except Exception as error:
-                if isinstance(error, Error):
+                if is_file_error(error):
                     raise
                 connection.execute("ROLLBACK TO hook")
+                altered = altered_error(connection) if isinstance(error, OperationalError) else None
+                if altered is not None:
+                    raise altered from None
                 self.faults.report(_HOOK_PART, f"{type(error).__name__}: {error}")
             else:
                 self.faults.clear(_HOOK_PART)
