@@ -12,7 +12,7 @@ from contextlib import closing, contextmanager, suppress
 from functools import partial
 from typing import Any, Callable, Container, ContextManager, Iterator, List, Mapping, NamedTuple, Optional, Tuple
 
-from ...core.config.monitor_config import load_config
+from ...core.config.monitor_config import MonitorConfig, load_config
 from ...core.messages.definitions import Definitions, parse_definition
 from ...core.messages.standard_messages import definition
 from ...core.port.middleware import NodeInfo, ServedMiddleware
@@ -80,8 +80,8 @@ def _check(arguments: argparse.Namespace) -> str:
 def run(arguments: argparse.Namespace, interrupts: Interrupts) -> None:
     """Writes the thresholds. Raises ServiceError if there is nothing to watch."""
     namespace = arguments.namespace.strip("/")
-    watched = _Watched(arguments.against, namespace) if arguments.against else None
-    candidates = Candidates(namespace, watched.names if watched else (), ages_of_bulk=not arguments.url)
+    watched = load_config(arguments.against) if arguments.against else None
+    candidates = Candidates(namespace, watched.signals if watched else (), ages_of_bulk=not arguments.url)
     nodes, progress = Nodes(), ProgressLine()
 
     def heard() -> str:
@@ -107,7 +107,7 @@ def run(arguments: argparse.Namespace, interrupts: Interrupts) -> None:
         raise ServiceError(f"nothing to watch on {name}: {heard()} in {lasted}{more}")
     nodes.add_to(proposed, candidates)
     if watched is not None:
-        watched.remove_from(proposed)
+        _remove_watched(proposed, watched, namespace)
         if not proposed.signals:
             sys.stderr.write(f"{printable(f'{arguments.against} watches everything on {name} that can be watched')}\n")
             return
@@ -310,30 +310,23 @@ def _parsed(type_name: str, text: str, is_ros1: bool, form: str = "msg") -> Opti
         return None
 
 
-class _Watched:
-    """What a thresholds.yaml watches."""
+def _remove_watched(proposed: Proposed, config: MonitorConfig, namespace: str) -> None:
+    """Removes the signals whose topic and field a configuration watches, and the remarks about topics that it does."""
+    node = f"/{namespace}/alert_system" if namespace else "/alert_system"
+    fields: List[Tuple[str, str]] = []
+    """Topics or parts of the graph, as signals that are proposed have them, and their fields."""
+    for signal in config.signals.values():
+        fields += [(resolve_name(topic, node), signal.field) for topic in signal.topics]
+        if signal.graph is not None:
+            key, name = signal.graph
+            fields.append((f"{key} {resolve_name(name, node)}", signal.field))
 
-    def __init__(self, file: str, namespace: str) -> None:
-        node = f"/{namespace}/alert_system" if namespace else "/alert_system"
-        config = load_config(file)
-        self.names = tuple(config.signals)
-        self._fields: List[Tuple[str, str]] = []
-        """Topics or parts of the graph, as signals that are proposed have them, and their fields."""
-        for signal in config.signals.values():
-            self._fields += [(resolve_name(topic, node), signal.field) for topic in signal.topics]
-            if signal.graph is not None:
-                key, name = signal.graph
-                self._fields.append((f"{key} {resolve_name(name, node)}", signal.field))
+    def is_watched(signal: Signal) -> bool:
+        field = signal.given.get("field", "data")
+        return any(topic == signal.topic and matches_pattern(field, each) for topic, each in fields)
 
-    def remove_from(self, proposed: Proposed) -> None:
-        """Removes the signals whose topic and field are watched, and the remarks about topics that are."""
-
-        def is_watched(signal: Signal) -> bool:
-            field = signal.given.get("field", "data")
-            return any(topic == signal.topic and matches_pattern(field, each) for topic, each in self._fields)
-
-        proposed.signals = [signal for signal in proposed.signals if not is_watched(signal)]
-        for topic, _ in self._fields:
-            proposed.not_watched.pop(topic, "")
-        if all(signal.is_shown_only for signal in proposed.signals):
-            proposed.signals = []
+    proposed.signals = [signal for signal in proposed.signals if not is_watched(signal)]
+    for topic, _ in fields:
+        proposed.not_watched.pop(topic, "")
+    if all(signal.is_shown_only for signal in proposed.signals):
+        proposed.signals = []
