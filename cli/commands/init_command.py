@@ -252,10 +252,7 @@ def _bridged_robot(url: str, interrupts: Interrupts, **options: Any) -> Iterator
     loop = LoopThread(_NAME)
 
     async def connect() -> Tuple[Any, Any, Any]:
-        def note_link(*link: Any) -> None:
-            links.append(link)
-
-        client = bridge_client(url, on_link=note_link, on_log=lambda line: None, **options)
+        client = bridge_client(url, on_link=lambda *link: links.append(link), on_log=lambda line: None, **options)
         return client, client.node(_NAME), asyncio.ensure_future(client.run())
 
     async def call(function: Callable[[], object]) -> object:
