@@ -164,10 +164,10 @@ class Candidates:
         """Adds the signals of topics; topics that were added before are ignored."""
         new: List[Signal] = []
         for each in sorted(topics, key=lambda each: each.topic):
-            first = self.topics.get(each.topic, "")
-            if first not in ("", each.type_name):
-                self.fields[each.topic, f"as {each.type_name}"] = f"it also has {first}"
-            if first:
+            first = self.topics.get(each.topic)
+            if first is not None:
+                if first != each.type_name:
+                    self.fields[each.topic, f"as {each.type_name}"] = f"it also has {first}"
                 continue
             self.topics[each.topic] = each.type_name
             if each.topic in _OF_MIDDLEWARE or each.topic.endswith(_ENDINGS_OF_MIDDLEWARE):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from itertools import groupby
-from typing import Dict, Iterator, List, Mapping
+from typing import Dict, Iterator, List, Mapping, Set
 
 from ..config.signal_config import BOUNDS, read_signal
 from ..values.errors import ConfigError
@@ -53,19 +53,22 @@ def propose(candidates: Candidates, longest_s: Mapping[str, float] = {}) -> Prop
     """
     proposed = Proposed([], dict(candidates.not_watched), dict(candidates.fields))
     every = sorted(candidates.signals.values(), key=lambda each: "" if each.kind == "given" else each.topic)
+    silent: Set[str] = set()
     lasted_s = max((each.measured.duration_s for each in every), default=0.0)
     for topic, group in groupby(every, key=lambda each: each.topic):
         of_topic = list(group)
         first = of_topic[0]
-        if topic in candidates.own_topics and first.kind != "given":
-            proposed.not_watched[topic] = PUBLISHED_HERE
-        elif first.kind in _SILENT and not first.measured.samples:
-            proposed.not_watched[topic] = _SILENT[first.kind]
+        reason = PUBLISHED_HERE if topic in candidates.own_topics and first.kind != "given" else ""
+        if not first.measured.samples:
+            reason = reason or _SILENT.get(first.kind, "")
+        if reason:
+            proposed.not_watched[topic] = reason
+            silent.add(topic)
         else:
             for signal in of_topic:
                 for each in _signals(signal, candidates, longest_s, lasted_s):
                     _sort_in(each, proposed)
-    proposed.fields = {key: why for key, why in proposed.fields.items() if key[0] not in proposed.not_watched}
+    proposed.fields = {key: why for key, why in proposed.fields.items() if key[0] not in silent}
     if all(signal.kind == "log" for signal in proposed.signals):
         proposed.not_watched.update((signal.topic, OF_MIDDLEWARE) for signal in proposed.signals)
         proposed.signals = []  # a log alone is no robot

@@ -64,7 +64,9 @@ def test_a_topic_that_is_not_periodic_is_listed() -> None:
     proposed = proposed_of([("/a", "std_msgs/String", 0.1, lambda now_s: {})])
     assert proposed.signals == []
     assert proposed.not_watched == {"/a": "only 6 messages in 50 s: a rate needs 20"}
-    assert proposed_of([("/a", "std_msgs/String", 0.001, lambda now_s: {})]).not_watched == {"/a": "no message"}
+    assert proposed.fields == {("/a", "data"): "text"}
+    silent = proposed_of([("/a", "std_msgs/String", 0.001, lambda now_s: {})])
+    assert (silent.not_watched, silent.fields) == ({"/a": "no message"}, {})
 
 
 def test_the_age_of_stamps_is_watched_where_it_is_a_delay() -> None:
