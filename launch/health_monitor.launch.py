@@ -54,7 +54,11 @@ def generate_launch_description():
     return LaunchDescription(
         [
             *(argument(name, *values) for name, values in ARGUMENTS.items()),
-            node("battery_sensor", name="battery_sensor", condition=both(SEPARATE, SENSORS)),
+            node(
+                "battery_sensor",
+                name="battery_sensor",
+                condition=IfCondition(PythonExpression([SEPARATE, " and ", SENSORS])),
+            ),
             node("aggregator", name="aggregator", condition=IfCondition(SEPARATE)),
             node("alert_system", name="alert_system", condition=IfCondition(SEPARATE)),
             # Without a name, which would rename all its nodes.
@@ -66,11 +70,6 @@ def generate_launch_description():
 def argument(name, default, description, choices=None):
     """Returns one launch argument."""
     return DeclareLaunchArgument(name, default_value=default, description=description, choices=choices)
-
-
-def both(first, second):
-    """Returns the condition that two expressions are true."""
-    return IfCondition(PythonExpression([first, " and ", second]))
 
 
 def node(executable, **options):

@@ -89,10 +89,7 @@ class Ros1Middleware(NativeNode):
         """
 
         def apply(proposed: Mapping[str, Any]) -> str:
-            with self._lock:
-                if self.closed:
-                    raise ServiceError(f"{self.name} is closed")
-                changes = on_change(proposed)
+            changes = self.change(on_change, proposed)
             if self.name == rospy.get_name():  # the log level is one for the process
                 set_log_level(proposed)
             return changes

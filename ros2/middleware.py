@@ -7,6 +7,7 @@ A process may hold several `Ros2Middleware`s, each an rclpy node with its own pa
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Callable, Collection, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
 
 from rclpy.clock import Clock, ClockType, JumpThreshold, TimeJump
@@ -110,11 +111,7 @@ class Ros2Middleware(NativeNode):
         )
 
     def declare_parameters(self, parameters: Sequence[Parameter], on_change: OnChange) -> None:
-        def apply(proposed: Mapping[str, Any]) -> str:
-            with self._lock:
-                return on_change(proposed)
-
-        self.parameters.declare(parameters, apply, self.log)
+        self.parameters.declare(parameters, partial(self.change, on_change), self.log)
 
     def advertise(self, topic: str, type_name: str, *, latched: bool = False) -> str:
         resolved = self._resolve(topic)

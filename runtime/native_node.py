@@ -11,7 +11,7 @@ from typing import Any, Callable, Collection, Dict, List, Mapping, Optional, Tup
 
 from ..core.messages.dialect import Message
 from ..core.messages.native_messages import NativeMessages
-from ..core.port.clocked_node import ClockedNode, failure_text
+from ..core.port.clocked_node import ClockedNode
 from ..core.port.graph import Counts, GraphCallback, Unread, Wanted
 from ..core.port.middleware import NOTHING_CHANGED, Severity
 from ..core.values.errors import ConfigError, MessageError, ServiceError
@@ -142,13 +142,8 @@ def apply_change(apply: Callable[[], str], log: Log) -> Tuple[bool, str]:
     try:
         changes = apply()
     except (ConfigError, ServiceError) as error:
-        reason = str(error)
-    except Exception as error:
-        reason = failure_text(error)
-        log(Severity.ERROR, reason)
-    else:
-        if changes != NOTHING_CHANGED:
-            log(Severity.INFO, f"parameters changed: {changes}")
-        return True, changes
-    log(Severity.WARN, f"the old parameters stay in force: {reason}")
-    return False, reason
+        log(Severity.WARN, f"the old parameters stay in force: {error}")
+        return False, str(error)
+    if changes != NOTHING_CHANGED:
+        log(Severity.INFO, f"parameters changed: {changes}")
+    return True, changes

@@ -7,15 +7,15 @@ from __future__ import annotations
 
 import abc
 import threading
-from typing import Any, Callable, List, Optional, Protocol, Tuple
+from typing import Any, Callable, List, Mapping, Optional, Protocol, Tuple
 
 from ..messages.dialect import Message
-from ..values.errors import ServiceError
+from ..values.errors import ConfigError, ServiceError
 from ..values.faults import Faults
 from ..values.formatting import printable
 from .hints import Answer, Hints
 from .log_limit import LimitedLog
-from .middleware import Callback, Result, Severity
+from .middleware import Callback, OnChange, Result, Severity
 from .timers import ClockTimer, ClockTimers
 
 _MAX_WAITING = 1000
@@ -148,9 +148,24 @@ class ClockedNode(abc.ABC):
             except Exception as error:
                 raise ServiceError(self.log_failure(error)) from error
 
+    def change(self, on_change: OnChange, tree: Mapping[str, Any]) -> str:
+        """Proposes a configuration under the node's lock; returns what changed.
+
+        Raises ConfigError if the node rejects it, or fails; ServiceError if it is closed.
+        """
+        with self._lock:
+            if self.closed:
+                raise ServiceError(f"{self.name} is closed")
+            try:
+                return on_change(tree)
+            except ConfigError:
+                raise
+            except Exception as error:
+                raise ConfigError(self.log_failure(error)) from error
+
     def log_failure(self, error: Exception) -> str:
         """Logs an exception of a callback as one line, which it returns."""
-        text = failure_text(error)
+        text = printable(" ".join(f"{type(error).__name__} in a callback: {error}".split()))
         self.log(Severity.ERROR, text)
         return text
 
@@ -164,8 +179,3 @@ class ClockedNode(abc.ABC):
             for timer in timers.take_due(due_s):
                 if not timer.cancelled:
                     self.call(timer.callback, self.now_s())
-
-
-def failure_text(error: Exception) -> str:
-    """Returns the log line about an exception of a callback."""
-    return printable(" ".join(f"{type(error).__name__} in a callback: {error}".split()))

@@ -14,7 +14,7 @@ from ..messages.mapping_field import MISSING, MappingField
 from ..messages.raw_messages import RawFormat, json_bytes, json_format
 from ..messages.standard_messages import check_type, complete, definition, is_stamped
 from ..values.elements import Stamp
-from ..values.errors import ConfigError, MessageError, ServiceError
+from ..values.errors import MessageError, ServiceError
 from ..values.field_path import ABSENT, mapping_getter
 from ..values.formatting import printable
 from ..values.names import resolve_name
@@ -148,12 +148,7 @@ class MappingNode(ClockedNode):
         Raises ConfigError if the node rejects it; the old values stay in force.
         """
         with self._lock:
-            try:
-                changes = "" if self._on_change is None else self._on_change(tree)
-            except ConfigError:
-                raise
-            except Exception as error:
-                raise ConfigError(self.log_failure(error)) from error
+            changes = "" if self._on_change is None else self.change(self._on_change, tree)
             self._given = tree
             return changes
 

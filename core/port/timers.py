@@ -7,14 +7,16 @@ from operator import attrgetter
 from typing import Callable, List
 
 
-class PeriodicSchedule:
-    """When something periodic is due: every period after a start, however late it is noticed."""
+class ClockTimer:
+    """A timer that is due every period after a start, however late it is noticed. Implements `middleware.Timer`."""
 
     due_s: float
     """When it is due next, in s."""
+    cancelled = False
 
-    def __init__(self, period_s: float, now_s: float) -> None:
+    def __init__(self, period_s: float, callback: Callable[[float], None], now_s: float) -> None:
         """Starts a period at `now_s`."""
+        self.callback = callback
         self._period_s = period_s
         self._periods: int
         self.restart(now_s)
@@ -29,17 +31,6 @@ class PeriodicSchedule:
         """Starts a new period at `now_s`; call when the clock went back."""
         self._start_s, self._periods = now_s, 1
         self.due_s = now_s + self._period_s
-
-
-class ClockTimer(PeriodicSchedule):
-    """A timer: a schedule with a callback. Implements `middleware.Timer`."""
-
-    cancelled = False
-
-    def __init__(self, period_s: float, callback: Callable[[float], None], now_s: float) -> None:
-        """Starts a period at `now_s`."""
-        super().__init__(period_s, now_s)
-        self.callback = callback
 
     def cancel(self) -> None:
         """Stops the timer. May be called twice, and from its own callback."""

@@ -3,7 +3,7 @@ from __future__ import annotations
 import math
 from typing import List
 
-from robot_health_monitor.core.port.timers import ClockTimer, ClockTimers, PeriodicSchedule
+from robot_health_monitor.core.port.timers import ClockTimer, ClockTimers
 
 
 def calls(times_s: List[float], start_s: float = 0.0, period_s: float = 1.0) -> List[float]:
@@ -47,21 +47,21 @@ def test_cancelled_timers_are_forgotten() -> None:
     assert timers.take_due(1.0) == []
 
 
-def test_a_schedule_skips_the_periods_that_were_missed_and_keeps_its_phase() -> None:
-    schedule = PeriodicSchedule(0.5, 10.0)
-    assert schedule.due_s == 10.5
-    schedule.advance(10.5)
-    assert schedule.due_s == 11.0
-    schedule.advance(13.2)
-    assert schedule.due_s == 13.5
-    schedule.restart(3.0)
-    assert schedule.due_s == 3.5
+def test_a_timer_skips_the_periods_that_were_missed_and_keeps_its_phase() -> None:
+    timer = ClockTimer(0.5, print, 10.0)
+    assert timer.due_s == 10.5
+    timer.advance(10.5)
+    assert timer.due_s == 11.0
+    timer.advance(13.2)
+    assert timer.due_s == 13.5
+    timer.restart(3.0)
+    assert timer.due_s == 3.5
 
 
-def test_a_schedule_that_is_advanced_early_does_not_go_back() -> None:
-    schedule = PeriodicSchedule(1.0, 0.0)
-    schedule.advance(0.9)
-    assert schedule.due_s == 2.0
+def test_a_timer_that_is_advanced_early_does_not_go_back() -> None:
+    timer = ClockTimer(1.0, print, 0.0)
+    timer.advance(0.9)
+    assert timer.due_s == 2.0
 
 
 def test_all_periods_restart_together() -> None:
