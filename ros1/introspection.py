@@ -19,7 +19,6 @@ from ..core.values.errors import ConfigError, MessageError, ServiceError
 from . import messages
 from .middleware import Ros1Middleware
 
-_LOOKUP_PERIOD_S = 0.1
 _RECEIVE_BYTES = 65_536
 _MAX_RESPONSE_BYTES = 64_000_000
 _ANY_MD5 = "*"
@@ -47,7 +46,10 @@ class Ros1ServedMiddleware(Ros1Middleware):
         resolved = rospy.resolve_name(self._resolve(service))
         deadline_s = time.monotonic() + timeout_s
         try:
-            return _call(resolved, self._wait_for_service(resolved, deadline_s), type_name, request, deadline_s)
+            address = self._master.find_service(resolved)
+            if address is None:
+                raise ServiceError("no such service")
+            return _call(resolved, address, type_name, request, deadline_s)
         except MessageError as error:
             raise MessageError(f"{resolved}: {error}") from None
         except (ServiceError, ConfigError) as error:
@@ -56,16 +58,6 @@ class Ros1ServedMiddleware(Ros1Middleware):
             raise ServiceError(f"{resolved}: no response within {timeout_s:g} s") from None
         except (OSError, ValueError, genpy.MessageException, rosgraph.network.ROSHandshakeException) as error:
             raise ServiceError(f"{resolved}: the call failed: {error}") from None
-
-    def _wait_for_service(self, service: str, deadline_s: float) -> str:
-        """Returns the address of a service as soon as it exists; raises ServiceError if it does not in time."""
-        while True:
-            address = self._master.find_service(service)
-            if address is not None:
-                return address
-            if time.monotonic() + _LOOKUP_PERIOD_S > deadline_s:
-                raise ServiceError("no such service")
-            time.sleep(_LOOKUP_PERIOD_S)
 
     def raw_format(self, type_name: str) -> RawFormat:
         return messages.raw_format(type_name)

@@ -69,9 +69,7 @@ class Ros1Process:
 
     def create_served_node(self, alert_system: Ros1Middleware) -> Ros1ServedMiddleware:
         """Creates the logical node that a rosbridge server serves."""
-        served = Ros1ServedMiddleware("rosbridge")
-        self.middlewares.append(served)
-        return served
+        return self.create_listener("rosbridge")
 
     def create_listener(self, name: str) -> Ros1ServedMiddleware:
         """Creates a node that only listens, and runs it at once."""

@@ -5,10 +5,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
 import sys
-import threading
 import time
 import warnings
 from typing import TYPE_CHECKING, Any, Callable, List, Optional, Tuple
@@ -24,6 +22,7 @@ from std_msgs.msg import Empty
 from ..core.port.middleware import Severity
 from ..core.values.errors import ConfigError, ServiceError
 from ..core.values.model import Level
+from ..runtime.threads import StepThread
 from .introspection import Ros2ServedMiddleware
 from .middleware import Ros2Middleware
 from .parameters import ParameterFiles
@@ -54,8 +53,7 @@ class Ros2Process:
         self.middlewares: List[Ros2Middleware] = []
         self._interrupts = interrupts
         self._log_problem = ""
-        self._listening: Optional[threading.Thread] = None
-        self._listened = threading.Event()
+        self._listening: Optional[StepThread] = None
 
     def start(self) -> None:
         """Reads the command line and the parameter files."""
@@ -104,12 +102,11 @@ class Ros2Process:
         self.middlewares.append(listener)
         executor, _ = choose_executor("auto", [listener.node], listener.log)
 
-        def run() -> None:
-            with contextlib.suppress(ExternalShutdownException):
-                while not self._listened.is_set():
-                    executor.spin_until_future_complete(Future(), _LISTEN_S)
+        def listen() -> float:
+            executor.spin_until_future_complete(Future(), _LISTEN_S)
+            return 0.0
 
-        self._listening = threading.Thread(target=run, name="listener", daemon=True)
+        self._listening = StepThread("listener", listen, bool)  # it only raises if rclpy is shut down
         self._listening.start()
         return listener
 
@@ -139,8 +136,8 @@ class Ros2Process:
 
     def close(self) -> None:
         """Closes every node and shuts rclpy down."""
-        self._listened.set()
         if self._listening is not None:
+            self._listening.close()
             self._listening.join()
         uninstall_signal_handlers()
         for middleware in self.middlewares:
