@@ -118,7 +118,7 @@ class Ros1Middleware(NativeNode):
     ) -> Subscription:
         mapped = rospy.resolve_name(self._resolve(topic))
         if field is None:
-            return self._subscribe(topic, type_name, lambda native: 1.0, callback)
+            return self._subscribe(topic, "", lambda native: 1.0, callback)
         if type_name:
             messages.field_getter(mapped, type_name, field)  # raises
 
@@ -138,7 +138,7 @@ class Ros1Middleware(NativeNode):
             if item is not ABSENT:
                 callback(item, now_s)
 
-        subscription = self._subscribe(topic, type_name, reader.read, take)
+        subscription = self._subscribe(topic, "", reader.read, take)
         subscription.move_first()
         return subscription
 
