@@ -37,7 +37,8 @@ class Node:
 
 
 def accept_numbers(tree: Any) -> str:
-    bound = tree["signals"]["fan"]["warn_below"]
+    signals = tree["signals"]
+    bound = signals["fan"]["warn_below"] if isinstance(signals, dict) else signals
     if not isinstance(bound, (int, float)):
         raise ConfigError(f"expected a number, got {bound!r}", ("signals", "fan", "warn_below"))
     return f"warn_below: {bound}"
