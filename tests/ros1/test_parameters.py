@@ -38,7 +38,7 @@ class Node:
 
 def accept_numbers(tree: Any) -> str:
     signals = tree["signals"]
-    bound = signals["fan"]["warn_below"] if isinstance(signals, dict) else signals
+    bound = signals["fan"]["warn_below"] if isinstance(signals, dict) else None
     if not isinstance(bound, (int, float)):
         raise ConfigError(f"expected a number, got {bound!r}", ("signals", "fan", "warn_below"))
     return f"warn_below: {bound}"
