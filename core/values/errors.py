@@ -30,7 +30,6 @@ class                     is a                what cannot be used, does not matc
 `MissingLibraryError`     `ServiceError`      a library that is not installed
 `OutputError`             `ServiceError`      standard output, or the file of a report
 `RedirectError`           `LinkError`         the link to a server that redirects
-`_NotConnectedError`      `LinkError`         the connection to a target of notifications
 ========================  ==================  ==============================================================
 """
 
