@@ -112,18 +112,21 @@ class PublisherLookup:
 
     async def _ask(self) -> None:
         while self._questions:
-            (topic, type_name), answer = self._questions.popitem()
+            waiting = list(self._questions.items())
+            self._questions.clear()
             try:
-                answer(await self._explain(topic, type_name))
-            except (LinkError, MessageError, ServiceError):  # the others would fail as well
-                for unanswered in (answer, *self._questions.values()):
-                    unanswered(None)
-                self._questions.clear()
+                topics = await find_types(self._call)
+                while waiting:
+                    (topic, type_name), answer = waiting[0]
+                    answer(await self._explain(topic, type_name, topics))
+                    del waiting[0]
+            except (LinkError, MessageError, ServiceError):
+                for _, answer in waiting:
+                    answer(None)
 
-    async def _explain(self, topic: str, type_name: str) -> Optional[str]:
+    async def _explain(self, topic: str, type_name: str, topics: Mapping[str, str]) -> Optional[str]:
         if await self._publishers_of(topic):
-            found = (await self._call("/rosapi/topic_type", {"topic": topic}, _ANSWER_TIMEOUT_S)).get("type")
-            return explain(topic, type_name, [found]) if isinstance(found, str) and found else None
+            return explain(topic, type_name, [topics[topic]]) if topics.get(topic) else None
         known = self._publishers.get(topic, ())
         gone = set(known).difference(await names_of(self._call, "nodes")) if known else ()
         similar = similar_topic(topic, type_name, topics)

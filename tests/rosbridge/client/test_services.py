@@ -78,7 +78,7 @@ class Rosapi:
     def __init__(self, topics: Mapping[str, str], publishers: Mapping[str, List[str]]) -> None:
         self.calls: List[Tuple[str, Mapping[str, Any]]] = []
         self.running = self.most_running = 0
-        self.types: Any = topics
+        self.topics: Any = {"topics": list(topics), "types": list(topics.values())}
         self.publishers: Dict[str, Any] = dict(publishers)
         self.error: Optional[Exception] = None
 
@@ -90,8 +90,8 @@ class Rosapi:
         self.running -= 1
         if self.error is not None:
             raise self.error
-        if service == "/rosapi/topic_type":
-            return {"type": self.types.get(request["topic"])}
+        if service == "/rosapi/topics":
+            return self.topics  # type: ignore[no-any-return]
         return {"publishers": self.publishers.get(request["topic"], [])}
 
 
@@ -132,7 +132,7 @@ async def test_questions_are_asked_one_after_the_other() -> None:
         lookup.look_up(f"/topic_{number}", FLOAT32, answers.append)
     await until(lambda: len(answers) == 20)
     assert rosapi.most_running == 1
-    assert [service for service, _ in rosapi.calls] == ["/rosapi/publishers"] * 20
+    assert [service for service, _ in rosapi.calls] == ["/rosapi/topics"] + ["/rosapi/publishers"] * 20
 
 
 @pytest.mark.parametrize("error", [ServiceError("no such service"), LinkError("down")])
@@ -155,13 +155,15 @@ def test_a_server_that_fails_gives_no_reason_and_is_asked_once_for_all_topics(er
     test()
 
 
-@pytest.mark.parametrize("found", [None, 7, [], {"type": "std_msgs/Int32"}, ""])
-def test_a_server_that_answers_nonsense_is_survived(found: Any) -> None:
+@pytest.mark.parametrize(
+    "topics", [{}, {"topics": "/battery"}, {"topics": ["/battery"]}, {"topics": [["/b"], 7], "types": [None, {}]}]
+)
+def test_a_server_that_answers_nonsense_is_survived(topics: Any) -> None:
     @scenario
     async def test() -> None:
-        rosapi = Rosapi({}, {"/fan": 7, "/battery": ["/driver"]})  # type: ignore[dict-item]
-        rosapi.types = {"/battery": found}
-        assert await answer_of(rosapi, "/battery") is None
+        rosapi = Rosapi({}, {"/fan": 7})  # type: ignore[dict-item]
+        rosapi.topics = topics
+        assert await answer_of(rosapi, "/battery") == "no publisher on /battery"
         assert await answer_of(rosapi, "/fan") is None
 
     test()
@@ -175,7 +177,7 @@ async def test_a_server_without_rosapi_gives_no_reason() -> None:
     await until(lambda: watched.ups == [True])
     assert watched.node.why_silent("battery", FLOAT32) is None
     await until(lambda: any(each["op"] == "call_service" for each in foreign.received))
-    assert [each["service"] for each in foreign.received if each["op"] == "call_service"] == ["/rosapi/publishers"]
+    assert [each["service"] for each in foreign.received if each["op"] == "call_service"] == ["/rosapi/topics"]
     assert watched.node.why_silent("battery", FLOAT32) is None
     assert watched.problems() == []
     await watched.close()
