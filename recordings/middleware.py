@@ -9,14 +9,13 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from functools import partial
 from itertools import chain
 from typing import Any, Callable, Dict, Iterable, Iterator, List, Mapping, Optional, Tuple
 
 from ..core.port.hints import Answer
 from ..core.port.local import LocalBus, LocalMiddleware, LogLine
 from ..core.port.mapping_node import CLOCK, MappingNode
-from ..core.port.middleware import Callback, RawCallback
+from ..core.port.middleware import Callback
 from ..core.port.timers import ClockTimer
 from ..core.values.errors import ConfigError
 from ..core.values.field_path import ABSENT
@@ -32,7 +31,7 @@ otherwise ask for the ticks of centuries."""
 
 
 _Getter = Callable[[bytes], Any]
-_Delivery = Callable[[bytes, float], None]
+_Delivery = Callable[[bytes], None]
 
 
 class Subscription:
@@ -42,15 +41,15 @@ class Subscription:
         """Binds a callback of a node to a topic."""
         self.node = node
         self.topic = topic
-        self.callback = self.receive = callback
-        """`receive` is called with the field of each message and its log time, in s since 1970, while `active`."""
+        self.callback = callback
         self.active = True
 
 
 class RecordedMiddleware(LocalMiddleware):
     """One node that receives recorded messages; implements `core.middleware.Middleware`.
 
-    Its publications have no listeners, and its services have no callers.
+    Its publications have no listeners, its services have no callers, and `subscribe_raw` receives nothing: a recording
+    is not recorded again.
     """
 
     graph_name = MappingNode.graph_name
@@ -60,6 +59,9 @@ class RecordedMiddleware(LocalMiddleware):
         """Use `Player.node`."""
         super().__init__(player.bus, name, parameters, {}, player.use_sim_time)
         self.player = player
+        if player.use_sim_time:
+            self._clock_subscription = Subscription(self, CLOCK, self.take_clock)
+            player.subscribe(self._clock_subscription, "", "")
 
     def create_timer(self, period_s: float, callback: Callable[[float], None], *, steady: bool = False) -> ClockTimer:
         timer = super().create_timer(period_s, callback, steady=steady)
@@ -69,19 +71,10 @@ class RecordedMiddleware(LocalMiddleware):
     def subscribe(
         self, topic: str, type_name: str, callback: Callback, *, field: Optional[str] = "", latched: bool = False
     ) -> Any:
-        return self._play(Subscription(self, self.resolve(topic), callback), type_name, partial(_getter, field=field))
-
-    def _play(
-        self, subscription: Subscription, type_name: str, getter_of: Callable[[Channel], _Getter]
-    ) -> Subscription:
-        if self._sim_time_s is not None:
-            subscription.receive = lambda value, wall_s: self.call_back(subscription, value)
-        self._subscriptions.append(subscription)
-        return self.player.subscribe(subscription, type_name, getter_of)
-
-    def subscribe_raw(self, topic: str, type_name: str, callback: RawCallback) -> Any:
         subscription = Subscription(self, self.resolve(topic), callback)
-        return self._play(subscription, type_name, _raw_getter)
+        self._subscriptions.append(subscription)
+        self.player.subscribe(subscription, type_name, field)
+        return subscription
 
     def topic_types(self) -> Mapping[str, str]:
         return self.player.topic_types()
@@ -204,17 +197,14 @@ class Player:
         """Returns the full name of the node with a base name."""
         return full_name(name, self._namespace)
 
-    def subscribe(
-        self, subscription: Subscription, type_name: str, getter_of: Callable[[Channel], _Getter]
-    ) -> Subscription:
-        """Delivers what a getter reads from every message of a topic; use `RecordedMiddleware.subscribe`.
+    def subscribe(self, subscription: Subscription, type_name: str, field: Optional[str]) -> None:
+        """Delivers a field of every message of a topic; use `RecordedMiddleware.subscribe`.
 
         A topic that is not recorded, or with another type only, delivers nothing: see `why_not_recorded`. Raises
         ConfigError if the recorded type has no such field, or no definition.
         """
         for channel in self._matching(subscription.topic, type_name):
-            self._readers.setdefault(channel, []).append((getter_of(channel), subscription))
-        return subscription
+            self._readers.setdefault(channel, []).append((_getter(channel, field), subscription))
 
     def play(self, on_progress: Optional[Callable[[float], None]] = None) -> None:
         """Plays the recordings to their end. Subscriptions must exist before.
@@ -222,8 +212,6 @@ class Player:
         `on_progress` is called about a thousand times with the fraction that has been played, 0 to 1; it may raise.
         Raises RecordingError at once if a recording has messages of the subscribed topics, but none that can be read.
         """
-        if self.use_sim_time:
-            self._follow_clock()
         self._require_readable()
         report = on_progress or _ignore
         start_ns, end_ns = self._start_ns, self._end_ns
@@ -254,7 +242,7 @@ class Player:
             elif time_ns < last_ns:
                 self.late += 1
             for deliver in of_channel:
-                deliver(data, now_s)
+                deliver(data)
         # A damaged recording may have ended before the time that its index gives: the rest is not silence.
         _, read_ns = self._recordings.span_ns or (0, 0)
         self._cross_gaps(min(end_ns, read_ns))
@@ -274,20 +262,17 @@ class Player:
         return [channel for channel in self._channels.get(topic, []) if wanted in ("", channel.type_name)]
 
     def _delivery(self, get: _Getter, subscription: Subscription) -> _Delivery:
-        """Returns a function that passes on what a getter reads from a serialized message, with its time."""
-        undecodable, receive = self._undecodable, subscription.receive
+        """Returns a function that passes on what a getter reads from a serialized message."""
+        undecodable, call_back = self._undecodable, subscription.node.call_back
 
-        def deliver(data: bytes, wall_s: float) -> None:
+        def deliver(data: bytes) -> None:
             if subscription.active:
                 try:
                     value = get(data)
                 except ValueError:
                     undecodable[subscription] += 1
                     value = ABSENT  # a sign of life
-                try:
-                    receive(value, wall_s)
-                except Exception as error:
-                    subscription.node.log_failure(error)
+                call_back(subscription, value)
 
         return deliver
 
@@ -305,12 +290,6 @@ class Player:
                 problem = problem if undecodable else self._recordings.problem_without(number, channels)
                 if problem:
                     raise RecordingError(problem, file=path)
-
-    def _follow_clock(self) -> None:
-        clocks = [Subscription(node, CLOCK, node.take_clock) for node in self.bus.nodes]
-        for channel in self._channels[CLOCK]:
-            get = _getter(channel, "")
-            self._readers[channel] = [*((get, clock) for clock in clocks), *self._readers.get(channel, ())]
 
     def _cross_gaps(self, until_ns: int) -> None:
         """Goes from the end of a recording to the start of the next one, without the timers in between."""
@@ -347,11 +326,6 @@ def _left_out(messages: int, why: str) -> str:
 
 def _getter(channel: Channel, field: Optional[str]) -> _Getter:
     return _arrival if field is None else type_of(channel).field_getter(field)
-
-
-def _raw_getter(channel: Channel) -> _Getter:
-    """Returns what gives the whole serialized message with its format."""
-    return lambda data: (data, channel.raw_format)
 
 
 def _can_read(get: Callable[[bytes], Any], data: bytes) -> bool:

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any, List, Tuple
 
 import pytest
-from harness.raw_conformance import Capture
 from harness.recorded import ROS2, START_NS, Recorded, values, write_bag, write_folder, write_mcap
 from mcap.writer import Writer
 
@@ -21,7 +20,6 @@ from robot_health_monitor.core.port.middleware import Severity
 from robot_health_monitor.core.values.errors import ConfigError, MessageError
 from robot_health_monitor.core.values.field_path import ABSENT
 from robot_health_monitor.core.values.model import Level, Transition
-from robot_health_monitor.core.values.names import canonical_type
 from robot_health_monitor.recordings.middleware import Player
 from robot_health_monitor.recordings.reading import Recordings
 from robot_health_monitor.recordings.recording import RecordingError
@@ -309,31 +307,6 @@ class TestSimulatedTime:
     def test_a_recording_without_a_clock_is_refused(self, tmp_path: Path) -> None:
         with pytest.raises(ConfigError, match="no topic /clock"):
             Player(Recordings([write_bag(tmp_path / "a.bag", values("/x", [1]))]), use_sim_time=True)
-
-
-@pytest.mark.parametrize(("write", "name"), [(write_bag, "a.bag"), (write_mcap, "a.mcap"), (write_folder, "a")])
-def test_messages_are_captured_as_they_were_recorded(tmp_path: Path, write: Any, name: str) -> None:
-    path = write(tmp_path / name, values("/battery_level", [25, 15]))
-    player = Player(Recordings([str(path)]))
-    node, capture = player.node("recorder", {}), Capture()
-    assert canonical_type(node.topic_types()["/battery_level"]) == FLOAT32
-    subscription = node.subscribe_raw("battery_level", FLOAT32, capture)
-    node.subscribe_raw("battery_level", "std_msgs/String", capture)
-    assert subscription.topic == "/battery_level"
-    player.play()
-    assert capture.values() == [25.0, 15.0]
-    assert [now_s - START_S for _, now_s, _ in capture.items] == [0.0, 1.0]
-    assert capture.items[0][2] is capture.items[1][2]
-    assert {raw_format.profile for _, _, raw_format in capture.items} == {"ros1" if write is write_bag else "ros2"}
-
-
-def test_a_capture_that_ended_takes_nothing_more(tmp_path: Path) -> None:
-    player = Player(Recordings([write_bag(tmp_path / "a.bag", values("/battery_level", [25, 15]))]))
-    node, capture = player.node("recorder", {}), Capture()
-    subscription = node.subscribe_raw("battery_level", "", capture)
-    node.unsubscribe(subscription)
-    player.play()
-    assert capture.items == []
 
 
 def test_a_topic_with_many_channels_is_looked_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
