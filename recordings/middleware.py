@@ -31,7 +31,7 @@ otherwise ask for the ticks of centuries."""
 
 
 _Getter = Callable[[bytes], Any]
-_Delivery = Callable[[bytes], None]
+_Delivery = Callable[[bytes, float], None]
 
 
 class Subscription:
@@ -242,7 +242,7 @@ class Player:
             elif time_ns < last_ns:
                 self.late += 1
             for deliver in of_channel:
-                deliver(data)
+                deliver(data, now_s)
         # A damaged recording may have ended before the time that its index gives: the rest is not silence.
         _, read_ns = self._recordings.span_ns or (0, 0)
         self._cross_gaps(min(end_ns, read_ns))
@@ -262,17 +262,24 @@ class Player:
         return [channel for channel in self._channels.get(topic, []) if wanted in ("", channel.type_name)]
 
     def _delivery(self, get: _Getter, subscription: Subscription) -> _Delivery:
-        """Returns a function that passes on what a getter reads from a serialized message."""
-        undecodable, call_back = self._undecodable, subscription.node.call_back
+        """Returns a function that passes on what a getter reads from a serialized message, with its log time in s."""
+        undecodable, simulated = self._undecodable, self.use_sim_time
+        node, callback = subscription.node, subscription.callback
 
-        def deliver(data: bytes) -> None:
+        def deliver(data: bytes, wall_s: float) -> None:
             if subscription.active:
                 try:
                     value = get(data)
                 except ValueError:
                     undecodable[subscription] += 1
                     value = ABSENT  # a sign of life
-                call_back(subscription, value)
+                if simulated:
+                    node.call_back(subscription, value)
+                    return
+                try:
+                    callback(value, wall_s)
+                except Exception as error:
+                    node.log_failure(error)
 
         return deliver
 
