@@ -129,7 +129,7 @@ class PublisherLookup:
             return explain(topic, type_name, [topics[topic]]) if topics.get(topic) else None
         known = self._publishers.get(topic, ())
         gone = set(known).difference(await names_of(self._call, "nodes")) if known else ()
-        similar = similar_topic(topic, type_name, await find_types(self._call))
+        similar = similar_topic(topic, type_name, topics)
         if similar and not await self._publishers_of(similar):
             similar = None
         return explain(topic, type_name, [], gone, similar)
