@@ -108,6 +108,7 @@ DIST_TOOLS = [
     "wheel==0.46.1",
     "twine>=6.2",
     "check-wheel-contents",
+    "cyclonedx-bom>=4",
 ]
 """What decides about bytes has a version."""
 

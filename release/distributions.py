@@ -3,7 +3,7 @@
     python3 release/distributions.py FOLDER      builds both into FOLDER, and checks them
 
 The same commit gives the same bytes: times are those of the commit, and archives have sorted members without owners.
-The source distribution holds all files of the commit.
+The source distribution holds all files of the commit. The wheel has an SBOM of CycloneDX (PEP 770).
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
-import zipfile
+from email import message_from_string
 from pathlib import Path
 from typing import Any, List
 
@@ -35,21 +35,35 @@ def build(folder: Path) -> List[Path]:
     time_s = manifest.git(ROOT, "log", "-1", "--format=%ct")
     # For setuptools and wheel.
     os.environ.update(SOURCE_DATE_EPOCH=time_s, PYTHONHASHSEED="0", TZ="UTC", LC_ALL="C.UTF-8")
-    base = f"{NAME}-{manifest.text('version')}"
+    version = manifest.text("version")
+    base = f"{NAME}-{version}"
     with tempfile.TemporaryDirectory() as place:
         source, built = Path(place, "source"), Path(place, "built")
         manifest.git(ROOT, *_ARCHIVE, f"--prefix={source.name}/", f"--output={source}.tar", "HEAD")
         shutil.unpack_archive(f"{source}.tar", place)
         _run("pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation", "--wheel-dir", built, source)
         (wheel,) = built.iterdir()
-        metadata = Path(place, "PKG-INFO")
-        with zipfile.ZipFile(wheel) as archive:
-            metadata.write_bytes(archive.read(f"{base}.dist-info/METADATA"))
+        _run("wheel", "unpack", "--dest", place, wheel, stdout=subprocess.DEVNULL)
+        information = Path(place, base, f"{base}.dist-info")
+        _write_sbom(information, version)
+        _run("wheel", "pack", "--dest-dir", folder, Path(place, base), stdout=subprocess.DEVNULL)
+        metadata = (information / "METADATA").rename(Path(place, "PKG-INFO"))
         sdist = folder / f"{base}.tar.gz"
         options = [f"--prefix={base}/", f"--add-file={metadata}", f"--output={sdist}"]
         manifest.git(ROOT, *_ARCHIVE, *options, "HEAD")
-        shutil.copy(wheel, folder)
     return [sdist, folder / wheel.name]
+
+
+def _write_sbom(information: Path, version: str) -> None:
+    """Writes what the package is and requires below the metadata of its wheel; what pip chooses depends on the day."""
+    required = message_from_string((information / "METADATA").read_text("utf-8")).get_all("Requires-Dist", [])
+    folder = information / "sboms"
+    folder.mkdir()
+    with tempfile.NamedTemporaryFile("w", suffix=".toml") as project:
+        project.write(f'[project]\nname = "{NAME}"\nversion = "{version}"\n')
+        project.flush()
+        options = ["--pyproject", project.name, "--output-reproducible", "-o", folder / f"{NAME}.cdx.json", "-"]
+        _run("cyclonedx_py", "requirements", *options, input="\n".join(required), text=True, stderr=subprocess.DEVNULL)
 
 
 def _run(*command: Any, **options: Any) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -16,6 +17,7 @@ import pytest
 from harness.interpreters import find_pythons
 from harness.line_process import LineProcess
 from harness.packaging_workspace import NAME, ROOT, source_modules, version
+from harness.requirements import runtime_requirements
 from harness.reserved import free_port
 
 _PYTHONS = find_pythons()
@@ -109,6 +111,22 @@ def test_the_wheel_holds_the_package_only(wheel: Path) -> None:
         *(f"{NAME}-{version()}.{kind}" for kind in ("data", "dist-info")),
     }
     assert {name for name in names if name.startswith(f"{NAME}/")} >= {f"{NAME}/{file}" for file in source_modules()}
+
+
+def test_the_sbom_lists_what_the_package_needs(wheel: Path) -> None:
+    from cyclonedx.schema import SchemaVersion
+    from cyclonedx.validation.json import JsonStrictValidator
+
+    with zipfile.ZipFile(wheel) as archive:
+        (name,) = [name for name in archive.namelist() if ".dist-info/sboms/" in name]
+        text = archive.read(name).decode()
+    assert JsonStrictValidator(SchemaVersion.V1_6).validate_str(text) is None
+    sbom = json.loads(text)
+    component = sbom["metadata"]["component"]
+    assert (component["name"], component["version"]) == (NAME, version())
+    listed = [each["description"].partition(": ")[2] for each in sbom["components"]]
+    assert {*listed} >= {*runtime_requirements()}
+    assert any("extra ==" in each for each in listed)
 
 
 def test_the_readme_in_the_metadata_has_no_links_into_the_repository(wheel: Path) -> None:
