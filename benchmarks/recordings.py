@@ -39,7 +39,7 @@ _MEASURE = """
 import json, sys, time
 from pathlib import Path
 from rosbags.highlevel import AnyReader
-from robot_health_monitor.cli import replay
+from robot_health_monitor.cli.commands import replay_command
 from robot_health_monitor.recordings import mcap_file
 from robot_health_monitor.__main__ import main
 from robot_health_monitor.recordings.reading import Recordings
