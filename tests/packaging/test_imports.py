@@ -29,7 +29,7 @@ ALLOWED = {
     "foxglove": {"aiohttp"},
     "recordings": {"yaml"} | RECORDINGS,
     "ops": {"aiohttp", "mcap", "yaml", "zstandard"},
-    "cli": {"rich"},
+    "cli": {"rich", "yaml"},
     NAME: set(),
 }
 """Packages that a folder may import, in addition to the standard library and this package."""
