@@ -200,7 +200,7 @@ class Ros2Harness:
         attempts = itertools.count()
 
         def has_arrived() -> bool:
-            if next(attempts) % 10 == 0:
+            if next(attempts) % 5 == 0:
                 self.publish_to_process(topic, "std_msgs/Float32", message)
             statuses = [status for report in reports for status in report["status"]]
             values = [status["values"] for status in statuses if status["name"].endswith(f": {signal}")]
@@ -270,7 +270,9 @@ class Ros2Harness:
         return list(self._log)
 
     def wait_until(self, predicate: Callable[[], bool]) -> None:
-        poll_until(predicate, lambda: self._outside.executor.spin_once(timeout_sec=0.005))
+        # Most things take milliseconds; later looks are rarer, since each costs a round of the executor.
+        pauses_s = itertools.chain(itertools.repeat(0.005, 20), itertools.repeat(0.02))
+        poll_until(predicate, lambda: self._outside.executor.spin_once(timeout_sec=next(pauses_s)))
         self._spinner.raise_failure()
 
     def close(self) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import time
 import urllib.request
 from typing import Callable, List
@@ -17,9 +18,12 @@ def wait_for(condition: Callable[[], object], deadline_s: float = WAIT_S) -> Non
         AssertionError: it does not hold in time.
     """
     end_s = time.monotonic() + deadline_s
-    while not condition():
+    # Most things take milliseconds; later looks are rarer, since many are requests to a server under test.
+    for pause_s in itertools.chain(itertools.repeat(0.01, 20), itertools.repeat(0.05)):
+        if condition():
+            return
         assert time.monotonic() < end_s, f"still not true after {deadline_s:g} s"
-        time.sleep(0.01)
+        time.sleep(pause_s)
 
 
 def wait_for_ticks(port: int, lasts_s: float) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shutil
 import sqlite3
 from pathlib import Path
 from typing import Any, Iterator, Sequence, Tuple
@@ -58,12 +59,18 @@ ODD = ("'text'", "9e999", "9223372036854775807", "x'ff00'", "CAST(x'ff' AS TEXT)
 _WITHOUT_ROWID = ("configurations", "silenced_alerts")
 
 
-@pytest.fixture
-def file(tmp_path: Path) -> Path:
+@pytest.fixture(scope="module")
+def filled(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Returns a history with rows in every table."""
-    path = tmp_path / "history.db"
+    path = tmp_path_factory.mktemp("filled") / "history.db"
     fill_history(path)
     return path
+
+
+@pytest.fixture
+def file(filled: Path, tmp_path: Path) -> Path:
+    """Returns a history with rows in every table, for one test."""
+    return Path(shutil.copy(filled, tmp_path))
 
 
 def columns() -> Iterator[Tuple[str, str]]:
