@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import socket
+import threading
 from pathlib import Path
 from typing import Any, Callable, Dict, List, Optional
 
@@ -210,17 +210,23 @@ def test_a_rosbridge_server_that_cannot_start_stops_nothing_else() -> None:
 @pytest.mark.parametrize("executable", ["alert_system", "battery_sensor"])
 def test_systemd_receives_the_start_signs_of_life_and_the_end(executable: str, tmp_path: Any, monkeypatch: Any) -> None:
     address = str(tmp_path / "notify")
+    received: List[bytes] = []
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as systemd:
         systemd.bind(address)
-        systemd.setblocking(False)
+        systemd.settimeout(60.0)
+
+        def read() -> None:  # meanwhile: the kernel keeps ten messages
+            while received[-1:] != [b"STOPPING=1"]:
+                received.append(systemd.recv(100))
+
+        reader = threading.Thread(target=read)
+        reader.start()
         monkeypatch.setenv("NOTIFY_SOCKET", address)
         monkeypatch.setenv("WATCHDOG_USEC", "1000000")
         assert start(executable, LocalProcess({})) == ExitCode.SUCCESS
-        received = []
-        with contextlib.suppress(BlockingIOError):
-            while True:
-                received.append(systemd.recv(100))
-    assert (received[0], received[-1]) == (b"READY=1", b"STOPPING=1")
+        reader.join()
+    assert received[0] == b"READY=1"
+    assert received[-1] == b"STOPPING=1"
     assert b"WATCHDOG=1" in received
 
 
