@@ -18,7 +18,7 @@ from ..values.where import is_equal
 from .window import Window
 
 RUN = 20
-"""Good samples after which values from 0 to 1 are suspicious where the unit is %."""
+"""Samples after which values that are all alike, or no numbers, are suspicious."""
 
 
 _ORDINARY_MAX: Mapping[str, float] = {"%": 100.0, "degC": 200.0, "°C": 200.0, "C": 200.0, "V": 1000.0, "A": 1000.0}
@@ -57,12 +57,21 @@ def _in_unit(config: SignalConfig, datum: object) -> float:
     return number * config.scale
 
 
-def suspicion_of(config: SignalConfig, latest: object, good_samples: int, window: Window) -> str:
-    """Returns what looks wrong with the latest datum, and how to mend it; empty: nothing does."""
+def suspicion_of(config: SignalConfig, latest: object, good_samples: int, bad_samples: int, window: Window) -> str:
+    """Returns what looks wrong with the latest datum, and how to mend it; empty if nothing does."""
     raw, number = as_float(latest), number_of(config, latest)
+    if math.isnan(raw) and bad_samples >= RUN:
+        return _suspect(
+            f"{bad_samples} values are not numbers", "if the source does not measure this, use another field"
+        )
     if not math.isfinite(number):
         return ""
+    if config.unit == "%" and is_equal(raw, -0.01):  # BatteryState.percentage as some drivers send it
+        return _suspect("-0.01 is what some drivers send for 'not measured'", "if so, set placeholders: [-0.01]")
     low, high = window.min(), window.max()
+    # A flag has no unit, and may be 0 for hours.
+    if number == low == high == 0.0 and good_samples >= RUN and config.unit and _has_lower_bound(config):
+        return _suspect("nothing but 0", "if it means 'not measured', set placeholders: [0.0]")
     if (
         config.unit == "%"
         and 0.0 < number < 1.0
@@ -83,6 +92,10 @@ def suspicion_of(config: SignalConfig, latest: object, good_samples: int, window
     if config.valid_max is not None:
         return ""
     return _suspect(f"{shown} is implausibly high for {config.unit}", "check unit and scale, or set valid_max")
+
+
+def _has_lower_bound(config: SignalConfig) -> bool:
+    return any(name.endswith("below") for name in config.bounds)
 
 
 def _suspect(seen: str, remedy: str) -> str:

@@ -217,7 +217,7 @@ class SignalMonitor(Alert):
                 forecast=forecast,
                 window_samples=min(len(window), self.config.window_samples),
                 window_is_long_enough=window.is_long_enough,
-                suspicion=suspicion_of(self.config, self._latest, self._good_samples, window),
+                suspicion=suspicion_of(self.config, self._latest, self._good_samples, self._bad_samples, window),
             )
         )
 

@@ -115,7 +115,42 @@ def test_a_value_outside_of_0_to_1_in_the_window_ends_the_suspicion() -> None:
 
 @pytest.mark.parametrize("value", [0.0, 1.0])
 def test_a_run_of_only_0_or_only_1_is_no_fraction(value: float) -> None:
-    assert suspicion_after([value] * 40, **BATTERY) == ""
+    assert "fraction" not in suspicion_after([value] * 40, **BATTERY)
+
+
+@pytest.mark.parametrize("value", [-0.01, float32(-0.01)])
+def test_minus_001_is_suspected_to_mean_not_measured(value: float) -> None:
+    expected = "-0.01 is what some drivers send for 'not measured'; if so, set placeholders: [-0.01]"
+    assert suspicion_after([50.0, value], **BATTERY) == expected
+    assert suspicion_after([value], **{**BATTERY, "valid_min": 0.0}) == expected
+
+
+@pytest.mark.parametrize("value", [-0.011, -0.0099, -1.0, 0.01])
+def test_other_small_numbers_are_no_placeholder(value: float) -> None:
+    assert "placeholder" not in suspicion_after([value], **BATTERY)
+
+
+def test_nothing_but_zero_is_suspected_from_the_20th_sample_on() -> None:
+    assert suspicion_after([0.0] * 19, **BATTERY) == ""
+    assert suspicion_after([0.0] * 20, **BATTERY) == (
+        "nothing but 0; if it means 'not measured', set placeholders: [0.0]"
+    )
+    assert suspicion_after([0.0] * 20 + [12.0], **BATTERY) == ""
+    assert suspicion_after([3.0] + [0.0] * 40, **BATTERY) == ""  # a battery that has run empty
+
+
+def test_zero_is_no_news_for_a_flag_or_for_what_has_no_lower_bound() -> None:
+    assert suspicion_after([0.0] * 40, warn_below=1.0) == ""
+    assert suspicion_after([0.0] * 40, **CELSIUS) == ""
+
+
+@pytest.mark.parametrize("value", [math.nan, None, "45.5 C", [math.nan, math.nan]])
+def test_20_values_that_are_no_numbers_are_suspected_not_to_be_measured(value: object) -> None:
+    expected = "20 values are not numbers; if the source does not measure this, use another field"
+    assert suspicion_after([value] * 19, **BATTERY) == ""
+    assert suspicion_after([value] * 20, **BATTERY) == expected
+    assert suspicion_after([value] * 20 + [50.0], **BATTERY) == ""
+    assert suspicion_after([50.0] + [value] * 20, **BATTERY) == expected
 
 
 def test_a_run_of_0_and_1_mixed_is_no_fraction_until_one_lies_between() -> None:
