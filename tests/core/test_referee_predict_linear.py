@@ -16,7 +16,7 @@ from robot_health_monitor.core.judge.forecast import ForecastWindow
 
 pytestmark = [pytest.mark.newest_python, needs_promtool]
 
-TIMELINES = examples(40)
+TIMELINES = examples(80)
 STEPS = 400
 WINDOW_S, FORECAST_S = 40, 100
 LINES = {
