@@ -19,25 +19,14 @@ from typing import Any, Dict, Iterator, List
 from benchmarks.table import PAGE, Row, changed_files, table, version, write_page
 
 PARTS: Dict[str, str] = {
-    "observe": "observe.rows",
-    "messages": "ros_nodes.messages",
-    "signals": "ros_nodes.signals",
-    "statuses": "ros_nodes.statuses",
-    "black_box": "ros_nodes.black_box",
-    "host": "host.rows",
-    "footprint": "ros_nodes.footprint",
-    "graph": "ros_graph.rows",
-    "rosbridge": "rosbridge.rows",
-    "recordings": "recordings.rows",
-    "history": "store.history",
-    "samples": "store.samples",
-    "notifications": "notifications.rows",
-    "web": "web.rows",
-    "fleet": "fleet.rows",
-    "forecast": "forecast.rows",
+    "observe": "observe.rows", "messages": "ros_nodes.compare", "signals": "ros_nodes.compare",
+    "statuses": "ros_nodes.compare", "black_box": "ros_nodes.compare", "host": "host.rows",
+    "footprint": "ros_nodes.footprint", "graph": "ros_nodes.graph", "rosbridge": "rosbridge.rows",
+    "recordings": "recordings.rows", "history": "store.history", "samples": "store.samples",
+    "notifications": "notifications.rows", "web": "web.rows", "fleet": "fleet.rows", "forecast": "forecast.rows",
     "cells": "cells.rows",
-}
-"""Module and function of each part. Those of `ros_nodes` and `ros_graph` take a middleware."""
+}  # fmt: skip
+"""Module and function of each part. Those of `ros_nodes` take a middleware and the part."""
 
 
 def measure(part: str) -> Iterator[Row]:
@@ -47,7 +36,7 @@ def measure(part: str) -> Iterator[Row]:
     """
     module, _, function = PARTS[part].partition(".")
     rows: Any = getattr(importlib.import_module(f"benchmarks.{module}"), function)
-    if not module.startswith("ros_"):
+    if module != "ros_nodes":
         yield from rows()
         return
     from benchmarks.processes import target
@@ -55,7 +44,7 @@ def measure(part: str) -> Iterator[Row]:
     for package, available in json.loads(os.environ["BENCHMARK_TARGETS"]).items():
         try:
             with target(package, available["python"], available["variables"]) as middleware:
-                yield from rows(middleware)
+                yield from rows(middleware, part)
         except (OSError, RuntimeError) as problem:
             yield Row(f"{package}, {part}", "", remark=str(problem))
 

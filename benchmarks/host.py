@@ -1,21 +1,21 @@
 """CPU time of measuring this computer: thirty metrics and ten processes, compared with reading the same files bare.
 
-Both take turns, a period each. What the sources opened in the period before is noted, and the bare reader opens exactly
-that, as often; it also lists the processes and asks the disk for its space. CPU time is that of the whole process.
+Both take turns, a period each. What the sources open is noted, and the bare reader opens exactly that, as often; it
+also lists the processes and asks the disk for its space. CPU time is that of the whole process.
 """
 
 from __future__ import annotations
 
-import builtins
 import contextlib
 import os
 import statistics
 import subprocess
+import sys
 import time
+from functools import partial
 from typing import Any, Callable, Dict, Iterator, List
-from unittest import mock
 
-from benchmarks.table import Row, in_turn, median_ratio, within
+from benchmarks.table import Row, beside, in_turn, within
 from robot_health_monitor.core.sensors import configuration
 from robot_health_monitor.core.sensors.computer import Computer
 from robot_health_monitor.core.sensors.source import SensorError
@@ -30,6 +30,7 @@ METRICS = (
 )  # fmt: skip
 """With one core's `cpu_percent` thirty; those that this computer does not have cost their search."""
 OF_PROCESS = ("process_cpu_percent", "process_memory", "process_running")
+SOURCES = "battery_sensor's sources"
 
 
 def rows(rounds: int = 60) -> Iterator[Row]:
@@ -47,29 +48,34 @@ def rows(rounds: int = 60) -> Iterator[Row]:
         running.callback(calls.close)
         tree = {"host": section, **{metric: {"source": "none"} for metric in configuration.METRICS}}
         sources = configuration.read_sources(tree, computer=Computer(background=calls))
+        opened: List[str] = []
+        files: List[str] = []
         now_s = 0.0
+
+        def note(event: str, arguments: Any) -> None:
+            if event == "open":
+                opened.append(str(arguments[0]))
 
         def measure() -> None:
             nonlocal now_s
             now_s += 1.0
+            opened.clear()
             for source in sources.values():
                 with contextlib.suppress(SensorError):
                     source.read(now_s)
+            files[:] = opened
 
-        measure()
-        files: List[str] = []
+        def existing() -> List[str]:
+            return [path for path in files if os.path.isfile(path)]
 
-        def bare_us() -> float:
-            files[:] = _opened_by(measure)
-            return _cpu_us(lambda: _read_bare(files))
-
-        cost_us = in_turn({"bare": bare_us, "sources": lambda: _cpu_us(measure)}, rounds)
-    what = "30 metrics and 10 processes, once"
-    yield Row(what, f"bare reader of the same {len(files)} files", f"{statistics.median(cost_us['bare']):.0f} us")
-    figure = statistics.median(cost_us["sources"])
-    ratio = median_ratio(cost_us["sources"], cost_us["bare"])
-    yield Row(what, "battery_sensor's sources", f"{figure:.0f} us", ratio, 2.0, "to the bare reader")
-    yield within("the same at 1 Hz", "battery_sensor's sources", figure / 1e4, 0.5, "% of a core", digits=2)
+        sys.addaudithook(note)  # it costs both contestants the same
+        read_us = {SOURCES: lambda: _cpu_us(measure), "bare": lambda: _cpu_us(partial(_read_bare, existing()))}
+        cost_us = in_turn(read_us, rounds)
+        peer = f"bare reader of the same {len(existing())} files"
+    figures = {peer: cost_us["bare"], SOURCES: cost_us[SOURCES]}
+    yield from beside("30 metrics and 10 processes, once", figures, "us", 2.0)
+    figure = statistics.median(cost_us[SOURCES]) / 1e4
+    yield within("the same at 1 Hz", SOURCES, figure, 0.5, "% of a core", digits=2)
 
 
 def _cpu_us(function: Callable[[], None]) -> float:
@@ -78,23 +84,6 @@ def _cpu_us(function: Callable[[], None]) -> float:
     begin_s = time.process_time()
     function()
     return 1e6 * (time.process_time() - begin_s)
-
-
-def _opened_by(function: Callable[[], None]) -> List[str]:
-    """Returns the paths of the files that a function opens and that exist, in order."""
-    paths: List[str] = []
-
-    def noted(opens: Callable[..., Any]) -> Callable[..., Any]:
-        def open_noted(path: Any, *arguments: Any, **options: Any) -> Any:
-            opened = opens(path, *arguments, **options)
-            paths.append(str(path))
-            return opened
-
-        return open_noted
-
-    with mock.patch.object(builtins, "open", noted(open)), mock.patch.object(os, "open", noted(os.open)):
-        function()
-    return [path for path in paths if os.path.isfile(path)]
 
 
 def _read_bare(files: List[str]) -> None:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import ctypes
+import json
 import os
 import random
 import signal
@@ -18,11 +18,9 @@ import tempfile
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Dict, Iterator, Mapping, Optional, Sequence
+from typing import Any, Awaitable, Callable, Dict, Iterator, Mapping, Optional, Sequence
 
 from benchmarks.table import ROOT
-
-_LIBC = ctypes.CDLL(None)
 
 
 class Process:
@@ -43,10 +41,6 @@ class Process:
             text=True,
             start_new_session=True,
         )
-        # psutil's CPU times have a resolution of 10 ms, which is too coarse for a slice.
-        clock = ctypes.c_int()
-        _LIBC.clock_getcpuclockid(self._process.pid, ctypes.byref(clock))
-        self._cpu_clock = clock.value
 
     def ask(self, line: object) -> str:
         """Writes a line to its stdin and returns the line that it replies."""
@@ -64,13 +58,13 @@ class Process:
         return reply
 
     def cpu_s(self) -> float:
-        """Returns the CPU time of all its threads since it started, in s; raises RuntimeError if it has ended."""
-        self.require_running()
-        return time.clock_gettime(self._cpu_clock)
+        """Returns the CPU time of all its threads since it started, in s; raises RuntimeError if it has ended.
 
-    def resident_mb(self) -> float:
-        """Returns its resident memory, in MB of 10^6 bytes."""
-        return self._memory_mb("status", "VmRSS:")
+        The clock is that of clock_getcpuclockid(3) on Linux: psutil's times have a resolution of 10 ms, which is too
+        coarse for a slice.
+        """
+        self.require_running()
+        return time.clock_gettime(~self._process.pid << 3 | 2)
 
     def own_mb(self) -> float:
         """Returns its private memory, in MB of 10^6 bytes: the pages that no other process uses and no file holds.
@@ -78,11 +72,8 @@ class Process:
         Private pages that a file holds (the rest of USS) are left out: the kernel may drop them, and which ones are
         private depends on what else runs.
         """
-        return self._memory_mb("smaps_rollup", "Private_Dirty:")
-
-    def _memory_mb(self, file: str, name: str) -> float:
-        lines = Path(f"/proc/{self._process.pid}/{file}").read_text("ascii").splitlines()
-        return next(int(line.split()[1]) for line in lines if line.startswith(name)) * 1024 / 1e6
+        lines = Path(f"/proc/{self._process.pid}/smaps_rollup").read_text("ascii").splitlines()
+        return next(int(line.split()[1]) for line in lines if line.startswith("Private_Dirty:")) * 1024 / 1e6
 
     def require_running(self) -> None:
         """Raises RuntimeError with the last line of its output if it has ended."""
@@ -106,16 +97,18 @@ class Process:
         self._log.close()
 
 
-def peer(module: str, *arguments: object) -> Process:
-    """Starts `python -m benchmarks.MODULE ARGUMENTS`, which answers lines."""
-    return Process([sys.executable, "-m", f"benchmarks.{module}", *arguments], answers=True)
+def peer(*role: object) -> Process:
+    """Starts `python -m benchmarks.peers ROLE`, which answers lines."""
+    return Process([sys.executable, "-m", "benchmarks.peers", *role], answers=True)
 
 
-async def requests() -> asyncio.StreamReader:
-    """Returns a reader of the lines that the benchmark writes; for use in the peer."""
-    reader = asyncio.StreamReader()
-    await asyncio.get_running_loop().connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), sys.stdin)
-    return reader
+async def answer(first: object, reply: Callable[..., Awaitable[object]]) -> None:
+    """Writes a line that says that a peer is ready, then the reply to the words of each line that it is asked."""
+    print(first, flush=True)
+    lines = asyncio.StreamReader()
+    await asyncio.get_running_loop().connect_read_pipe(lambda: asyncio.StreamReaderProtocol(lines), sys.stdin)
+    while words := (await lines.readline()).decode().split():
+        print(await reply(*words), flush=True)
 
 
 @dataclass(frozen=True)
@@ -172,6 +165,17 @@ def target(package: str, python: str, variables: Dict[str, str]) -> Iterator[Tar
             core.require_running()
             time.sleep(0.1)
         yield Target("ROS 1", python, variables, package)
+
+
+def alert_system(signals: Mapping[str, Any], **others: object) -> Dict[str, Any]:
+    """Returns the tree of a thresholds.yaml."""
+    return {"alert_system": {"ros__parameters": {**others, "signals": signals}}}
+
+
+def write_yaml(folder: Path, **trees: object) -> None:
+    """Writes each tree to NAME.yaml in a folder, as JSON, which is YAML."""
+    for name, tree in trees.items():
+        (folder / f"{name}.yaml").write_text(json.dumps(tree))
 
 
 def free_port() -> int:

@@ -3,7 +3,8 @@
 `empty`: a node that does nothing. `exercise`: publishes three numbers at 1 Hz and subscribes to them. `subscriber`:
 counts the messages on `/bare`, or on TOPICS topics below it, in as few lines as possible; `raw_subscriber` takes their
 bytes only. `publisher`: reads lines `RATE_HZ SECONDS`, publishes to both contestants accordingly, and writes how many
-messages it has sent. The roles with `diagnostics` do so with arrays of statuses.
+messages it has sent. The roles with `diagnostics` do so with arrays of statuses. `robot`: a robot with the nodes and
+topics of `GRAPH`, on ROS 1 by name only.
 
 On ROS 2, `empty`, `exercise` and `subscriber` spin as most nodes do, with rclpy's SingleThreadedExecutor; all other
 subscribers with its EventsExecutor, which the nodes choose where it works.
@@ -19,6 +20,8 @@ from typing import Any, Callable, Dict, Iterator, List
 
 BARE, WATCHED = "/bare", "/watched"
 """Topics of the two contestants, or the prefixes of their topics."""
+GRAPH = (100, 3)
+"""Nodes of `robot`, and topics of each."""
 STATUSES = 200
 """Statuses of a message on /diagnostics."""
 
@@ -54,6 +57,14 @@ class _Ros1:
     def stamp(self) -> Any:
         return self._rospy.Time.now()
 
+    def add_node(self, name: str, publishes: List[str], subscribes: str, cls: Any) -> None:
+        import rosgraph
+
+        master, type_name, uri = rosgraph.Master(f"/robot/{name}"), "std_msgs/Float32", self._rospy.get_node_uri()
+        master.registerSubscriber(f"/robot/{subscribes}", type_name, uri)
+        for topic in publishes:
+            master.registerPublisher(f"/robot/{topic}", type_name, uri)
+
     def spin(self, *, events: bool = False) -> None:
         self._rospy.spin()
 
@@ -70,6 +81,7 @@ class _Ros2:
         self._rclpy = rclpy
         rclpy.init()
         self._node = Node(f"peer_{role}")
+        self._kept: List[Any] = []
 
     def subscribe(self, topic: str, cls: Any, callback: Callable[[Any], object], *, raw: bool = False) -> None:
         self._node.create_subscription(cls, topic, callback, 10, raw=raw)
@@ -85,6 +97,16 @@ class _Ros2:
 
     def stamp(self) -> Any:
         return self._node.get_clock().now().to_msg()
+
+    def add_node(self, name: str, publishes: List[str], subscribes: str, cls: Any) -> None:
+        from rclpy.node import Node
+        from rclpy.parameter import Parameter
+
+        plain: Any = {"start_parameter_services": False, "enable_rosout": False}
+        plain["parameter_overrides"] = [Parameter("start_type_description_service", value=False)]
+        node = Node(name, namespace="robot", **plain)
+        node.create_subscription(cls, subscribes, lambda message: None, 10)
+        self._kept.append((node, [node.create_publisher(cls, topic, 10) for topic in publishes]))
 
     def spin(self, *, events: bool = False) -> None:
         from rclpy.executors import ExternalShutdownException
@@ -121,6 +143,15 @@ def _exercise(ros: Any, float32: Any) -> None:
     for number in range(3):
         ros.subscribe(f"bare_{number}", float32, lambda message: None)
     ros.every_second(lambda: [publisher.publish(float32(data=50.0)) for publisher in publishers])
+    ros.spin()
+
+
+def _robot(ros: Any, float32: Any) -> None:
+    """Each node publishes its first and third topic, and subscribes to its second."""
+    nodes, topics = GRAPH
+    for at in range(nodes):
+        first, second, *others = (f"topic_{at}_{topic}" for topic in range(topics))
+        ros.add_node(f"node_{at}", [first, *others], second, float32)
     ros.spin()
 
 
@@ -178,6 +209,7 @@ def main() -> None:
     roles: Dict[str, Callable[[], None]] = {
         "empty": ros.spin,
         "exercise": lambda: _exercise(ros, Float32),
+        "robot": lambda: _robot(ros, Float32),
         "subscriber": lambda: _count_messages(ros, bare, Float32, events=False),
         "events_subscriber": lambda: _count_messages(ros, bare, Float32),
         "raw_subscriber": lambda: _count_messages(ros, bare, Float32, raw=True),

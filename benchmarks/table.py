@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import os
 import platform
+import re
 import statistics
 import subprocess
 from pathlib import Path
-from typing import Callable, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence
+from typing import Callable, Dict, Iterable, Iterator, List, Mapping, NamedTuple, Optional, Sequence
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "reference" / "benchmarks.md"
@@ -46,6 +47,22 @@ def within(what: str, contestant: str, value: float, limit: float, unit: str, re
     return Row(what, contestant, f"{value:.{digits}f} {unit}", value / limit, 1.0, remark)
 
 
+def beside(
+    what: str,
+    figures: Mapping[str, Sequence[float]],
+    unit: str,
+    required: Optional[float] = None,
+    remark: str = "",
+    digits: int = 0,
+) -> Iterator[Row]:
+    """Yields the rows of contestants that were measured side by side; ratios are to the first of them."""
+    peer, *_ = figures
+    for name, values in figures.items():
+        row = Row(what, name, f"{statistics.median(values):.{digits}f} {unit}")
+        ratio = median_ratio(values, figures[peer])
+        yield row if name == peer else row._replace(ratio=ratio, required=required, remark=f"to {peer}{remark}")
+
+
 def in_turn(contestants: Mapping[str, Callable[[], float]], rounds: int) -> Dict[str, List[float]]:
     """Measures contestants one after the other, round after round; returns all figures but those of the first round."""
     figures: Dict[str, List[float]] = {name: [] for name in contestants}
@@ -82,12 +99,11 @@ def write_page(parts: Mapping[str, Sequence[Row]], measured: str, page: Path = P
     """
     text = page.read_text(encoding="utf-8")
     for name, content in {"version": measured, **{part: table(rows) for part, rows in parts.items()}}.items():
-        begin, end = f"<!-- {name} -->\n", f"<!-- end of {name} -->\n"
-        before, mark, rest = text.partition(begin)
-        _, end_mark, after = rest.partition(end)
-        if not (mark and end_mark):
-            raise ValueError(f"{page}: expected the lines {begin.strip()} and {end.strip()}")
-        text = f"{before}{begin}{content}\n{end}{after}"
+        begin, end = f"<!-- {name} -->", f"<!-- end of {name} -->"
+        shown = f"{begin}\n{content}\n{end}"
+        text, count = re.subn(f"{begin}\n.*?{end}", lambda _, shown=shown: shown, text, flags=re.DOTALL)  # type: ignore[misc]
+        if count != 1:
+            raise ValueError(f"{page}: expected the lines {begin} and {end} once")
     page.write_text(text, encoding="utf-8")
 
 
