@@ -15,7 +15,7 @@ import sys
 import textwrap
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
-from typing import Any, Callable, Dict, Iterable, Iterator, List, Mapping, Optional, Sequence
+from typing import Any, Callable, Dict, Iterable, Iterator, List, Mapping, Optional, Sequence, Tuple
 from unittest import mock
 
 import yaml
@@ -35,12 +35,7 @@ from robot_health_monitor.core.nodes.battery_sensor import SENSOR_PARAMETERS
 from robot_health_monitor.core.sensors import configuration as sensing
 from robot_health_monitor.core.sensors.catalogue import HOST_SOURCES
 from robot_health_monitor.core.values.model import Level
-from robot_health_monitor.ops.configuration import (
-    BlackBoxSettings,
-    HistorySettings,
-    ServerOptions,
-    TargetSettings,
-)
+from robot_health_monitor.ops.configuration import BlackBoxSettings, HistorySettings, ServerOptions, TargetSettings
 from robot_health_monitor.ops.store.samples import SAMPLES_FIELDS
 from robot_health_monitor.ops.web import metrics
 from robot_health_monitor.ops.web.history_requests import ALERT_FIELDS
@@ -144,10 +139,14 @@ def _default(default: Any) -> str:
     return f"`{default:g}`" if isinstance(default, float) else f"`{default}`"
 
 
+def launch_arguments() -> Sequence[ElementTree.Element]:
+    """Returns the arguments of the launch file."""
+    return ElementTree.parse(ROOT / "launch" / "health_monitor.launch").getroot().findall("arg")
+
+
 def _launch_arguments() -> str:
-    arguments = ElementTree.parse(ROOT / "launch" / "health_monitor.launch").getroot().findall("arg")
     rows = []
-    for argument in arguments:
+    for argument in launch_arguments():
         default = argument.get("default", "").strip().replace("$(find robot_health_monitor)/", "")
         rows.append((f"`{argument.get('name')}`", f"`{default}`" if default else "", argument.get("doc", "")))
     return _table(("argument", "default", "meaning"), rows)
@@ -162,16 +161,26 @@ def _parser(*words: str) -> argparse.ArgumentParser:
     return printed[0]
 
 
+def commands_of(parser: argparse.ArgumentParser) -> Sequence[argparse.ArgumentParser]:
+    """Returns the parsers of the parts of a command, or its own if it has none."""
+    nested = [action for action in parser._actions if isinstance(action, argparse._SubParsersAction)]
+    return [*nested[0].choices.values()] if nested else [parser]
+
+
+def options_of(parser: argparse.ArgumentParser) -> Iterator[argparse.Action]:
+    """Yields the documented options of a command."""
+    for action in parser._actions:
+        if action.help is not argparse.SUPPRESS and not isinstance(action, argparse._HelpAction):
+            yield action
+
+
 def _command(name: str) -> str:
     parser = _parser(name)
-    nested = [action for action in parser._actions if isinstance(action, argparse._SubParsersAction)]
-    if not nested:
-        return f"{_wrapped(parser.description)}\n{_options(parser)}"
     parts = [_wrapped(parser.description)]
-    for part in nested[0].choices.values():
-        parts.append(f"{_wrapped(f'`{part.prog}`: {part.description}')}\n{_options(part)}")
-    parts.append(_wrapped(parser.epilog))
-    return "\n".join(parts)
+    if (commands := commands_of(parser)) == [parser]:
+        return f"{parts[0]}\n{_options(parser)}"
+    parts += [f"{_wrapped(f'`{part.prog}`: {part.description}')}\n{_options(part)}" for part in commands]
+    return "\n".join([*parts, _wrapped(parser.epilog)])
 
 
 def _wrapped(text: Optional[str]) -> str:
@@ -180,13 +189,9 @@ def _wrapped(text: Optional[str]) -> str:
 
 def _options(parser: argparse.ArgumentParser) -> str:
     rows = []
-    for action in parser._actions:
-        if action.help is argparse.SUPPRESS or isinstance(action, argparse._HelpAction):
-            continue
-        names = ", ".join(action.option_strings)
-        if action.nargs == 0:
-            shown = names
-        else:
+    for action in options_of(parser):
+        shown = names = ", ".join(action.option_strings)
+        if action.nargs != 0:
             choices = "|".join(action.choices) if action.choices else None
             value = choices or action.metavar or action.dest.upper()
             values = {"+": f"{value} ...", "*": f"[{value} ...]", "?": f"[{value}]"}.get(str(action.nargs), value)
@@ -201,13 +206,18 @@ def _exit_codes() -> str:
     return _table(("code", "meaning"), codes)
 
 
-def _metrics() -> str:
-    rows = []
+def families() -> Iterator[Tuple[str, metrics.Family]]:
+    """Yields each metric by its full name."""
     for family in vars(metrics).values():
         if isinstance(family, metrics.Family):
-            labels = f"{{{','.join(family.labels)}}}" if family.labels else ""
-            name = f"{family.name}_total" if family.counts else family.name
-            rows.append((f"`{name}{labels}`", "counter" if family.counts else "gauge", family.help))
+            yield f"{family.name}_total" if family.counts else family.name, family
+
+
+def _metrics() -> str:
+    rows = []
+    for name, family in families():
+        labels = f"{{{','.join(family.labels)}}}" if family.labels else ""
+        rows.append((f"`{name}{labels}`", "counter" if family.counts else "gauge", family.help))
     return _table(("metric", "type", "meaning"), rows)
 
 

@@ -8,11 +8,9 @@ may be removed only with a new major version; otherwise this program refuses to 
 
 from __future__ import annotations
 
-import argparse
 import inspect
 import re
 import sys
-import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 from typing import Any, Dict, Iterable, Iterator, List, Mapping, Sequence, Set
 
@@ -30,11 +28,7 @@ from robot_health_monitor.core import nodes
 from robot_health_monitor.core.config.monitor_config import MONITOR_PARAMETERS
 from robot_health_monitor.core.config.parameters import Parameter
 from robot_health_monitor.core.config.schema import parameters
-from robot_health_monitor.core.config.signal_config import (
-    CONDITION_PARAMETERS,
-    CONDITIONS,
-    SIGNAL_PARAMETERS,
-)
+from robot_health_monitor.core.config.signal_config import CONDITION_PARAMETERS, CONDITIONS, SIGNAL_PARAMETERS
 from robot_health_monitor.core.nodes.aggregator import AGGREGATOR_PARAMETERS
 from robot_health_monitor.core.nodes.outlets import FIELDS
 from robot_health_monitor.core.port.local import LocalBus
@@ -42,7 +36,6 @@ from robot_health_monitor.core.sensors.catalogue import HOST_SOURCES
 from robot_health_monitor.core.values.version import package_version
 from robot_health_monitor.ops import configuration as ops
 from robot_health_monitor.ops.store.samples import SAMPLES_FIELDS
-from robot_health_monitor.ops.web import metrics
 from robot_health_monitor.ops.web.interface import WebInterface
 from robot_health_monitor.runtime.tokens import TOKEN_VARIABLE
 
@@ -66,10 +59,10 @@ def names() -> List[str]:
             *_library(),
             *_keys(),
             *_options(),
-            *(f"launch argument {name}" for name in _launch_arguments()),
+            *(f"launch argument {each.get('name')}" for each in generate.launch_arguments()),
             *(f"executable {name}" for name in (*EXECUTABLES, "robot-health")),
             *_graph(),
-            *_metrics(),
+            *(f"metric {name}{{{','.join(family.labels)}}}" for name, family in generate.families()),
             *(f"API {name} {key}" for name in generate.API for key in generate.fields_sent(name)),
             *_routes(),
             *(f"alert in JSON {field}" for field in FIELDS),
@@ -139,31 +132,18 @@ def _keys() -> Iterator[str]:
             yield from (f"key {place}{parameter.name}: {choice}" for choice in filter(None, parameter.choices))
     for source, description in HOST_SOURCES.items():
         yield f"key battery_sensor host.*.source: {source}"
-        yield from (f"key battery_sensor host.*.{option} of {source}" for option in _options_of(description))
-
-
-def _options_of(source: Any) -> Iterable[str]:
-    return [option.name for option in source.options]
+        yield from (f"key battery_sensor host.*.{option.name} of {source}" for option in description.options)
 
 
 def _options() -> Iterator[str]:
     for command in COMMANDS:
-        parser = generate._parser(command)
         yield f"command {command}"
-        parts = [action for action in parser._actions if isinstance(action, argparse._SubParsersAction)]
-        for part in parts[0].choices.values() if parts else [parser]:
+        for part in generate.commands_of(generate._parser(command)):
             called = part.prog.partition(" ")[2]
-            if called != command:
-                yield f"command {called}"
-            for action in part._actions:
-                if action.help is not argparse.SUPPRESS and not isinstance(action, argparse._HelpAction):
-                    shown = action.option_strings or [action.metavar or action.dest.upper()]
-                    yield from (f"option {called} {name}" for name in shown)
-
-
-def _launch_arguments() -> List[str]:
-    arguments = ElementTree.parse(ROOT / "launch" / "health_monitor.launch").getroot().findall("arg")
-    return [str(argument.get("name")) for argument in arguments]
+            yield f"command {called}"
+            for action in generate.options_of(part):
+                shown = action.option_strings or [str(action.metavar or action.dest.upper())]
+                yield from (f"option {called} {name}" for name in shown)
 
 
 def _graph() -> Iterator[str]:
@@ -191,13 +171,6 @@ def _graph() -> Iterator[str]:
     yield from (f"status alert_system: monitor {key}" for key in statuses["alert_system: monitor"])
     signal = statuses["alert_system: battery_level"] & statuses["alert_system: temperature"]
     yield from (f"status alert_system: SIGNAL {key}" for key in signal)
-
-
-def _metrics() -> Iterator[str]:
-    for family in vars(metrics).values():
-        if isinstance(family, metrics.Family):
-            name = f"{family.name}_total" if family.counts else family.name
-            yield f"metric {name}{{{','.join(family.labels)}}}"
 
 
 def _routes() -> Iterator[str]:

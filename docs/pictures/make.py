@@ -19,7 +19,7 @@ import sys
 import tempfile
 from pathlib import Path
 from types import MappingProxyType
-from typing import Callable, Dict, List, Mapping, NamedTuple, Sequence
+from typing import Dict, List, Mapping, Sequence
 
 from rich.color import Color
 from rich.console import Console
@@ -93,14 +93,6 @@ def draw(name: str, parts: Sequence[Text], columns: int) -> None:
     print(f"{name}.svg: {len(parts)} lines")
 
 
-class Scene(NamedTuple):
-    """One picture."""
-
-    needs: str
-    """Program without which the scene is skipped."""
-    make: Callable[[Dict[str, str]], None]
-
-
 def live_view(variables: Dict[str, str]) -> None:
     """The live table of `robot-health run` after the battery's first alerts."""
     command = f"{shlex.quote(sys.executable)} -m {PACKAGE} run --robot robot1"
@@ -114,7 +106,7 @@ def live_view(variables: Dict[str, str]) -> None:
 
 def recordings(variables: Dict[str, str]) -> None:
     """`suggest`, `replay` and `test` on recordings, and the report in chromium; needs the extra [recordings]."""
-    from record import record
+    from past import record
 
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -232,28 +224,18 @@ def _prompt(command: str) -> Text:
 
 
 SCENES = {
-    "live_view": Scene(sys.executable, live_view),
-    "recordings": Scene(sys.executable, recordings),
-    "web_page": Scene("chromedriver", web_page),
-    "ros1": Scene("roslaunch", ros1),
-    "ros2": Scene("ros2", ros2),
+    "live_view": (sys.executable, live_view),
+    "recordings": (sys.executable, recordings),
+    "web_page": ("chromedriver", web_page),
+    "ros1": ("roslaunch", ros1),
+    "ros2": ("ros2", ros2),
 }
-
-
-def main(names: Sequence[str]) -> int:
-    """Makes the scenes of `names`, all without any; returns the exit code."""
-    unknown = [name for name in names if name not in SCENES]
-    if unknown:
-        print(f"unknown scene {unknown[0]}: expected one of {', '.join(SCENES)}", file=sys.stderr)
-        return 2
-    for name in names or SCENES:
-        scene = SCENES[name]
-        if shutil.which(scene.needs) is None:
-            print(f"{name}: skipped, {scene.needs} is not installed")
-            continue
-        scene.make({name: value for name, value in os.environ.items() if not name.startswith("PYTHON")})
-    return 0
-
+"""What makes each, and the program without which it is skipped."""
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    for scene in sys.argv[1:] or SCENES:
+        needs, make = SCENES[scene]
+        if shutil.which(needs) is None:
+            print(f"{scene}: skipped, {needs} is not installed")
+        else:
+            make({name: value for name, value in os.environ.items() if not name.startswith("PYTHON")})

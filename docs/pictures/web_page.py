@@ -11,10 +11,12 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Dict, Iterator, List
 
+from harness.reserved import free_port
+from harness.waiting import wait_for
+from past import write_yesterday
 from selenium import webdriver
 from selenium.webdriver.chrome.options import Options
 from selenium.webdriver.chrome.service import Service
-from yesterday import write_yesterday
 
 PACKAGE = "robot_health_monitor"
 _THRESHOLDS = """\
@@ -30,25 +32,17 @@ _FORECAST = """\
         {topic: battery_level, unit: "%", statistic: forecast, forecast_s: 60.0, window_s: 30.0, warn_below: 20.0}
 """
 _BATTERY = "[...document.querySelectorAll('.signal-name')].find((e) => e.textContent === 'battery_level')"
-_NOTE = """
-const form = document.querySelector(".note-form"), [text, author] = form.querySelectorAll("input");
-text.value = "Drove the long route twice; charger 2 was occupied.";
-author.value = "Kim";
-form.requestSubmit();
-"""
 
 
 def one_robot(folder: Path, variables: Dict[str, str], pictures: Path) -> None:
-    """`robot-health run` with a forecast, after the first alert, with the plot of a day, and the page of the alert."""
+    """`robot-health run` with a forecast, after the first alert, and the plot of a day."""
     history = folder / "history.db"
     write_yesterday(history, ["robot1"])
-    (folder / "ops.yaml").write_text(
-        f"history: {{file: {history}}}\nblack_box: {{folder: {folder / 'black_box'}}}\n", encoding="utf-8"
-    )
+    (folder / "ops.yaml").write_text(f"history: {{file: {history}}}\n", encoding="utf-8")
     (folder / "one.yaml").write_text(
         _THRESHOLDS.replace("40.0", "80.0").replace("50.0", "95.0") + _FORECAST, encoding="utf-8"
     )
-    port = _free_port()
+    port = free_port()
     arguments = ["run", "--robot", "robot1", "--port", str(port), "--thresholds", str(folder / "one.yaml")]
     arguments += ["--ops", str(folder / "ops.yaml")]
     with _programs([arguments], variables), _browser(1000, 880) as driver:
@@ -71,26 +65,13 @@ def one_robot(folder: Path, variables: Dict[str, str], pictures: Path) -> None:
         _wait(driver, "document.querySelector('.plot').plot.signal.steps.length > 200")
         time.sleep(1.0)
         driver.save_screenshot(str(pictures / "web_page_day.png"))
-        _run(driver, "location.hash = '#alerts'")
-        _wait(driver, "document.querySelector('#alert-history .text a')")
-        time.sleep(15.0)  # the samples after the alert, and its black box
-        _run(
-            driver,
-            "[...document.querySelectorAll('#alert-history .alert')]"
-            ".find((e) => e.textContent.includes('battery_level')).querySelector('.text a').click()",
-        )
-        _wait(driver, "document.querySelectorAll('#alert-page .plot svg').length === 2")
-        _run(driver, _NOTE)
-        _wait(driver, "document.querySelector('#alert-page .notes li')")
-        _resize(driver, 1000, 1240)
-        driver.save_screenshot(str(pictures / "alert_page.png"))
 
 
 def fleet(folder: Path, variables: Dict[str, str], picture: Path, phone: Path) -> None:
     """`robot-health connect` to seven robots, of which one is hot, one sends nothing and one is gone."""
     (folder / "hot.yaml").write_text(_THRESHOLDS, encoding="utf-8")
     names = ["husky1", "husky2", "jackal", "carter", "ridgeback", "dingo", "boxer"]
-    ports = {name: _free_port() for name in names}
+    ports = {name: free_port() for name in names}
     lines = ["robots:"]
     for name, port in ports.items():
         thresholds = f", thresholds: {folder / 'hot.yaml'}" if name == "carter" else ""
@@ -101,7 +82,7 @@ def fleet(folder: Path, variables: Dict[str, str], picture: Path, phone: Path) -
     (folder / "fleet.yaml").write_text("\n".join(lines) + "\n", encoding="utf-8")
     starts = [["run", "--robot", name, "--port", str(port)] for name, port in ports.items()]
     starts[1] += ["--source", "none"]
-    port = _free_port()
+    port = free_port()
     watch = ["connect", "--fleet", str(folder / "fleet.yaml"), "--port", str(port)]
     watch += ["--ops", str(folder / "fleet_ops.yaml")]
     with _programs([starts[0]], variables), _browser(1000, 560) as driver:
@@ -116,13 +97,6 @@ def fleet(folder: Path, variables: Dict[str, str], picture: Path, phone: Path) -
             driver.save_screenshot(str(picture))
             _resize(driver, 390, 760)
             driver.save_screenshot(str(phone))
-
-
-def _free_port() -> int:
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port: int = free.getsockname()[1]
-        return port
 
 
 @contextmanager
@@ -155,11 +129,7 @@ def _resize(driver: webdriver.Chrome, width: int, height: int) -> None:
 
 
 def _open(driver: webdriver.Chrome, port: int) -> None:
-    while True:
-        with socket.socket() as probe:
-            if probe.connect_ex(("127.0.0.1", port)) == 0:
-                break
-        time.sleep(0.2)
+    wait_for(lambda: socket.socket().connect_ex(("127.0.0.1", port)) == 0, 60.0)
     driver.get(f"http://127.0.0.1:{port}/")
 
 
@@ -172,8 +142,4 @@ def _run(driver: webdriver.Chrome, script: str) -> object:
 
 
 def _wait(driver: webdriver.Chrome, expression: str, seconds: float = 30.0) -> None:
-    end_s = time.monotonic() + seconds
-    while not _run(driver, f"return Boolean({expression})"):
-        if time.monotonic() > end_s:
-            raise TimeoutError(expression)
-        time.sleep(0.1)
+    wait_for(lambda: bool(_run(driver, f"return Boolean({expression})")), seconds)
