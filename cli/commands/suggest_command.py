@@ -1,7 +1,7 @@
 """`robot-health suggest`: thresholds from recordings of healthy robots.
 
 The recordings are read to measure, and replayed with what follows from that: the replay shows how long healthy values
-are beyond a bound (`for_s`), and how often the rest alerts. If that changes what is
+are beyond a bound (`for_s`), which forecasts are silent, and how often the rest alerts. If that changes what is
 proposed, they are replayed once more, to count the alerts.
 """
 
@@ -69,7 +69,7 @@ class _Alerts:
         self.total = 0
         """One that changes its level counts once."""
         self.numbers: Counter[Tuple[str, Any]] = Counter()  # by signal and bound, or "STALE"
-        self.longest_s: Dict[str, float] = {}  # longest alert by signal
+        self.longest_s: Dict[str, float] = {}  # longest alert by signal that was beyond a bound
         self._since_s: Dict[str, float] = {}
 
     def note(self, judged: JudgedEvent) -> None:
@@ -98,9 +98,10 @@ class _Alerts:
         return count_text(silent, "alert") if key == "stale_after_s" and value else ""
 
     def _end(self, signal: str, wall_s: float) -> None:
-        lasted_s = wall_s - self._since_s.pop(signal, wall_s)
-        configured = template_name(signal)
-        self.longest_s[configured] = max(lasted_s, self.longest_s.get(configured, 0.0))
+        if signal in self._since_s:
+            configured = template_name(signal)
+            lasted_s = wall_s - self._since_s.pop(signal)
+            self.longest_s[configured] = max(lasted_s, self.longest_s.get(configured, 0.0))
 
 
 class _Study:
@@ -160,7 +161,7 @@ class _Study:
 
     def _replayed(self) -> Tuple[Proposed, _Alerts]:
         """Returns what is proposed after a replay of the first proposal, and its alerts."""
-        trial = propose(self._candidates)
+        trial = propose(self._candidates, {})
         if not trial.signals:
             reasons = [f"{topic}: {reason}" for topic, reason in sorted(trial.not_watched.items())]
             raise ConfigError(f"nothing to watch: {list_text(reasons, 5)}")

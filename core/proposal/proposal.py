@@ -4,21 +4,24 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from itertools import groupby
-from typing import Dict, Iterator, List, Mapping, Set
+from typing import Dict, Iterator, List, Mapping, Optional, Set
 
 from ..config.signal_config import BOUNDS, read_signal
 from ..values.errors import ConfigError
 from ..values.field_path import element_path
 from ..values.formatting import duration_text, list_text
 from ..values.model import Level
-from .candidates import AGE_RULES, FRACTIONS, OF_MIDDLEWARE, Candidates, Fields
+from .candidates import AGE_RULES, FRACTIONS, OF_MIDDLEWARE, Candidates, Fields, Names
 from .measured import MOST_ELEMENTS, Measured
-from .suggestion import MOST_IRREGULAR, Setting, Signal, staleness, suggest
+from .suggestion import LEAST_RANGE_S, MOST_IRREGULAR, Setting, Signal, staleness, suggest
 
 ORDER = (*BOUNDS, "hysteresis", "for_s", "stale_after_s", "depends_on")
 """Keys that are proposed, in the order in which they are written."""
 OLDEST_S = 1.0
 """Largest age of stamps, in s, that is taken for a delay: older ones are of another clock, or of other times."""
+
+FORECAST_WINDOW_S, FORECAST_S = 600.0, 1800.0
+"""Window of a forecast, of which alerts must last half, and how far ahead it looks."""
 
 EARLIEST_S = 0.001
 """Times are rounded: a stamp may be this much younger than its arrival, in s."""
@@ -46,10 +49,11 @@ class Proposed:
     fields: Fields = field(default_factory=dict)
 
 
-def propose(candidates: Candidates, longest_s: Mapping[str, float] = {}) -> Proposed:
+def propose(candidates: Candidates, longest_s: Optional[Mapping[str, float]] = None) -> Proposed:
     """Returns what is proposed of candidates that were listened to.
 
-    `longest_s` has the longest healthy excursion of signals, as `suggest` takes it.
+    `longest_s` has the longest healthy excursion of signals, as `suggest` takes it, of those that were beyond a bound
+    in a replay. None: nothing is replayed, so that no forecast is proposed.
     """
     proposed = Proposed([], dict(candidates.not_watched), dict(candidates.fields))
     every = sorted(candidates.signals.values(), key=lambda each: "" if each.kind == "given" else each.topic)
@@ -66,8 +70,9 @@ def propose(candidates: Candidates, longest_s: Mapping[str, float] = {}) -> Prop
             silent.add(topic)
         else:
             for signal in of_topic:
-                for each in _signals(signal, candidates, longest_s, lasted_s):
+                for each in _signals(signal, candidates, longest_s or {}, lasted_s):
                     _sort_in(each, proposed)
+                    proposed.signals += _derived(each, candidates.names, longest_s)
     proposed.fields = {key: why for key, why in proposed.fields.items() if key[0] not in silent}
     if all(signal.kind == "log" for signal in proposed.signals):
         proposed.not_watched.update((signal.topic, OF_MIDDLEWARE) for signal in proposed.signals)
@@ -118,6 +123,34 @@ def _sort_in(signal: Signal, proposed: Proposed) -> None:
         proposed.not_watched[signal.topic] = signal.left_out[0].replace("no bounds: ", "")
     else:
         proposed.fields[signal.topic, signal.given["field"]] = (signal.left_out or ["no bounds"])[0]
+
+
+def _derived(signal: Signal, names: Names, longest_s: Optional[Mapping[str, float]]) -> Iterator[Signal]:
+    """Yields what else the topic or the value of a signal is watched by.
+
+    The largest gap of a topic so fast that its rate and its silence miss short gaps, and the forecast of a charge or a
+    temperature towards the bound of its WARN: a comment if it raised an alert, or was not measured for long enough.
+    """
+    duration_s, stale = signal.measured.duration_s, signal.proposed.get("stale_after_s")
+    bound = next((key for key in signal.proposed if key.startswith("warn")), "")
+    if not bound or stale is None:
+        return
+    if signal.kind == "rate":
+        gap = staleness(signal.measured.gaps, 0.0)
+        if duration_s >= LEAST_RANGE_S * 0.999 and gap.value < stale.value:
+            given = {**signal.given, "statistic": "largest_gap_s"}
+            settings = {"warn_above": gap, "stale_after_s": stale}
+            yield signal.copy(name=names.of(given["topic"], "gap"), given=given, proposed=settings)
+    elif longest_s is not None and signal.rules and signal.given.get("unit") in ("%", "degC"):
+        name = names.of(signal.name, "soon")
+        given = {**signal.given, "statistic": "forecast", "window_s": FORECAST_WINDOW_S, "forecast_s": FORECAST_S}
+        settings = {
+            bound: signal.proposed[bound]._replace(evidence=f"the value in {duration_text(FORECAST_S)}"),
+            "for_s": Setting(FORECAST_WINDOW_S / 2.0, "half of the window: noise that looks like a trend is no alert"),
+            "stale_after_s": stale,
+        }
+        is_watched = name not in longest_s and duration_s > 2.0 * FORECAST_WINDOW_S
+        yield signal.copy(name=name, given=given, **{"proposed" if is_watched else "seen": settings})
 
 
 def _suggested(signal: Signal, longest_s: Mapping[str, float]) -> Signal:

@@ -245,13 +245,13 @@ def _add_hysteresis(signal: Signal) -> None:
         signal.proposed["hysteresis"] = Setting(hysteresis, evidence)
 
 
-def staleness(gaps: Quantiles) -> Setting:
-    """Returns the `stale_after_s` of a signal from the times between its samples."""
+def staleness(gaps: Quantiles, least_s: float = 1.0) -> Setting:
+    """Returns the `stale_after_s` of a signal from the times between its samples, at least `least_s`."""
     if gaps.count < LEAST_GAPS:
         few = f"{count_text(gaps.count, 'gap')} between samples, expected at least {LEAST_GAPS}"
         return Setting(0.0, f"0: never; {few}")
     median = gaps.quantile(0.5)
-    stale_s = max(1.0, rounded(max(2.0 * gaps.max, 5.0 * median), math.ceil))
+    stale_s = max(least_s, rounded(max(2.0 * gaps.max, 5.0 * median), math.ceil))
     return Setting(stale_s, f"longest gap {duration_text(gaps.max)}, median {duration_text(median)}")
 
 

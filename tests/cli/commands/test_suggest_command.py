@@ -27,14 +27,15 @@ def robot_health(robot_health_here: Start) -> Start:
 
 
 def write_bag(file: Path, topics: Sequence[Any], start_s: float = 1e9) -> Path:
-    """Writes a bag of (topic, type, messages as values of `data`, interval in s)."""
+    """Writes a bag of (topic, type, messages as values of `data` or tuples of their fields, interval in s)."""
     messages: List[Any] = []
     with Writer(file) as writer:
         for topic, name, values, interval_s in topics:
-            type_name = f"std_msgs/msg/{name}"
+            type_name = name if "/" in name else f"std_msgs/msg/{name}"
             connection = writer.add_connection(topic, type_name, typestore=STORE)
             for number, value in enumerate(values):
-                data = STORE.serialize_ros1(STORE.types[type_name](value), type_name)
+                content = value if isinstance(value, tuple) else (value,)
+                data = STORE.serialize_ros1(STORE.types[type_name](*content), type_name)
                 messages.append((start_s + number * interval_s, connection, data))
         for time_s, connection, data in sorted(messages, key=lambda each: each[0]):
             writer.write(connection, round(time_s * 1e9), bytes(data))
@@ -116,6 +117,40 @@ def test_alerts_that_the_suggestion_raises_are_counted(robot_health: Start, tmp_
     # The number and the arrival of its messages are of one topic.
     assert out(process)[1] == "# Replayed with these thresholds, the recordings raise 1 alert."
     assert "        stale_after_s: 5.0          # s; 1 alert; longest gap 1 s, median 1 s" in out(process)
+
+
+@pytest.mark.newest_python
+def test_a_forecast_is_watched_that_is_silent_in_the_recordings_and_a_comment_if_it_alerts(
+    robot_health: Start, tmp_path: Path
+) -> None:
+    """Of the two motors, `b` gets 1 degree hotter per minute, which is a line through 80 degrees within 30 minutes."""
+    header = STORE.types["std_msgs/msg/Header"](0, STORE.types["builtin_interfaces/msg/Time"](0, 0), "")
+    flat = [(header, 45.0 + number % 2, 0.0) for number in range(1500)]
+    rising = [(header, 45.0 + number / 60.0, 0.0) for number in range(1500)]
+    topics = [(topic, "sensor_msgs/msg/Temperature", values, 1.0) for topic, values in (("/a", flat), ("/b", rising))]
+    process = robot_health("suggest", write_bag(tmp_path / "a.bag", topics))
+    assert process.wait() == 0, process.text
+    assert out(process)[1] == "# Replayed with these thresholds, the recordings raise 0 alerts."
+    start = out(process).index("      a_temperature_soon:")
+    assert out(process)[start + 1 : start + 12] == [
+        "        # 1,500 samples in 24 min 59 s",
+        "        topic: a",
+        "        type: sensor_msgs/Temperature",
+        "        field: temperature",
+        "        unit: degC",
+        "        statistic: forecast",
+        "        window_s: 600.0",
+        "        forecast_s: 1800.0",
+        "        warn_above: 80.0            # degC; 0 alerts; the value in 30 min",
+        "        for_s: 300.0                # s; half of the window: noise that looks like a trend is no alert",
+        "        stale_after_s: 5.0          # s; 0 alerts; longest gap 1 s, median 1 s",
+    ]
+    (comment,) = [line for line in out(process) if "b_temperature_soon" in line]
+    assert comment.startswith("      # b_temperature_soon: {topic: b, type: sensor_msgs/Temperature,")
+    assert comment.endswith(
+        "warn_above: 80.0, for_s: 300.0, stale_after_s: 5.0}  # seen 45 to 69.98 degC in 24 min 59 s"
+    )
+    assert "      b_temperature:" in out(process)
 
 
 def test_recordings_of_several_days_are_no_silence(robot_health: Start, tmp_path: Path) -> None:

@@ -126,6 +126,43 @@ def test_drivers_that_are_not_ok_while_the_robot_is_listened_to_are_named() -> N
 
 
 @pytest.mark.newest_python
+def test_the_gap_of_a_fast_topic_is_watched_once_it_was_seen_for_10_minutes() -> None:
+    fast: Publisher = ("/a", "std_msgs/String", 20.0, lambda now_s: {})
+    other: Publisher = ("/a_gap", "std_msgs/Float32", 2.0, lambda now_s: {"data": math.sin(now_s)})
+    assert set(by_name(proposed_of([fast]))) == {"a_rate"}
+    found = by_name(proposed_of([fast, other], 620.0))
+    assert set(found) == {"a_rate", "a_gap_2", "a_gap_rate", "a_gap"}
+    assert found["a_gap_2"].settings == {
+        "topic": "a", "type": "std_msgs/String", "field": "", "statistic": "largest_gap_s",
+        "warn_above": 0.25, "stale_after_s": 1.0,
+    }  # fmt: skip
+
+
+@pytest.mark.newest_python
+def test_a_forecast_of_charge_is_watched_where_a_replay_of_two_windows_had_no_alert() -> None:
+    battery: Publisher = ("/b", "sensor_msgs/BatteryState", 0.5, lambda now_s: {"percentage": 0.9 - now_s * 1e-5})
+    candidates = heard([battery], 1300.0)
+    assert "b_percentage_soon" not in by_name(propose(candidates))
+    watched = by_name(propose(candidates, {}))["b_percentage_soon"]
+    assert watched.settings == {
+        "topic": "b", "type": "sensor_msgs/BatteryState", "field": "percentage", "scale": 100.0, "unit": "%",
+        "valid_min": 0.0, "valid_max": 100.0, "statistic": "forecast", "window_s": 600.0, "forecast_s": 1800.0,
+        "warn_below": 20.0, "for_s": 300.0, "stale_after_s": 10.0,
+    }  # fmt: skip
+    assert by_name(propose(candidates, {"b_percentage_soon": 4.0}))["b_percentage_soon"].is_shown_only
+    assert by_name(propose(heard([battery], 1200.0), {}))["b_percentage_soon"].is_shown_only
+
+
+def test_a_temperature_has_a_forecast_and_a_charge_beyond_its_bound_or_its_range_has_none() -> None:
+    hot: Publisher = ("/t", "sensor_msgs/Temperature", 2.0, lambda now_s: {"temperature": 50.0 + math.sin(now_s)})
+    low: Publisher = ("/b", "sensor_msgs/BatteryState", 2.0, lambda now_s: {"percentage": 0.15})
+    odd: Publisher = ("/c", "sensor_msgs/BatteryState", 2.0, lambda now_s: {"percentage": 150.0})
+    found = by_name(propose(heard([hot, low, odd], 60.0), {}))
+    assert [name for name in found if name.endswith("_soon")] == ["t_temperature_soon"]
+    assert found["t_temperature_soon"].seen["warn_above"].value == 80.0
+
+
+@pytest.mark.newest_python
 def test_how_long_to_listen_is_known_of_what_came_too_rarely() -> None:
     """60 samples of 1 Hz in 59 s: 100 take 100 s, and two minutes are enough."""
     rare: Publisher = ("/a", "std_msgs/Float32", 1.0, lambda now_s: {"data": now_s})
