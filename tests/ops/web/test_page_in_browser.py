@@ -775,6 +775,7 @@ def test_the_start_page_has_the_recent_alerts(browser: Browser, served: Any, tmp
         site.observe(value)
     browser.wait_for_text("#recent .alert .text", "16 is")
     assert browser.run("return document.querySelectorAll('#recent .alert').length") == 5
+    browser.wait_for("document.querySelectorAll('#recent .alert.open').length === 1")
     assert browser.texts("#recent .alert.open .text bdi") == ["battery_level WARN: 16 is below 20 (was OK for 1 s)"]
     browser.click("#recent [href='#alerts']")
     browser.wait_for("document.querySelectorAll('#alerts .alert').length === 7")
