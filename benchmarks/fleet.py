@@ -18,8 +18,10 @@ import time
 from pathlib import Path
 from typing import Dict, Iterator, List, Optional, Sequence, Tuple
 
+from harness.reserved import free_port
+
 from benchmarks.peers import SIGNALS
-from benchmarks.processes import Process, alert_system, free_port, peer, write_yaml
+from benchmarks.processes import Process, alert_system, peer, write_yaml
 from benchmarks.table import ROOT, Row, beside, within
 
 ROBOTS, OVER_BRIDGE, MANY = 200, 100, 1000

@@ -24,9 +24,10 @@ from typing import Any, Awaitable, Callable, Dict, Iterator, List, Mapping
 
 import aiohttp
 from aiohttp import web
+from harness.reserved import free_port
 
 from benchmarks.peers import listen
-from benchmarks.processes import alert_system, free_port, write_yaml
+from benchmarks.processes import alert_system, write_yaml
 from benchmarks.table import ROOT, Row
 
 PAUSE_S = 0.005

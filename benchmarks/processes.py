@@ -20,6 +20,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Awaitable, Callable, Dict, Iterator, Mapping, Optional, Sequence
 
+from harness.reserved import free_port
+
 from benchmarks.table import ROOT
 
 
@@ -176,13 +178,6 @@ def write_yaml(folder: Path, **trees: object) -> None:
     """Writes each tree to NAME.yaml in a folder, as JSON, which is YAML."""
     for name, tree in trees.items():
         (folder / f"{name}.yaml").write_text(json.dumps(tree))
-
-
-def free_port() -> int:
-    """Returns a free TCP port."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 def compile_source(python: str) -> None:

@@ -13,11 +13,12 @@ from functools import partial
 from pathlib import Path
 from typing import Iterator
 
+from harness.histories import transition
+
 from benchmarks.processes import compile_source
 from benchmarks.table import ROOT, Row, in_turn, within
 from robot_health_monitor.core import Level, Monitor, Sample, load_config
 from robot_health_monitor.core.judge.continuity import Continuity
-from robot_health_monitor.core.values.model import Status, Transition
 from robot_health_monitor.ops.configuration import HistorySettings
 from robot_health_monitor.ops.store.history import History
 
@@ -81,20 +82,13 @@ def _write(file: Path, count: int) -> None:
     for number in range(count):
         now_s = end_s - DAYS * 86_400.0 * (1.0 - (number + 1) / count)
         samples = [(now_s - EVIDENCE + place, 19.0 + math.sin(place / 9.0 + number)) for place in range(EVIDENCE)]
-        robot.record(_transition(number), {"level": "WARN"}, samples)
+        turn, place = divmod(number, len(SIGNALS))
+        signal, before, after = SIGNALS[place], _LEVELS[turn % 4], _LEVELS[(turn + 1) % 4]
+        text = f"{signal} {after.name}: 19.5 % is below 20 % (was {before.name} for 312 s)"
+        record = transition(number, after, from_level=before, signal=signal, fingerprint=f"{place:016x}", text=text)
+        robot.record(record, {"level": "WARN"}, samples)
     now_s = end_s
     written.close()
-
-
-def _transition(number: int) -> Transition:
-    turn, place = divmod(number, len(SIGNALS))
-    signal, before, after = SIGNALS[place], _LEVELS[turn % 4], _LEVELS[(turn + 1) % 4]
-    text = f"{signal} {after.name}: 19.5 % is below 20 % (was {before.name} for 312 s)"
-    return Transition(
-        signal=signal, from_level=before, to_level=after, now_s=float(number), since_s=number - 312.0, robot="r1",
-        fingerprint=f"{place:016x}", text=text, status=Status(signal, after, "19.5 % is below 20 %", "r1", {}),
-        value=19.5, statistic="last", bound=20.0, statistics={"last": 19.5},
-    )  # fmt: skip
 
 
 def _run(*arguments: str) -> str:
