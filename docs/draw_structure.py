@@ -97,12 +97,9 @@ def _folders(top: float) -> Iterator[str]:
         yield _box(x, y, f"{folder}/", "")
         for other in sorted(folders_imported(folder)):
             to_x, to_y = places[other]
-            if (folder, other) == ("cli", "core"):
-                half = _BOX_WIDTH / 2
-                yield f'<path d="M{x - half:g},{y + 22:g} H5 V{to_y + 22:g} H{to_x - half:g}"/>'
-            elif (folder, other) == ("cli", "runtime"):
-                half, right = _BOX_WIDTH / 2, _WIDTH - 5
-                yield f'<path d="M{x + half:g},{y + 22:g} H{right} V{to_y + 22:g} H{to_x + half:g}"/>'
+            if folder == "cli" and other in ("core", "runtime"):  # past the layers between, on the left or the right
+                edge, half = (5, -_BOX_WIDTH / 2) if other == "core" else (_WIDTH - 5, _BOX_WIDTH / 2)
+                yield f'<path d="M{x + half:g},{y + 22:g} H{edge} V{to_y + 22:g} H{to_x + half:g}"/>'
             else:
                 enters = to_x + (x - to_x) * 0.12
                 yield f'<path d="M{x:g},{y + _BOX_HEIGHT:g} L{enters:g},{to_y:g}"/>'
