@@ -69,7 +69,7 @@ class _Alerts:
         self.total = 0
         """One that changes its level counts once."""
         self.numbers: Counter[Tuple[str, Any]] = Counter()  # by signal and bound, or "STALE"
-        self.longest_s: Dict[str, float] = {}  # longest alert by signal that was beyond a bound
+        self.longest_s: Dict[str, float] = {}  # longest time beyond a bound, by signals that raised alerts
         self._since_s: Dict[str, float] = {}
 
     def note(self, judged: JudgedEvent) -> None:
@@ -98,10 +98,9 @@ class _Alerts:
         return count_text(silent, "alert") if key == "stale_after_s" and value else ""
 
     def _end(self, signal: str, wall_s: float) -> None:
-        if signal in self._since_s:
-            configured = template_name(signal)
-            lasted_s = wall_s - self._since_s.pop(signal)
-            self.longest_s[configured] = max(lasted_s, self.longest_s.get(configured, 0.0))
+        lasted_s = wall_s - self._since_s.pop(signal, wall_s)
+        configured = template_name(signal)
+        self.longest_s[configured] = max(lasted_s, self.longest_s.get(configured, 0.0))
 
 
 class _Study:
