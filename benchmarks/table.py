@@ -100,10 +100,10 @@ def write_page(parts: Mapping[str, Sequence[Row]], measured: str, page: Path = P
     text = page.read_text(encoding="utf-8")
     for name, content in {"version": measured, **{part: table(rows) for part, rows in parts.items()}}.items():
         begin, end = f"<!-- {name} -->", f"<!-- end of {name} -->"
-        shown = f"{begin}\n{content}\n{end}"
-        text, count = re.subn(f"{begin}\n.*?{end}", lambda _, shown=shown: shown, text, flags=re.DOTALL)  # type: ignore[misc]
-        if count != 1:
+        around = re.split(f"{begin}\n.*?{end}", text, flags=re.DOTALL)
+        if len(around) != 2:
             raise ValueError(f"{page}: expected the lines {begin} and {end} once")
+        text = f"{begin}\n{content}\n{end}".join(around)
     page.write_text(text, encoding="utf-8")
 
 
