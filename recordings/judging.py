@@ -150,7 +150,7 @@ class Judge:
         """Adds a configuration: its name, and the mapping under `ros__parameters` of alert_system.
 
         It continues from the `saved` states of its signals, which are those at the beginning.
-        Raises ConfigError, with a path below that: it cannot be used, or a field is not in the recorded type.
+        Raises ConfigError, with a path below that, if it cannot be used, or a field is not in the recorded type.
         """
         tree = parameters if "signals" in parameters else {**parameters, "signals": DEFAULT_SIGNALS}
         config = read_monitor(Section((), tree))

@@ -121,7 +121,7 @@ class Recordings:
     def problem_without(self, number: int, wanted: Collection[Channel]) -> str:
         """Returns why the recording `paths[number]` gave no message of some channels: it is damaged.
 
-        Empty: it is not, or has none.
+        Empty if it is not damaged, or has no such channels.
         """
         problems = _problems(_files_with(self._recordings[number], wanted))
         return _nothing_readable(self.paths[number], problems) if problems else ""

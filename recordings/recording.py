@@ -70,8 +70,8 @@ RawMessage = Tuple[int, Target, bytes]
 
 Messages = List[RawMessage[Any]]
 Wanted = Optional[Mapping[int, Any]]
-"""The numbers of the channels whose messages are wanted, each with its target. None: all messages, with the number of
-their channel as target and without data; channels are noted."""
+"""The numbers of the channels whose messages are wanted, each with its target. None if all messages are wanted, with
+the number of their channel as target and without data; channels are noted."""
 
 Span = Optional[Tuple[int, int]]
 """Log times of the first and the last message; None without messages."""
@@ -138,7 +138,7 @@ class RecordedFile(abc.ABC):
         """Yields messages as `messages` does."""
 
     def _add_channel(self, number: int, topic: str, raw_format: RawFormat) -> None:
-        """Adds a channel as the file has it. Raises Damaged: a name is too long, or there are too many channels."""
+        """Adds a channel as the file has it. Raises Damaged if a name is too long, or there are too many."""
         if len(self._channels) >= _MOST_CHANNELS:
             raise Damaged(f"more than {_MOST_CHANNELS} channels")
         for name in (topic, raw_format.schema_name):
@@ -157,7 +157,7 @@ class RecordedFile(abc.ABC):
         return span
 
     def _end_span(self, last_ns: int) -> None:
-        """Ends the time span with the last message that was read; 0: with the first."""
+        """Ends the time span with the last message that was read; with 0, with the first."""
         if self.span_ns is not None:
             first_ns, end_ns = self.span_ns
             self.span_ns = first_ns, max(first_ns, min(end_ns, last_ns))
@@ -227,7 +227,7 @@ class ChunkedFile(RecordedFile):
 
     @abc.abstractmethod
     def _take(self, record: Record, wanted: Wanted, into: Messages) -> None:
-        """Takes channels and messages from a record. Raises what is in `DAMAGE`: the rest cannot be read."""
+        """Takes channels and messages from a record. Raises what is in `DAMAGE` if the rest cannot be read."""
 
     def _chunks(self, file: BinaryIO, wanted: Wanted) -> Iterator[Messages]:
         """Yields the messages of each chunk, and those outside of chunks in batches."""
@@ -268,7 +268,7 @@ class ChunkedFile(RecordedFile):
     def _add_message(
         messages: Messages, wanted: Wanted, number: int, time_ns: int, data: bytes, start: int, end: int
     ) -> None:
-        """Adds a message to those of its chunk, if it is wanted. Raises Damaged: the chunk has implausibly many."""
+        """Adds a message to those of its chunk, if it is wanted. Raises Damaged if the chunk has implausibly many."""
         if len(messages) >= _MOST_MESSAGES:
             raise Damaged(f"a chunk with more than {_MOST_MESSAGES} messages")
         if wanted is None:

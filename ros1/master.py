@@ -84,7 +84,7 @@ class Master:
     def answers(self, node: str) -> Optional[bool]:
         """Returns whether a node answers its own API within 1 s: the master goes on listing one that crashed.
 
-        False: it has left the master, or has no process any more. None: there is no answer, for whatever reason.
+        False if it has left the master, or has no process any more. None if there is no answer, for whatever reason.
         """
         try:
             uri = self._read(_text, self._call("lookupNode", node, default=None))
@@ -173,7 +173,8 @@ class MasterWatch(StepThread):
     ) -> None:
         """Prepares the thread, for a node that the master knows now. Raises ServiceError if it does not answer.
 
-        Calls `on_change` with what is wrong and how bad it is; empty and OK: the master answers again.
+        Calls `on_change` with what is wrong and how bad it is; with an empty text and OK when the master answers
+        again.
         """
         super().__init__("master watch", self._check, bool)  # nothing in it raises
         self.lost = threading.Event()

@@ -75,6 +75,6 @@ def raw_format(type_name: str) -> RawFormat:
 def bytes_class(type_name: str) -> Any:
     """Returns a class to subscribe with whose messages stay bytes, of any publisher.
 
-    The master learns the type. It need not be installed here; empty: it is not known.
+    The master learns the type. It need not be installed here; it is empty if it is not known.
     """
     return type("Bytes", (rospy.AnyMsg,), {"_type": canonical_type(type_name)}) if type_name else rospy.AnyMsg

@@ -59,8 +59,8 @@ class Ros1Middleware(NativeNode):
         """Creates the node.
 
         Args:
-            name: name of the logical node, below the process's namespace unless it begins with `/`; empty: the name of
-                the process, which `__name:=` may have changed.
+            name: name of the logical node, below the process's namespace unless it begins with `/`; if empty, that
+                of the process, which `__name:=` may have changed.
         """
         self._master = Master(rospy.get_name())
         self._node_checks = NodeChecks(self._master)

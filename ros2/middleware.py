@@ -90,7 +90,7 @@ class Ros2Middleware(NativeNode):
 
         Args:
             name: name of the node, which `__node:=` may change.
-            context: rclpy's context; None: the default one.
+            context: rclpy's context; None for the default one.
             options: further arguments of rclpy's Node, such as `namespace` and `parameter_overrides`.
         """
         self.node = ParameterNode(name, context=context, **options)

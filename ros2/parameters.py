@@ -73,7 +73,10 @@ class NodeParameters:
         return str(self._own.get(EXECUTOR.name, EXECUTOR.default))
 
     def given(self) -> Mapping[str, Any]:
-        """Returns the configuration in force; ConfigError: of a parameter of the adapter, or a name begins another."""
+        """Returns the configuration in force.
+
+        Raises ConfigError if a parameter of the adapter is wrong, or if a name begins another.
+        """
         for parameter in (EXECUTOR, USE_SIM_TIME):
             if parameter.name in self._own:
                 parameter.read(self._own[parameter.name], (parameter.name,))

@@ -145,9 +145,9 @@ class Ros2Process:
         rclpy.try_shutdown()
 
     def _leave_signals_to_rclpy(self) -> bool:
-        """Lets rclpy's handlers end the spinning, as no Python code can while it waits; False: a signal has come.
+        """Lets rclpy's handlers end the spinning, as no Python code can while it waits.
 
-        They call Python's handlers too, so `Interrupts` learns of the signal.
+        Returns False if a signal has come. The handlers call Python's handlers too, so `Interrupts` learns of the signal.
         """
         install_signal_handlers(SignalHandlerOptions.ALL)
         return not self._interrupts.came

@@ -32,7 +32,7 @@ class Interrupts:
         """Changes nothing until it is entered.
 
         If something hangs and the context is still entered `patience_s` after the first signal, KeyboardInterrupt is
-        raised after all (with SIGALRM); None: never.
+        raised after all (with SIGALRM). With None, it never is.
         """
         self.came = False
         """Whether a signal has come."""

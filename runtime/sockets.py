@@ -54,7 +54,7 @@ class Incoming:
         """Returns the next message with content, or the one that ends the connection.
 
         Raises:
-            asyncio.TimeoutError: none came within `timeout_s`; None: no limit.
+            asyncio.TimeoutError: none came within `timeout_s`; there is no limit if it is None.
             FloodError: the connection must be closed at once.
         """
         while True:
@@ -72,7 +72,7 @@ class Incoming:
                     await self._socket.pong(message.data)
 
     def _is_turn_over(self, now_s: float) -> bool:
-        """Call when a message was processed; True: other tasks must run now, and a new turn begins."""
+        """Call when a message was processed; True if other tasks must run now, and a new turn begins."""
         self._done_s = now_s
         if now_s - self._turn_s <= TURN_S:
             return False

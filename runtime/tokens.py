@@ -30,7 +30,8 @@ class TokenFiles:
     def find(self, file: str) -> str:
         """Returns the token in a file or, if `file` is empty, in the environment; empty if there is none.
 
-        ConfigError: as `read_token_file`, or a pipe is in place of the file: reading it could take for ever.
+        Raises ConfigError as `read_token_file` does, and if a pipe is in place of the file: reading it could take for
+        ever.
         """
         if not file:
             return _find_in_environment()
@@ -66,8 +67,8 @@ def _find_in_environment() -> str:
 def read_token_file(file: str, warn: Callable[[str], object]) -> str:
     """Returns the token in a file, without the white space around it; `~` is the home directory.
 
-    `warn` is called with one line if other users may read it. ConfigError, which never names the contents: it cannot be
-    read, is empty, or holds more than one token.
+    `warn` is called with one line if other users may read it. Raises ConfigError, which never names the contents, if
+    it cannot be read, is empty, or holds more than one token.
     """
     path = os.path.expanduser(file)
     try:

@@ -36,7 +36,7 @@ class Causes:
         return _of_signal(name, self._ancestors, ())
 
     def nearest(self, name: str, active: AbstractSet[str]) -> str:
-        """Returns the nearest cause of a signal that is `active`; empty: none is."""
+        """Returns the nearest cause of a signal that is `active`; empty if none is."""
         return next((cause for cause in self.of(name) if cause in active), "")
 
     def first(self, names: Iterable[str]) -> List[str]:

@@ -188,7 +188,10 @@ def list_sections(tree: Mapping[str, Any], problems: Optional[Problems] = None) 
 
 
 def find_section(tree: Mapping[str, Any], node: str) -> Section:
-    """Returns a node's section of a file, else the only one with `signals`. ConfigError: there is none, or several."""
+    """Returns a node's section of a file, else the only one with `signals`.
+
+    Raises ConfigError if there is none, or several.
+    """
     found = list_sections(tree)
     refuse_second_section(found, node)
     for section in found:

@@ -51,7 +51,7 @@ class Parameter:
     or a whole number is `Union[str, int]`, a number or a text `Union[float, str]`, a mapping or a list
     `Union[Mapping[str, Any], List[Any]]`."""
     default: Any
-    """Value if the key is left out; None: no value, the feature is disabled."""
+    """Value if the key is left out; None if there is no value and the feature is disabled."""
     description: str
     """One line, with the unit."""
     minimum: Optional[float] = None
@@ -59,7 +59,7 @@ class Parameter:
     maximum: Optional[float] = None
     """Of a text: the number of its characters."""
     choices: Tuple[str, ...] = ()
-    """The allowed texts; empty: any."""
+    """The allowed texts; empty if any text is allowed."""
     any_text: bool = False
     """Whether texts may have control characters, which break the lines that contain them."""
     is_path: bool = False

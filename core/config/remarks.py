@@ -11,7 +11,7 @@ _VOLTS = ("V", "mV", "volt", "volts")
 
 
 def doubt_of(config: SignalConfig) -> str:
-    """Returns why the statistic of a signal is questionable, as a hint beside its value; empty: it is not.
+    """Returns why the statistic of a signal is questionable, as a hint beside its value; empty if it is not.
 
     In simulated discharges, the time to 20 % charge was exact where the time to 3.4 V was off by -25 to +173 %
     (quartiles; docs/reference/benchmarks.md).

@@ -275,7 +275,7 @@ class SignalConfig:
 
     @property
     def graph(self) -> Optional[Tuple[str, str]]:
-        """The key of the robot's graph that it has in place of `topic`, and its name; None: it has a topic."""
+        """The key of the robot's graph that it has in place of `topic`, and its name; None if it has a topic."""
         return next(((key, getattr(self, key)) for key in GRAPH_KEYS if getattr(self, key)), None)
 
     @property
@@ -287,7 +287,7 @@ class SignalConfig:
 
     @property
     def selection(self) -> Optional[str]:
-        """What is read of each message, for `Middleware.subscribe`; None: only its arrival counts."""
+        """What is read of each message, for `Middleware.subscribe`; None if only its arrival counts."""
         return "" if self.action else selection(self.field, self.where)
 
     @property

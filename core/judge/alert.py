@@ -39,13 +39,13 @@ class Held:
         self.silence = ""
         """The alert of its silent source; empty while it is not silent."""
         self.awaits_until_s = -math.inf
-        """Messages came again: until when its own sample may come. Minus infinity: it came, or they did not."""
+        """Messages came again: until when its own sample may come. Minus infinity if it came, or they did not."""
         self.cause = ""
         """The nearest of its causes by `depends_on`; empty without one."""
         self.last_cause = ""
         """The same, or that of the latest moment with one."""
         self.caused_s: Optional[float] = None
-        """Since when it has had a cause by `depends_on`; None: it had none."""
+        """Since when it has had a cause by `depends_on`; None if it had none."""
         self.ended_s = 0.0
         """When the last one ended."""
         self.settles_until_s = -math.inf
@@ -63,7 +63,7 @@ class Held:
 
     @property
     def text(self) -> str:
-        """What it was caused by, and for how long; empty: by nothing that it depends on."""
+        """What it was caused by, and for how long; empty if by nothing that it depends on."""
         if self.caused_s is None:
             return ""
         return f"was caused by {self.last_cause} for {duration_text(self.ended_s - self.caused_s)}"
@@ -106,7 +106,7 @@ class Alert(Announcer):
         self._level = _OK
         self._level_since_s = now_s
         self.held: Optional[Held] = None
-        """Why worse levels are not announced; None: nothing holds them back."""
+        """Why worse levels are not announced; None if nothing holds them back."""
 
     @property
     def level(self) -> Level:
@@ -150,7 +150,7 @@ class Alert(Announcer):
         return bool(self.cause) and self.level.severity > self.announced.severity
 
     def hold(self, alert: str) -> None:
-        """Holds worse levels back: its source is silent, which is an alert of this name; empty: no longer."""
+        """Holds worse levels back: its source is silent, which is an alert of this name; if empty, no longer."""
         if alert:
             self._get_held().silence = alert
         elif self.held is not None:
@@ -163,7 +163,7 @@ class Alert(Announcer):
             held.silence, held.awaits_until_s = "", until_s
 
     def note_cause(self, cause: str, now_s: float) -> Optional[Transition]:
-        """Notes the nearest of its causes by `depends_on`; empty: none, or no longer."""
+        """Notes the nearest of its causes by `depends_on`; empty if there is none, or none any more."""
         if cause:
             self._get_held().begin(cause, now_s)
         elif self.held is not None and self.held.cause:

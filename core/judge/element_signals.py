@@ -178,7 +178,7 @@ def own_config(config: SignalConfig) -> SignalConfig:
 
 
 def config_of(name: str, configured: Mapping[str, SignalConfig]) -> Optional[SignalConfig]:
-    """Returns the configuration of a signal by its name, which may be that of an element; None: it is not watched."""
+    """Returns the configuration of a signal by its name, which may be that of an element; None if it is not watched."""
     config = configured.get(name)
     if config is not None:
         return own_config(config)
@@ -189,7 +189,10 @@ def config_of(name: str, configured: Mapping[str, SignalConfig]) -> Optional[Sig
 
 
 def unconfigured(name: str) -> SignalConfig:
-    """Returns a configuration for a signal that has none, to end its alert; raises ConfigError: it cannot be one."""
+    """Returns a configuration for a signal that has none, to end its alert.
+
+    Raises ConfigError if it cannot be one.
+    """
     is_element = is_element_name(name)
     return replace(read_signal(template_name(name) if is_element else name, {}), name=name)
 

@@ -130,7 +130,7 @@ class ForecastWindow(Window):
         return (latest, 0.0) if contradicts else line
 
     def lines(self) -> Optional[_Lines]:
-        """Returns prediction and slope through all samples, the older half and the newer half; None: undefined.
+        """Returns prediction and slope through all samples, the older half and the newer half; None if undefined.
 
         Each prediction is Prometheus's `predict_linear` (promql/functions.go).
         """

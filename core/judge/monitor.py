@@ -92,7 +92,7 @@ class Monitor:
         self._clock: Optional[WallClock] = None
         """Wall time for the samples that `take_samples` returns; None before its first call."""
         self._make_collector: Optional[Callable[[SignalMonitor], SampleCollector]] = None
-        """Returns what collects the samples of a signal; None: nothing does."""
+        """Returns what collects the samples of a signal; None if nothing does."""
         self._link_restored_s = math.inf
         """When the state of the link was restored, in seconds; infinite once it was observed."""
 
@@ -234,7 +234,7 @@ class Monitor:
 
     @property
     def link_up(self) -> Optional[bool]:
-        """Whether the robot can be reached; None: it is not watched over a link."""
+        """Whether the robot can be reached; None if it is not watched over a link."""
         return None if LINK not in self._signals else not self._link_down
 
     def status(self, signal: str, now_s: float) -> Optional[Status]:
@@ -259,7 +259,7 @@ class Monitor:
         return silent
 
     def note_hint(self, signal: str, hint: str) -> None:
-        """Sets the hint of a signal without samples, until its next one (`Middleware.why_silent`); empty: unknown."""
+        """Sets the hint of a signal without samples, until its next one (`Middleware.why_silent`); empty if unknown."""
         if signal in self._signals:
             self._signals[signal].staleness.note_hint(hint)
             source = self._sources.of_signal(signal)
@@ -324,7 +324,7 @@ class Monitor:
         return self._signals[signal].at_rest_since_s if signal in self._signals else None
 
     def snapshot(self, signal: str, now_s: float, wall_s: float) -> SavedSignal:
-        """Returns a state for `restore`, as JSON values; empty: not watched. `wall_s` is `now_s` in s since 1970."""
+        """Returns a state for `restore`, as JSON values; empty if not watched. `wall_s` is `now_s` in s since 1970."""
         known = self._signals.get(signal) or self._sources.get(signal)
         if known is None:
             return {}
@@ -345,7 +345,7 @@ class Monitor:
         Nothing is announced again; a signal that was not OK and is no longer watched ends. A signal waits for its first
         sample; until then its durations stand still. Windows are empty. A state that cannot be used is ignored, with a
         notice. Without `now_s`, the time is that of the first call, which then returns the transitions. `wall_s` is the
-        time in seconds since 1970, as is `stopped_s`: when the earlier run was last known to watch (None: until now).
+        time in seconds since 1970, as is `stopped_s`: when the earlier run was last known to watch (None if until now).
         """
         downtime = Downtime(wall_s if stopped_s is None else min(stopped_s, wall_s), wall_s)
         self._saved = states, downtime
@@ -538,7 +538,7 @@ class Monitor:
     def _receiver(self, name: str, value: object, now_s: float, changes: Changes) -> Optional[SignalMonitor]:
         """Returns the signal that judges a sample which does not go to it at once.
 
-        None: it was of elements, which have judged it, or of no signal.
+        None if it was of elements, which have judged it, or of no signal.
         """
         if name == LINK:
             signal = SignalMonitor(LINK_CONFIG, self.robot, now_s)

@@ -210,7 +210,7 @@ class SignalRules:
         """Starts with inactive rules."""
         self._latched = _OK
         self.of_bounds = True
-        """Whether values are compared with bounds; False: each is a level that a driver reports."""
+        """Whether values are compared with bounds; False if each is a level that a driver reports."""
         self.warn, self.error, self.invalid = Rule(), Rule(), Rule()
         self.bounds: Tuple[Rule, ...] = (self.warn, self.error)
         """The rules about values; `invalid` fires after invalid data."""

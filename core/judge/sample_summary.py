@@ -24,7 +24,7 @@ class SampleSummary(NamedTuple):
     start_s: float
     """Begin of the period, in s since 1970: a multiple of 10."""
     least: Optional[float]
-    """Smallest value of the judged statistic, in its unit; None: it was never defined. Likewise the next three."""
+    """Smallest value of the judged statistic, in its unit; None if it was never defined. Likewise the next three."""
     most: Optional[float]
     """Largest value."""
     mean: Optional[float]
@@ -61,7 +61,10 @@ class SampleCollector:
     )  # fmt: skip
 
     def __init__(self, clock: Optional[WallClock] = None) -> None:
-        """Starts without a period; the owner of `clock` corrects it when the wall clock is set. None: one, endless."""
+        """Starts without a period; the owner of `clock` corrects it when the wall clock is set.
+
+        Without a clock, there is one endless period.
+        """
         self._clock = clock or WallClock(0.0)
         self._waiting: List[SampleSummary] = []
         self._end_s = math.inf

@@ -16,7 +16,8 @@ from ..values.formatting import datum_text
 Kind = TypeVar("Kind", bound=enum.Enum)
 
 SavedSignal = Mapping[str, Any]
-"""State of one signal: numbers, texts, booleans, None and mappings of them. Empty: the signal is no longer watched.
+"""State of one signal: numbers, texts, booleans, None and mappings of them. Empty if the signal is not
+watched any more.
 
 Durations are in seconds. Times are in seconds since 1970, all of them in the mapping `since` and the list `storm`.
 """

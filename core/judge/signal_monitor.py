@@ -52,12 +52,12 @@ class SignalMonitor(Alert):
         self.judged = self.window.statistic(config.statistic)
         """The value of the statistic that the bounds apply to; None while it is undefined."""
         self._statistics: Optional[Window] = None
-        """The values of the judged statistic at ticks, to show; None: the window is shown."""
+        """The values of the judged statistic at ticks, to show; None if the window is shown."""
         self._samples: Optional[SampleCollector] = None
-        """Collects the values of the judged statistic for a history; None: nothing stores them."""
+        """Collects the values of the judged statistic for a history; None if nothing stores them."""
         self._rules = SignalRules(config)
         self._zero_s: Optional[float] = None
-        """When nothing was found in the graph, in the startup grace; None: not, or something was."""
+        """When nothing was found in the graph, in the startup grace; None if something was, or at another time."""
         self._use_config(config)
         self._know_count(now_s)
 

@@ -54,7 +54,7 @@ class Source(Alert):
         self.was_silent = False
         """Whether it was ever announced, or silent with another one."""
         self.head: Optional[Source] = None
-        """The source that it is silent with, which gives the alert its name; None: itself."""
+        """The source that it is silent with, which gives the alert its name; None if that is itself."""
         self.speaks = False
         """Whether its silence is announced under its own name."""
         self.with_topics: Tuple[str, ...] = ()
@@ -193,7 +193,7 @@ class Sources:
         return self._names.get(topic) or (topic if topic.startswith("/") else f"/{topic}")
 
     def of_signal(self, name: str) -> Optional[Source]:
-        """Returns the source of a signal or element; None: it has none."""
+        """Returns the source of a signal or element; None if it has none."""
         return self._by_signal.get(name) or self._by_signal.get(template_name(name))
 
     def is_heard(self, signal: str) -> bool:

@@ -78,7 +78,7 @@ class Judgement(NamedTuple):
     limit_s: float
     """Longest time without samples, in seconds."""
     hint: str
-    """Why there are no samples; empty: unknown, or there are."""
+    """Why there are no samples; empty if that is unknown, or if there are samples."""
     flapping: bool
     state_change_percent: float
     cause: str
@@ -101,7 +101,7 @@ class Judgement(NamedTuple):
     """The statistics of the window that can be computed, the judged one where it is defined, and the trend of a
     forecast (`trend_per_min`)."""
     forecast: Optional[Forecast] = None
-    """None: the statistic is not `forecast`, it is undefined, or the latest value is not known (`latest_good`)."""
+    """None if the statistic is not `forecast` or is undefined, or if the latest value is not known (`latest_good`)."""
     window_samples: int = 0
     window_is_long_enough: bool = False
     """Whether samples have come for `window_min_s`."""
@@ -183,7 +183,7 @@ def alert_line(
 
     `announced` is the level that was announced before, since `announced_since_s`; the same level makes it a repetition.
     `unknown_s` is how long the level has been unknown, in seconds, if it was never known; else None. `caused` says what
-    it was caused by, and for how long; empty: by nothing.
+    it was caused by, and for how long; empty if by nothing.
     """
     config = judgement.config
     lasted = duration_text(judgement.now_s - announced_since_s)
@@ -232,7 +232,7 @@ def reason(judgement: Judgement) -> str:
 
 
 def hint(judgement: Judgement) -> str:
-    """Returns why there are no samples, or why the statistic is questionable; empty: nothing is known."""
+    """Returns why there are no samples, or why the statistic is questionable; empty if nothing is known."""
     return judgement.hint or doubt_of(judgement.config)
 
 
@@ -260,7 +260,10 @@ def judged_text(config: SignalConfig, judged: float, bound: Optional[float] = No
 
 
 def bounds_text(config: SignalConfig) -> str:
-    """Returns the bounds in words, with the unit of the statistic: `WARN below 20 %, ERROR below 10 %`; empty: none."""
+    """Returns the bounds in words, with the unit of the statistic: `WARN below 20 %, ERROR below 10 %`.
+
+    Empty if there are none.
+    """
     if config.lifecycle:
         return "ERROR unless active"
     unit = judged_unit(config)
@@ -282,7 +285,7 @@ def source_text(config: SignalConfig, topic: str) -> str:
 
 
 def shown_text(judgement: Judgement) -> str:
-    """Returns the value of a signal as it is shown everywhere, with its unit; empty: there is none yet.
+    """Returns the value of a signal as it is shown everywhere, with its unit; empty if there is none yet.
 
     A signal leads with its statistic: `29.9 Hz`, not the latest datum. The latest one may be invalid.
     """
@@ -325,7 +328,10 @@ def latest_text(judgement: Judgement) -> str:
 
 
 def decided_text(judgement: Judgement) -> str:
-    """Returns the elements that decided the value of a reduction, in round brackets after a space; empty: none did."""
+    """Returns the elements that decided the value of a reduction, in round brackets after a space.
+
+    Empty if none did.
+    """
     config, latest = judgement.config, judgement.latest
     if not isinstance(latest, Reduced) or not latest.decided:
         return ""

@@ -73,7 +73,7 @@ class Field(NamedTuple):
     kind: str
     """A key of `NUMBERS`, one of `TEXTS`, or a type `package/Type`. `parse_msg` keeps byte, char, time and duration."""
     size: Optional[int] = None
-    """None: one value; `SEQUENCE`: an array of any length; else the length of the array."""
+    """None for one value, `SEQUENCE` for an array of any length, else the length of the array."""
     most: Optional[int] = None
     """Largest number of elements of a bounded array, where it is known."""
 

@@ -51,7 +51,7 @@ def number_getter(definitions: Definitions, type_name: str, field: str, *, is_cd
 def _plain_fields(
     definitions: Definitions, type_name: str, prefix: str, depth: int
 ) -> Iterator[Tuple[str, Optional[Place]]]:
-    """Yields path (of an array with `[]`) and place (None: of variable size) of each plain field, in their order."""
+    """Yields path (of an array with `[]`) and place (None if its size varies) of each plain field, in their order."""
     fields = definitions[type_name].fields if depth <= _DEEPEST and type_name in definitions else ()
     if not fields:
         yield "", None

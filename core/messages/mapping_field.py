@@ -42,7 +42,7 @@ class MappingField:
         return self._get(message)
 
     def known_type(self) -> str:
-        """Returns the type of the messages; empty: it is not known."""
+        """Returns the type of the messages; empty if it is not known."""
         return self._type_name
 
     def _bind(self, path: str) -> Getter:

@@ -161,7 +161,7 @@ class Deserializer:
     def bind(self, name: str) -> Callable[[bytes], Any]:
         """Returns a function that deserializes messages of a type; it raises ValueError if they do not match it.
 
-        Raises ValueError: the type contains itself, is too large, or contains a type that is not known.
+        Raises ValueError if the type contains itself, is too large, or contains a type that is not known.
         """
         self._measure(name, set())
         readers = [self._message_reader(name, order) for order in "><"]

@@ -10,7 +10,10 @@ Wanted = Tuple[str, str]
 """One of `GRAPH_KEYS`, and a resolved name or pattern."""
 
 Counts = Dict[Wanted, float]
-"""How many there are of each, or the id of the lifecycle state (0: the node is not there); missing: not known now."""
+"""How many there are of each, or the id of the lifecycle state (0 if the node is not there).
+
+What is not known now is missing.
+"""
 
 
 class Unread(NamedTuple):

@@ -59,9 +59,9 @@ class LocalBus:
     ) -> None:
         """Creates a bus without nodes, whose time begins at `start_s`, in s.
 
-        `on_log` is called with every log line; None: they are appended to `log_lines`. `wall_time_s` returns seconds
-        since 1970, for the stamps of messages; None: the time of the bus. `clock` returns monotonic seconds, also
-        between two calls of `run_due`; None: time changes only in `run_due`.
+        `on_log` is called with every log line; if it is None, they are appended to `log_lines`. `wall_time_s` returns
+        seconds since 1970, for the stamps of messages; if it is None, they have the time of the bus. `clock` returns
+        monotonic seconds, also between two calls of `run_due`; if it is None, time changes only in `run_due`.
         """
         self._now_s = start_s
         self._clock = clock

@@ -146,10 +146,11 @@ class Middleware(Protocol):
 
         `field` is a path as in `field_path.py` (`battery.percentage`, `cell_voltage[0]`, `status["motor"].level`),
         bound once. An index beyond the end of an array reads as None. A message in which no element has the key, or
-        that cannot be read, reads as `field_path.ABSENT`: it is a sign of life. Empty: the whole message as a mapping,
-        which costs a conversion. None: the message is not read, nor deserialized where the middleware allows that; the
-        value is 1.0. Behind the path may be a condition as in `where.py` (`data where level >= ERROR`, or without a
-        path ` where level >= ERROR`, whose value is 1.0): a message for which it does not hold reads as ABSENT.
+        that cannot be read, reads as `field_path.ABSENT`: it is a sign of life. An empty `field` gives the whole
+        message as a mapping, which costs a conversion. With None, the message is not read, nor deserialized where the
+        middleware allows that; the value is 1.0. Behind the path may be a condition as in `where.py` (`data where level
+        >= ERROR`, or without a path ` where level >= ERROR`, whose value is 1.0): a message for which it does not hold
+        reads as ABSENT.
 
         Raises ConfigError if the type is unknown or has no such field, with topic, type and available fields. Also if
         `topic` is not a name.
@@ -176,14 +177,14 @@ class Middleware(Protocol):
         """
 
     def topic_types(self) -> Mapping[str, str]:
-        """Returns the type of every topic with a publisher or subscriber, by its absolute name; empty: unknown.
+        """Returns the type of every topic with a publisher or subscriber, by its absolute name; empty if unknown.
 
         May wait for the network: call it from an own thread, never from a callback or with the lock of `exclusively`.
         Raises ServiceError if the middleware does not answer.
         """
 
     def why_silent(self, topic: str, type_name: str) -> Optional[str]:
-        """Returns why a topic that is subscribed to brings no samples, as a short text; None: nothing is known.
+        """Returns why a topic that is subscribed to brings no samples, as a short text; None if nothing is known.
 
         Never waits. Where a server has to be asked, the first call returns None and asks; a later call returns the
         answer. However often it is called, each topic is looked up at most every 10 s. The texts are those of

@@ -100,7 +100,7 @@ class Computer:
 
         Args:
             now_s: the time of the read.
-            every_s: how old an answer may be before it is asked for again; 0: it is that of this period.
+            every_s: how old an answer may be before it is asked for again; 0 if it has to be that of this period.
             subject: what is asked, for errors.
             function: runs in a thread, where there are threads; the same at each read.
             *arguments: what it is called with, after the paths.

@@ -22,7 +22,7 @@ class Clock(NamedTuple):
 
     is_synchronized: bool
     offset_ms: Optional[float]
-    """Time of the servers minus that of this clock; None: not measured."""
+    """Time of the servers minus that of this clock; None if it is not measured."""
 
 
 def read_clock(paths: HostPaths) -> Clock:

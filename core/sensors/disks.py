@@ -28,7 +28,7 @@ class Space(NamedTuple):
     """Space in use, of what users may use."""
     free_gb: float
     inodes: int
-    """Number of files that it can have; 0: as many as fit."""
+    """Number of files that it can have; 0 if it can have as many as fit."""
     free_inodes: int
     is_read_only: bool
 

@@ -21,7 +21,7 @@ class Gpu(NamedTuple):
 
     percent: Optional[float]
     memory_percent: Optional[float]
-    """None: it shares the memory of the computer."""
+    """None if it shares the memory of the computer."""
     celsius: Optional[float]
 
 

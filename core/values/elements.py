@@ -60,7 +60,7 @@ class Age(float):
 
     @property
     def remark(self) -> str:
-        """What an odd age says of the clocks; empty: it is not odd."""
+        """What an odd age says of the clocks; empty if it is not odd."""
         if self < 0.0:
             return "clocks differ"
         return "the stamp does not count from 1970" if self > _OLDEST_S else ""

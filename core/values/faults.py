@@ -23,7 +23,7 @@ class Fault(NamedTuple):
     """One fault that has not ended."""
 
     level: Level
-    """WARN: the part works with restrictions. ERROR: it does not work."""
+    """WARN if the part works with restrictions, ERROR if it does not work."""
     text: str
     """One line: what does not work and why."""
 

@@ -47,7 +47,7 @@ class Every(NamedTuple):
     """A step to all elements by index, or to those whose names match a pattern."""
 
     pattern: Optional[str] = None
-    """With `*` for any text and `?` for any character; None: all elements, by index."""
+    """With `*` for any text and `?` for any character; None selects all elements, by index."""
 
 
 Step = Union[str, int, Keyed, Every]
@@ -116,7 +116,7 @@ def leading_path(text: str) -> Tuple[Tuple[Step, ...], str]:
 
 @lru_cache(maxsize=1000)  # asked for each signal of each report
 def every_step(path: str) -> Optional[Every]:
-    """Returns the step that selects several elements; None: there is none, or the text is no path."""
+    """Returns the step that selects several elements; None if there is none, or the text is no path."""
     try:
         return next((step for step in parse_field_path(path) if isinstance(step, Every)), None)
     except ValueError:
@@ -210,7 +210,7 @@ def named_elements(
 
 
 def _unnamed_among(names: Sequence[Any], place: str) -> Optional[BadDatum]:
-    """Returns the datum for the first name that is not a text; None: all are."""
+    """Returns the datum for the first name that is not a text; None if all are."""
     return next((unnamed(f"{place}[{at}]", name) for at, name in enumerate(names) if type(name) is not str), None)
 
 

@@ -74,10 +74,10 @@ class Forecast(NamedTuple):
     forecast_s: float
     """Time from the newest sample to the horizon, in s."""
     time_to_bound_s: Optional[float]
-    """Time from the newest sample until the line reaches the nearest bound that lies ahead, in s; None: not in 10 times
-    `forecast_s`."""
+    """Time from the newest sample until the line reaches the nearest bound that lies ahead, in s; None if that takes
+    longer than 10 times `forecast_s`."""
     bound: Optional[float]
-    """That bound; None: there is none."""
+    """That bound; None if there is none."""
 
 
 @dataclass(frozen=True)
@@ -95,20 +95,22 @@ class Status:
     values: Mapping[str, str] = field(hash=False)
     """Key-values; see docs/rules.md."""
     hint: str = field(default="", compare=False)
-    """Why there are no samples, as far as the middleware knows, or why the statistic is questionable; empty: nothing is
-    known. Not part of `message`."""
+    """Why there are no samples, as far as the middleware knows, or why the statistic is questionable; empty if
+    nothing is known. Not part of `message`."""
     state: str = field(default="", compare=False)
     """One of `explanation.STATES`; empty for the status of a node."""
     lasts_s: float = field(default=0.0, compare=False)
     """How long the level has lasted, in seconds."""
     forecast: Optional[Forecast] = field(default=None, compare=False)
-    """None: the statistic is not `forecast`, it is undefined, or the latest value is not known."""
+    """None if the statistic is not `forecast` or is undefined, or if the latest value is not known."""
     outlook: str = field(default="", compare=False)
-    """When the forecast reaches the nearest bound ahead: `reaches 20 % in 24 min`; empty: none, or not known now."""
+    """When the forecast reaches the nearest bound ahead: `reaches 20 % in 24 min`; empty if it reaches none, or if
+    that is not known now."""
     silence: Optional[str] = field(default=None, compare=False)
-    """Reason and end of the silence of the signal; None: it is not silenced."""
+    """Reason and end of the silence of the signal; None if it is not silenced."""
     cause: str = field(default="", compare=False)
-    """Name of the alert that keeps everything worse than the announced level from being announced; empty: none."""
+    """Name of the alert that keeps everything worse than the announced level from being announced; empty if none
+    does."""
     affects: int = field(default=0, compare=False)
     """How many signals are worse than announced because of this one, directly or not."""
     what_to_do: str = field(default="", compare=False)
@@ -154,13 +156,13 @@ class Transition:
     repeat: bool = False
     """True for a repeated announcement (`repeat_s`)."""
     hint: str = field(default="", compare=False)
-    """Why there are no samples, as far as the middleware knows; empty: nothing is known. Not part of `text`."""
+    """Why there are no samples, as far as the middleware knows; empty if nothing is known. Not part of `text`."""
     cause: str = ""
-    """Name of the alert whose effect the signal is now: worse levels are not announced; empty: none."""
+    """Name of the alert whose effect the signal is now: worse levels are not announced; empty if there is none."""
     affects: int = field(default=0, compare=False)
     """How many signals are worse than announced because of this one now, directly or not."""
     black_box: str = field(default="", compare=False)
-    """Name of the file that records it; empty: none."""
+    """Name of the file that records it; empty if none does."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "statistics", FrozenDict(self.statistics))

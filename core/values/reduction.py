@@ -20,7 +20,7 @@ class Element(NamedTuple):
 
 
 class Reduced(float):
-    """The value of a reduction, in the unit of the signal; NaN: no element is measured."""
+    """The value of a reduction, in the unit of the signal; NaN if no element is measured."""
 
     __slots__ = ("decided", "measured", "remark", "skipped")
 
@@ -31,7 +31,7 @@ class Reduced(float):
     skipped: int
     """Number of elements that are not."""
     remark: str
-    """That of the first element with an odd age; empty: there is none."""
+    """That of the first element with an odd age; empty if there is none."""
 
     def __new__(
         cls,
@@ -48,7 +48,7 @@ class Reduced(float):
 
     @property
     def problem(self) -> str:
-        """Why there is no value; empty: there is one."""
+        """Why there is no value; empty if there is one."""
         if self.measured or not math.isnan(self):
             return ""
         return f"none of {self.skipped} elements is measured" if self.skipped else "no elements"

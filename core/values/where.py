@@ -56,7 +56,7 @@ class Comparison(NamedTuple):
     operator: str
     number: Optional[float]
     constant: str
-    """Name of the constant that gives the number; empty: it is none."""
+    """Name of the constant that gives the number; empty if it is not a constant's."""
     text: str
     """A pattern in which * and ? match, if there is neither number nor constant."""
 
@@ -110,7 +110,7 @@ def parse_where(where: str) -> List[Comparison]:
 
 
 def selection(field: str, where: str) -> Optional[str]:
-    """Returns what a subscription reads of each message; None: nothing, each is a sample of value 1."""
+    """Returns what a subscription reads of each message; None if it reads nothing, and each is a sample of value 1."""
     return f"{field}{_WHERE}{where}" if where else field or None
 
 

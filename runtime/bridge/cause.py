@@ -81,7 +81,10 @@ def cause_of_error(error: BaseException, has_token: bool, server_kind: str) -> C
 
 
 def cause_of_close(code: Optional[int], reason: str, has_token: bool) -> Cause:
-    """Returns the cause behind a WebSocket that ended with this code and text of the server; None or 1006: without."""
+    """Returns the cause behind a WebSocket that ended with this code and text of the server.
+
+    The code is None or 1006 if the server sent none.
+    """
     if code in (None, 1006):
         return Cause("connection lost")
     if code == _POLICY_VIOLATION and "token" in reason.lower():

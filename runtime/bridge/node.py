@@ -118,8 +118,8 @@ class BridgeClient(abc.ABC, Generic[Node]):
 
         `parameters` are nested as in the file under `ros__parameters`. `remap` maps names as the node uses them
         (relative or absolute) to others. With `use_sim_time`, its time is that of the robot's topic `/clock`. `outputs`
-        publishes and offers services in its place, since the robot is only read, and is not closed here; None: they
-        reach nothing.
+        publishes and offers services in its place, since the robot is only read, and is not closed here; if it is
+        None, they reach nothing.
         """
         outputs = outputs or LocalBus().node(name, namespace=namespace, remap=remap)
         node = self.node_class(self, full_name(name, namespace), parameters or {}, remap or {}, use_sim_time, outputs)
