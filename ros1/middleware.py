@@ -103,8 +103,8 @@ class Ros1Middleware(NativeNode):
             cls = messages.message_class(type_name)
             shared = rospy.topics.get_topic_manager().get_publisher_impl(rospy.resolve_name(resolved))
             if shared is not None and shared.data_class is not cls:  # rospy does not check that
-                other, found = shared.data_class._type, cls._type
-                raise ConfigError(f"{resolved}: expected {other}, the type that this process publishes, got {found}")
+                other, own = shared.data_class._type, cls._type
+                raise ConfigError(f"{resolved}: expected {other}, the type that this process publishes, got {own}")
             publisher = rospy.Publisher(resolved, cls, queue_size=_QUEUE_SIZE, tcp_nodelay=True, latch=latched)
             self._publishers[resolved] = publisher, cls
         return str(self._publishers[resolved][0].resolved_name)
@@ -175,7 +175,7 @@ class Ros1Middleware(NativeNode):
 
     def topic_types(self) -> Mapping[str, str]:
         types = self._master.topic_types()
-        return {topic: found for topic, found in types.items() if found != rospy.AnyMsg._type}
+        return {topic: type_name for topic, type_name in types.items() if type_name != rospy.AnyMsg._type}
 
     def why_silent(self, topic: str, type_name: str) -> Optional[str]:
         return self._hints.get(rospy.resolve_name(self._resolve(topic)), type_name)

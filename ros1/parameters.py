@@ -42,7 +42,7 @@ class NodeParameters:
         self._node = node
         self._lock = threading.Lock()
         self._given: Optional[Mapping[str, Any]] = None
-        self._found: Any = {}
+        self._latest: Any = {}
         self._kept: Any = None
         self._accepted: Optional[Dict[str, Any]] = None
 
@@ -58,14 +58,14 @@ class NodeParameters:
         Raises:
             ConfigError: a value stands where a mapping is expected, or a parameter is set in both places.
         """
-        self._found = self._master.parameter(self._node, {})
-        if not isinstance(self._found, dict):
-            raise ConfigError(f"expected a mapping as the parameter {self._node}, got {describe(self._found)}")
-        self._kept = self._found.pop(_ACCEPTED_KEY, None)
+        self._latest = self._master.parameter(self._node, {})
+        if not isinstance(self._latest, dict):
+            raise ConfigError(f"expected a mapping as the parameter {self._node}, got {describe(self._latest)}")
+        self._kept = self._latest.pop(_ACCEPTED_KEY, None)
         if self._accepted is None and isinstance(self._kept, dict):
             self._accepted = self._kept
-        private = {key: value for key, value in self._found.items() if key != _FILE_KEY}
-        from_file = self._found.get(_FILE_KEY, {})
+        private = {key: value for key, value in self._latest.items() if key != _FILE_KEY}
+        from_file = self._latest.get(_FILE_KEY, {})
         if not isinstance(from_file, dict):
             raise ConfigError(f"expected a mapping, got {describe(from_file)}", (_FILE_KEY,))
         problems = Problems()
@@ -86,12 +86,12 @@ class NodeParameters:
             return changes
 
         with self._lock:
-            before = self._found
+            before = self._latest
             accepted, text = apply_change(read, log)
             if accepted:
                 faults.guard(_SERVER, self.keep)
                 faults.clear(PARAMETERS_FAULT)
-            elif self._found is not before:  # the master has answered
+            elif self._latest is not before:  # the master has answered
                 faults.guard(_SERVER, self.put_back)
         return {"success": accepted, "message": text}
 
@@ -99,27 +99,27 @@ class NodeParameters:
         """Keeps what was read last, if anything, as the values in force for this node and one that is started again."""
         if self._given is None:
             return
-        self._accepted = self._found
-        if self._kept != self._found:
-            self._master.set_parameter(f"{self._node}/{_ACCEPTED_KEY}", self._found)
+        self._accepted = self._latest
+        if self._kept != self._latest:
+            self._master.set_parameter(f"{self._node}/{_ACCEPTED_KEY}", self._latest)
 
     def put_back(self) -> bool:
         """Replaces what was read last by the values in force; returns whether that changed anything."""
-        if self._accepted is None or self._accepted == self._found:
+        if self._accepted is None or self._accepted == self._latest:
             return False
-        if isinstance(self._found, dict):
-            self._restore(self._node, self._found, self._accepted)
+        if isinstance(self._latest, dict):
+            self._restore(self._node, self._latest, self._accepted)
         else:
             self._master.set_parameter(self._node, {**self._accepted, _ACCEPTED_KEY: self._accepted})
-        self._found = self._accepted
+        self._latest = self._accepted
         return True
 
-    def _restore(self, name: str, found: Mapping[str, Any], accepted: Mapping[str, Any]) -> None:
+    def _restore(self, name: str, latest: Mapping[str, Any], accepted: Mapping[str, Any]) -> None:
         """Touches only what differs: other parameters may be changing at the same time."""
-        for key in found.keys() - accepted.keys():
+        for key in latest.keys() - accepted.keys():
             self._master.delete_parameter(f"{name}/{key}")
         for key, value in accepted.items():
-            was = found.get(key)
+            was = latest.get(key)
             if isinstance(value, dict) and isinstance(was, dict):
                 self._restore(f"{name}/{key}", was, value)
             elif was != value or type(was) is not type(value):

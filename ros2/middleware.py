@@ -325,7 +325,7 @@ class Ros2Middleware(NativeNode):
             return self._type_of(topic) if subscription.active else ""
         if not subscription.follows_type or channel.native.get_publisher_count():
             return ""
-        types = {canonical_type(found.topic_type) for found in self.node.get_publishers_info_by_topic(topic)}
+        types = {canonical_type(publisher.topic_type) for publisher in self.node.get_publishers_info_by_topic(topic)}
         return "" if messages.type_name(channel.key[1]) in types else min(types, default="")
 
     def _check_publishers(self) -> None:

@@ -147,7 +147,7 @@ class Ros2Process:
     def _leave_signals_to_rclpy(self) -> bool:
         """Lets rclpy's handlers end the spinning, as no Python code can while it waits.
 
-        Returns False if a signal has come. The handlers call Python's handlers too, so `Interrupts` learns of the signal.
+        Returns False if a signal has come. The handlers call Python's too, so `Interrupts` learns of the signal.
         """
         install_signal_handlers(SignalHandlerOptions.ALL)
         return not self._interrupts.came

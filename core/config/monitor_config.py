@@ -178,13 +178,13 @@ def sections(tree: Mapping[str, Any]) -> Dict[str, Section]:
 def list_sections(tree: Mapping[str, Any], problems: Optional[Problems] = None) -> List[Section]:
     """Returns all sections of a file. If one is not a mapping, the ConfigError is added to `problems`, else raised."""
     collected = Problems() if problems is None else problems
-    found: List[Section] = []
+    all_sections: List[Section] = []
     for path, tree_below in _parameters(tree):
         with collected:
-            found.append(Section(path, require_mapping(tree_below, path)))
+            all_sections.append(Section(path, require_mapping(tree_below, path)))
     if problems is None:
         collected.raise_if_any()
-    return found
+    return all_sections
 
 
 def find_section(tree: Mapping[str, Any], node: str) -> Section:
@@ -192,16 +192,16 @@ def find_section(tree: Mapping[str, Any], node: str) -> Section:
 
     Raises ConfigError if there is none, or several.
     """
-    found = list_sections(tree)
-    refuse_second_section(found, node)
-    for section in found:
+    all_sections = list_sections(tree)
+    refuse_second_section(all_sections, node)
+    for section in all_sections:
         if section.node == node:
             return section
     if "signals" in tree:
         nesting = f"{node}: {{ros__parameters: {{signals: ...}}}}"
         raise ConfigError(f"expected below the name of a node: {nesting}", ("signals",))
     refuse_missing_parameters(tree, node)
-    with_signals = [section for section in found if "signals" in section.tree]
+    with_signals = [section for section in all_sections if "signals" in section.tree]
     if len(with_signals) == 1:
         return with_signals[0]
     there = describe(", ".join(map(str, list(tree)[:10]))) if tree else "nothing"
@@ -216,9 +216,9 @@ def refuse_missing_parameters(tree: Mapping[str, Any], node: str) -> None:
     raise ConfigError("expected the key ros__parameters, with two underscores, above the parameters", (node,))
 
 
-def refuse_second_section(found: List[Section], node: str) -> None:
+def refuse_second_section(all_sections: List[Section], node: str) -> None:
     """Raises a ConfigError if several of the sections of a file are for one node."""
-    of_node = [section.path[:-1] for section in found if section.node == node]
+    of_node = [section.path[:-1] for section in all_sections if section.node == node]
     if len(of_node) > 1:
         places = " and ".join(".".join(path) for path in of_node[:2])
         raise ConfigError(f"expected one section for {node} in a file (one file per robot), got {places}", of_node[1])
@@ -255,12 +255,12 @@ def _read_signals(tree: Mapping[str, Any], path: Path) -> Dict[str, SignalConfig
         raise ConfigError("expected at least one signal, got none; `robot-health init` writes them", path)
     problems = Problems()
     read: Dict[str, SignalConfig] = {}
-    for name, found in signals.items():
+    for name, settings in signals.items():
         with problems:
             if name in _RESERVED_NAMES:
                 problem = f"this name is reserved for {_RESERVED_NAMES[name]}; expected another"
                 raise ConfigError(problem, (*path, name))
-            read[name] = read_signal(name, found, (*path, name))
+            read[name] = read_signal(name, settings, (*path, name))
     _share_types(read, path, problems)
     causes = causes_of(read, lambda topic: topic)
     for name, signal in read.items():

@@ -65,7 +65,7 @@ class Parameter:
     is_path: bool = False
     """Whether it is the path of a file, relative to the folder of the configuration."""
     is_secret: bool = False
-    """Whether messages must not show what was found."""
+    """Whether messages must not show the value."""
     is_required: bool = False
     """Whether it must be given."""
     field: str = ""
@@ -96,19 +96,19 @@ class Parameter:
             return f"{noun} from {low} to {high}"
         return f"{noun} of at least {low}" if low else f"{noun} of at most {high}" if high else noun
 
-    def read(self, found: object, path: Path = ()) -> Any:
-        """Returns `found` as this parameter's kind; raises ConfigError if it is not of this kind and range, and finite.
+    def read(self, given: object, path: Path = ()) -> Any:
+        """Returns `given` as this parameter's kind; raises ConfigError if it is not of this kind and range, and finite.
 
         A whole number is accepted as a float, such as YAML's `20` for a bound.
         """
-        value = self.convert(found)
+        value = self.convert(given)
         if value is None and self.kind is not object:
-            raise ConfigError(self.refusal(found), path)
+            raise ConfigError(self.refusal(given), path)
         return value
 
-    def refusal(self, found: object) -> str:
+    def refusal(self, given: object) -> str:
         """Returns what was expected in place of a value that is not allowed."""
-        got = "something else" if self.is_secret else f"{describe(found)}{self._hint(found)}"
+        got = "something else" if self.is_secret else f"{describe(given)}{self._hint(given)}"
         return f"expected {self.allowed}, got {got}"
 
     @cached_property
@@ -116,14 +116,14 @@ class Parameter:
         """Returns its argument as a value of this kind, None if it is not allowed."""
         return CONVERTERS[self.kind](self)
 
-    def _hint(self, found: object) -> str:
-        if isinstance(found, str) and self.kind in (int, float) and len(found) < 40:
+    def _hint(self, given: object) -> str:
+        if isinstance(given, str) and self.kind in (int, float) and len(given) < 40:
             try:
-                number = float(found)
+                number = float(given)
             except ValueError:
                 return ""
             return f"; YAML reads this as text, write {number!r}" if math.isfinite(number) else ""
-        if self.kind is str and not self.choices and isinstance(found, (bool, int, float, datetime.date)):
+        if self.kind is str and not self.choices and isinstance(given, (bool, int, float, datetime.date)):
             return "; quote it"
         return ""
 
@@ -134,12 +134,12 @@ def _number(parameter: Parameter) -> Convert:
     high = largest if parameter.maximum is None else parameter.maximum
     is_whole = parameter.kind is int
 
-    def convert(found: Any) -> Optional[float]:
-        if isinstance(found, bool) or not isinstance(found, (int, float)) or not low <= found <= high:
+    def convert(given: Any) -> Optional[float]:
+        if isinstance(given, bool) or not isinstance(given, (int, float)) or not low <= given <= high:
             return None
         if not is_whole:
-            return float(found)
-        return int(found) if int(found) == found else None
+            return float(given)
+        return int(given) if int(given) == given else None
 
     return convert
 
@@ -148,33 +148,33 @@ def _text(parameter: Parameter) -> Convert:
     choices, any_text, may_be_blank = parameter.choices, parameter.any_text, not parameter.minimum
     most = sys.maxsize if parameter.maximum is None else parameter.maximum
     if choices:
-        return lambda found: found if isinstance(found, str) and found in choices else None
+        return lambda given: given if isinstance(given, str) and given in choices else None
 
-    def convert(found: Any) -> Optional[str]:
-        if not isinstance(found, str) or len(found) > most or not (any_text or found.isprintable()):
+    def convert(given: Any) -> Optional[str]:
+        if not isinstance(given, str) or len(given) > most or not (any_text or given.isprintable()):
             return None
-        return found if may_be_blank or (found and not found.isspace()) else None
+        return given if may_be_blank or (given and not given.isspace()) else None
 
     return convert
 
 
 def _identifier(parameter: Parameter) -> Convert:
     text = replace(parameter, kind=str, any_text=True).convert
-    return lambda found: found if isinstance(found, int) and not isinstance(found, bool) else text(found)
+    return lambda given: given if isinstance(given, int) and not isinstance(given, bool) else text(given)
 
 
 def _datum(parameter: Parameter) -> Convert:
     number, text = (replace(parameter, kind=kind, any_text=True).convert for kind in (float, str))
-    return lambda found: text(found) if isinstance(found, str) else number(found)
+    return lambda given: text(given) if isinstance(given, str) else number(given)
 
 
 def _list(parameter: Parameter) -> Convert:
     element = replace(parameter, kind=_ELEMENT_KINDS[parameter.kind]).convert
 
-    def convert(found: Any) -> Optional[Tuple[Any, ...]]:
-        if isinstance(found, (str, bytes, Mapping)) or not isinstance(found, Iterable):
+    def convert(given: Any) -> Optional[Tuple[Any, ...]]:
+        if isinstance(given, (str, bytes, Mapping)) or not isinstance(given, Iterable):
             return None
-        items = tuple(map(element, found))
+        items = tuple(map(element, given))
         return None if None in items else items
 
     return convert
@@ -182,19 +182,19 @@ def _list(parameter: Parameter) -> Convert:
 
 def _level(parameter: Parameter) -> Convert:
     names = parameter.choices or tuple(Level.__members__)
-    return lambda found: Level[found] if isinstance(found, str) and found in names else None
+    return lambda given: Level[given] if isinstance(given, str) and given in names else None
 
 
-def _time(found: Any) -> Optional[datetime.datetime]:
+def _time(given: Any) -> Optional[datetime.datetime]:
     try:
-        time = datetime.datetime.fromisoformat(found.replace("Z", "+00:00"))
+        time = datetime.datetime.fromisoformat(given.replace("Z", "+00:00"))
         return time if time.tzinfo else time.replace(tzinfo=datetime.timezone.utc)
     except (ValueError, AttributeError, TypeError):
         return None
 
 
 CONVERTERS: Mapping[Any, Callable[[Parameter], Convert]] = {
-    bool: lambda parameter: lambda found: found if isinstance(found, bool) else None,
+    bool: lambda parameter: lambda given: given if isinstance(given, bool) else None,
     int: _number,
     float: _number,
     str: _text,
@@ -202,26 +202,26 @@ CONVERTERS: Mapping[Any, Callable[[Parameter], Convert]] = {
     tuple: _list,
     Level: _level,
     datetime.datetime: lambda parameter: _time,
-    dict: lambda parameter: lambda found: found if isinstance(found, (dict, Mapping)) else None,
+    dict: lambda parameter: lambda given: given if isinstance(given, (dict, Mapping)) else None,
     _Identifier: _identifier,
     _Datum: _datum,
-    _Container: lambda parameter: lambda found: found if isinstance(found, (dict, list, Mapping)) else None,
-    object: lambda parameter: lambda found: found,
+    _Container: lambda parameter: lambda given: given if isinstance(given, (dict, list, Mapping)) else None,
+    object: lambda parameter: lambda given: given,
 }
 """What makes the function `convert` of a parameter, by its kind."""
 
 
-def require_mapping(found: object, path: Path = ()) -> Mapping[str, Any]:
-    """Returns `found`, a mapping whose keys are all text; raises ConfigError if it is something else."""
-    if not isinstance(found, Mapping):
-        raise ConfigError(f"expected a mapping of keys to values, got {describe(found)}", path)
+def require_mapping(given: object, path: Path = ()) -> Mapping[str, Any]:
+    """Returns `given`, a mapping whose keys are all text; raises ConfigError if it is something else."""
+    if not isinstance(given, Mapping):
+        raise ConfigError(f"expected a mapping of keys to values, got {describe(given)}", path)
     problems = Problems()
-    for key in found:
+    for key in given:
         if not isinstance(key, str):
             shown = describe(key)
             problems.add(ConfigError(f"expected text as a key, got {shown}; quote it", (*path, shown)))
     problems.raise_if_any()
-    return found
+    return given
 
 
 def unknown_key(key: str, allowed: Sequence[str], path: Path = ()) -> ConfigError:
@@ -234,7 +234,7 @@ def unknown_key(key: str, allowed: Sequence[str], path: Path = ()) -> ConfigErro
 
 
 def read_parameters(
-    found: Mapping[str, Any],
+    tree: Mapping[str, Any],
     parameters: Sequence[Parameter],
     path: Path = (),
     sections: Sequence[str] = (),
@@ -249,7 +249,7 @@ def read_parameters(
     known = {parameter.name: parameter for parameter in parameters}
     values = {name: parameter.default for name, parameter in known.items()}
     collected = Problems() if problems is None else problems
-    for key, value in found.items():
+    for key, value in tree.items():
         if key in known:
             with collected:
                 values[key] = known[key].read(value, (*path, key))

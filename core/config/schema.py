@@ -112,7 +112,7 @@ def sections(schema: Type[Any]) -> Mapping[str, Parameter]:
     return {each.name: each for each in _keys(schema) if dataclasses.is_dataclass(each.kind)}
 
 
-def read_section(schema: Type[T], found: object, path: Path = (), folder: str = "", **given: Any) -> T:
+def read_section(schema: Type[T], section: object, path: Path = (), folder: str = "", **given: Any) -> T:
     """Reads the mapping at `path` of a configuration.
 
     Paths of files become absolute; they are relative to `folder`. `given` are fields without a key. A method `mistakes`
@@ -120,7 +120,7 @@ def read_section(schema: Type[T], found: object, path: Path = (), folder: str = 
     constant `CHECKS_WHOLE`, it is called only if each value by itself can be used. Raises ConfigError with every
     mistake.
     """
-    tree = require_mapping(found, path)
+    tree = require_mapping(section, path)
     problems = Problems()
     below = sections(schema)
     values = {**dict.fromkeys(below), **read_parameters(tree, parameters(schema), path, tuple(below), problems)}
@@ -154,13 +154,13 @@ def absolute_path(file: str, folder: str) -> str:
     return os.path.normpath(os.path.join(folder, os.path.expanduser(file)))
 
 
-def read_record(schema: Type[T], found: object) -> T:
+def read_record(schema: Type[T], record: object) -> T:
     """Reads a JSON object. Raises MessageError with one line: the key, what was expected, what was found."""
-    if not isinstance(found, (dict, Mapping)):
-        raise MessageError(f"expected a mapping, got {describe(found)}")
+    if not isinstance(record, (dict, Mapping)):
+        raise MessageError(f"expected a mapping, got {describe(record)}")
     values: Dict[str, Any] = {}
     for key in _keys(schema):
-        value = found.get(key.name)
+        value = record.get(key.name)
         values[key.field] = key.default
         if value is not None:
             values[key.field] = converted = key.convert(value)
@@ -178,13 +178,13 @@ def _instance(schema: Type[T], values: Mapping[str, Any]) -> T:
     return instance
 
 
-def read_texts(schema: Type[T], found: Mapping[str, str]) -> T:
+def read_texts(schema: Type[T], texts: Mapping[str, str]) -> T:
     """Reads values that are given as texts, such as `limit=5` of an address; flags are 1 and 0. Raises MessageError."""
-    return read_record(schema, {each.name: _read_text(each, found) for each in _keys(schema)})
+    return read_record(schema, {each.name: _read_text(each, texts) for each in _keys(schema)})
 
 
-def _read_text(parameter: Parameter, found: Mapping[str, str]) -> Any:
-    text = found.get(parameter.name) or None
+def _read_text(parameter: Parameter, texts: Mapping[str, str]) -> Any:
+    text = texts.get(parameter.name) or None
     if text in ("0", "1") and parameter.kind is bool:
         return text == "1"
     if text and parameter.kind in (int, float) and text.isascii() and len(text) < _LONGEST_NUMBER:
@@ -195,9 +195,9 @@ def _read_text(parameter: Parameter, found: Mapping[str, str]) -> Any:
 
 _LEVELS = tuple(Level)
 _FROM_ROW: Mapping[type, Convert] = {
-    bool: lambda found: found == 1 if found in (0, 1) and isinstance(found, int) else None,
-    Level: lambda found: _LEVELS[found] if isinstance(found, int) and 0 <= found < len(_LEVELS) else None,
-    dict: lambda found: _object_in(found),
+    bool: lambda value: value == 1 if value in (0, 1) and isinstance(value, int) else None,
+    Level: lambda value: _LEVELS[value] if isinstance(value, int) and 0 <= value < len(_LEVELS) else None,
+    dict: lambda value: _object_in(value),
 }
 """Values in columns that have another form than in JSON."""
 
@@ -218,9 +218,9 @@ def row_reader(columns: Sequence[str], types: Iterable[Any]) -> Callable[[Sequen
 
     def read(row: Sequence[Any]) -> Optional[List[Any]]:
         values = []
-        for (convert, is_optional), found in zip(converts, row):
-            value = convert(found)
-            if value is None and not (is_optional and found is None):
+        for (convert, is_optional), stored in zip(converts, row):
+            value = convert(stored)
+            if value is None and not (is_optional and stored is None):
                 return None
             values.append(value)
         return values
@@ -230,7 +230,7 @@ def row_reader(columns: Sequence[str], types: Iterable[Any]) -> Callable[[Sequen
 
 def _object_in(text: object) -> Optional[Mapping[str, Any]]:
     try:
-        found = json.loads(text)  # type: ignore[arg-type]
+        value = json.loads(text)  # type: ignore[arg-type]
     except (TypeError, ValueError, RecursionError):
         return None
-    return found if isinstance(found, dict) else None
+    return value if isinstance(value, dict) else None

@@ -313,11 +313,11 @@ def is_element_name(name: str) -> bool:
     return "[" in name and name.endswith("]") and len(name) <= LONGEST_NAME and name.isprintable()
 
 
-def read_signal(name: str, found: object, path: Path = ()) -> SignalConfig:
+def read_signal(name: str, settings: object, path: Path = ()) -> SignalConfig:
     """Reads the configuration of one signal; raises ConfigError as `load_config` does."""
     if not _NAME.match(name):
         raise ConfigError("expected a signal name of letters, digits and _, not beginning with a digit", path)
-    return read_section(SignalConfig, found, path, name=name)
+    return read_section(SignalConfig, settings, path, name=name)
 
 
 def _is_time(type_name: str, field: str) -> bool:

@@ -97,5 +97,5 @@ def _read_text(name: str) -> str:
     try:
         return data.decode("utf-8")
     except UnicodeDecodeError as error:
-        found = f"byte {error.start} is 0x{data[error.start]:02x}"
-        raise ConfigError(f"is not UTF-8 text: {found}", file=name) from None
+        problem = f"byte {error.start} is 0x{data[error.start]:02x}"
+        raise ConfigError(f"is not UTF-8 text: {problem}", file=name) from None

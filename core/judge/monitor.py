@@ -60,7 +60,7 @@ class Monitor:
     Each topic that signals read is a source after `expect_sources`: silence of several signals that has one cause is
     one alert, whose name is a topic.
 
-    The signal `link` (1.0: the robot can be reached, 0.0: it cannot) needs no configuration. While the link is down,
+    The signal `link` (1.0 if the robot can be reached, else 0.0) needs no configuration. While the link is down,
     the other signals are frozen: the link is the one alert.
     """
 

@@ -70,8 +70,8 @@ class SavedState:
         """Returns a nested mapping, empty if it is missing."""
         below = copy.copy(self)
         below._path = f"{self._path}{key}."
-        found = self.values.get(key, {}) if self.is_saved else self.values.setdefault(key, {})
-        below.values = _mapping(found, self._path + key)
+        nested = self.values.get(key, {}) if self.is_saved else self.values.setdefault(key, {})
+        below.values = _mapping(nested, self._path + key)
         return below
 
     def _pass(self, key: str, value: Any, is_allowed: Callable[[Any], bool], expected: str) -> Any:
@@ -79,23 +79,23 @@ class SavedState:
             if value is not None:
                 self.values[key] = value
             return value
-        found = self.values.get(key)
-        if found is not None and not is_allowed(found):
-            raise UnusableStateError(f"{self._path}{key}: expected {expected}, got {datum_text(found)}")
-        return found
+        saved = self.values.get(key)
+        if saved is not None and not is_allowed(saved):
+            raise UnusableStateError(f"{self._path}{key}: expected {expected}, got {datum_text(saved)}")
+        return saved
 
     def flag(self, key: str, value: bool = False) -> bool:
         """Passes true or false; false if it is missing."""
-        return bool(self._pass(key, value or None, lambda found: isinstance(found, bool), "true or false"))
+        return bool(self._pass(key, value or None, lambda saved: isinstance(saved, bool), "true or false"))
 
     def text(self, key: str, value: str = "") -> str:
         """Passes a text; empty if it is missing."""
-        return self._pass(key, value or None, lambda found: isinstance(found, str), "a text") or ""
+        return self._pass(key, value or None, lambda saved: isinstance(saved, str), "a text") or ""
 
     def number(self, key: str, value: Optional[float] = None) -> Optional[float]:
         """Passes a finite number; None if it is missing."""
-        found = self._pass(key, value, _is_finite, "a finite number")
-        return None if found is None else float(found)
+        passed = self._pass(key, value, _is_finite, "a finite number")
+        return None if passed is None else float(passed)
 
     def waited_s(self, key: str, value_s: float = 0.0) -> float:
         """Passes a duration in which nothing counts while nothing watches; 0 if it is missing or negative."""
@@ -105,7 +105,7 @@ class SavedState:
         """Passes a member of an enumeration, by its name; None if it is missing."""
         names = kind.__members__
         name = None if value is None else value.name
-        name = self._pass(key, name, lambda found: found in list(names), f"one of {', '.join(names)}")
+        name = self._pass(key, name, lambda saved: saved in list(names), f"one of {', '.join(names)}")
         return None if name is None else kind[name]
 
     def since_s(self, key: str, value_s: Optional[float] = None) -> float:
@@ -137,9 +137,9 @@ def _mapping(values: object, path: str) -> Any:
     return values
 
 
-def _is_finite(found: object) -> bool:
-    return isinstance(found, (int, float)) and not isinstance(found, bool) and abs(found) <= sys.float_info.max
+def _is_finite(value: object) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
 
 
-def _are_finite(found: object) -> bool:
-    return isinstance(found, list) and all(map(_is_finite, found))
+def _are_finite(value: object) -> bool:
+    return isinstance(value, list) and all(map(_is_finite, value))

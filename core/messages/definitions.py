@@ -88,8 +88,8 @@ class Definition(NamedTuple):
     @property
     def numbers(self) -> Mapping[str, float]:
         """The constants that are numbers; True is 1."""
-        found = {name: number_of_text(text) for name, text in self.constants}
-        return {name: number for name, number in found.items() if type(number) is float}
+        values = {name: number_of_text(text) for name, text in self.constants}
+        return {name: number for name, number in values.items() if type(number) is float}
 
 
 Definitions = Dict[str, Definition]
@@ -117,21 +117,21 @@ def parse_definition(type_name: str, text: str, form: str, *, is_ros1: bool = Fa
     """
     if form.endswith("msg"):
         aliases = {**_MSG_ALIASES, "byte": "int8" if is_ros1 else "uint8"}
-        found = _with_kinds(parse_msg(type_name, text), lambda kind: aliases.get(kind, kind))
+        types = _with_kinds(parse_msg(type_name, text), lambda kind: aliases.get(kind, kind))
     else:
-        found = {}
+        types = {}
         for part in _parts(text if form.endswith("idl") else ""):
             first, _, rest = part.partition("\n")
-            found.update(_Idl(rest if first.startswith("IDL: ") else part).types)
-            _check_number_of_fields(found)
-    if type_name not in found:
+            types.update(_Idl(rest if first.startswith("IDL: ") else part).types)
+            _check_number_of_fields(types)
+    if type_name not in types:
         raise ValueError("the definition does not define it")
-    return {**(ROS1_TIMES if is_ros1 else TIMES), **found}
+    return {**(ROS1_TIMES if is_ros1 else TIMES), **types}
 
 
 def parse_msg(type_name: str, text: str) -> Definitions:
     """Returns the types in a definition in .msg, `type_name` first, with kinds as spelt there; raises ValueError."""
-    found: Definitions = {}
+    types: Definitions = {}
     name = type_name
     for number, part in enumerate(_parts(text)):
         if number:
@@ -139,9 +139,9 @@ def parse_msg(type_name: str, text: str) -> Definitions:
             if not first.startswith("MSG: "):
                 raise ValueError("expected a line MSG: after a separator")
             name = canonical_type(first[len("MSG: ") :].strip())
-        found.setdefault(name, _msg_definition(name, part))
-        _check_number_of_fields(found)
-    return _resolved(found)
+        types.setdefault(name, _msg_definition(name, part))
+        _check_number_of_fields(types)
+    return _resolved(types)
 
 
 def _parts(text: str) -> List[str]:
@@ -150,8 +150,8 @@ def _parts(text: str) -> List[str]:
     return _SEPARATOR.split(text)
 
 
-def _check_number_of_fields(found: Definitions) -> None:
-    if sum(len(definition.fields) for definition in found.values()) > MOST_FIELDS:
+def _check_number_of_fields(types: Definitions) -> None:
+    if sum(len(definition.fields) for definition in types.values()) > MOST_FIELDS:
         raise ValueError(f"expected at most {MOST_FIELDS} fields, got more")
 
 
@@ -165,16 +165,16 @@ def _msg_definition(type_name: str, text: str) -> Definition:
             line = line.partition("#")[0].strip()
         if not line:
             continue
-        found = _MSG_FIELD.fullmatch(line)
-        if found is None:
+        match = _MSG_FIELD.fullmatch(line)
+        if match is None:
             raise ValueError(f"expected a field, got {line[:80]!r}")
-        kind, name = found["kind"], found["name"]
-        if found["constant"]:
-            constants.append((name, found["constant"].partition("=")[2].strip()))
+        kind, name = match["kind"], match["name"]
+        if match["constant"]:
+            constants.append((name, match["constant"].partition("=")[2].strip()))
             continue
         if kind not in _PLAIN_KINDS:
             kind = canonical_type(kind) if "/" in kind else f"{package}/{kind}"
-        size = None if not found["array"] else SEQUENCE if found["size"] is None else _size(found["size"])
+        size = None if not match["array"] else SEQUENCE if match["size"] is None else _size(match["size"])
         fields.append(Field(name, kind, size))
     return Definition(fields, constants)
 
@@ -217,7 +217,7 @@ class _Idl:
         self._scopes: List[str] = []
         self._fields: Optional[List[Field]] = None
         """Those of the struct that is read."""
-        plain = _IDL_ANNOTATION.sub(" ", _IDL_LEFT_OUT.sub(lambda found: '""' if found["text"] else " ", text))
+        plain = _IDL_ANNOTATION.sub(" ", _IDL_LEFT_OUT.sub(lambda match: '""' if match["text"] else " ", text))
         *parts, rest = re.split("([{};])", plain)
         for statement, end in zip(parts[::2], parts[1::2]):
             words = statement.split()
@@ -266,13 +266,13 @@ class _Idl:
 
     def _declared(self, words: List[str]) -> List[Field]:
         text = re.sub(r" ?(::|[\[\],<>]) ?", r"\1", " ".join(words))
-        found = _IDL_DECLARATION.fullmatch(text)
-        if found is None:
+        match = _IDL_DECLARATION.fullmatch(text)
+        if match is None:
             raise ValueError(f"expected a field, got {text[:80]!r}")
-        kind, size = self._kind_and_size(found["element"] or found["one"].strip())
-        size = _only_one(size, SEQUENCE) if found["element"] else size
+        kind, size = self._kind_and_size(match["element"] or match["one"].strip())
+        size = _only_one(size, SEQUENCE) if match["element"] else size
         fields: List[Field] = []
-        for text in found["names"].split(","):
+        for text in match["names"].split(","):
             declarator = _IDL_DECLARATOR.fullmatch(text)
             if declarator is None:
                 raise ValueError(f"expected a name, got {text[:80]!r}")

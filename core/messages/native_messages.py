@@ -133,10 +133,10 @@ class NativeMessages:
         size, most = field.size, field.most
         byte_array = self._dialect.byte_array
 
-        def write(found: Any) -> Any:
-            values = _bytes_from(found) if field.kind in _BYTES else found
+        def write(given: Any) -> Any:
+            values = _bytes_from(given) if field.kind in _BYTES else given
             if isinstance(values, (str, Mapping)) or not hasattr(values, "__iter__"):
-                raise MessageError(f"expected a list, got {describe(found)}")
+                raise MessageError(f"expected a list, got {describe(given)}")
             elements: Sequence[Any]
             if field.kind == "uint8" and isinstance(values, bytes):
                 elements = values
@@ -168,27 +168,27 @@ def _numbers(kind: str, values: Any) -> Sequence[Any]:
     return ()
 
 
-def _integer(kind: str, found: Any) -> int:
+def _integer(kind: str, value: Any) -> int:
     low, high = _INTEGER_RANGES[kind]
-    if isinstance(found, bool) or not hasattr(found, "__index__") or not low <= operator.index(found) <= high:
-        raise MessageError(f"expected a whole number from {low} to {high}, got {describe(found)}")
-    return operator.index(found)
+    if isinstance(value, bool) or not hasattr(value, "__index__") or not low <= operator.index(value) <= high:
+        raise MessageError(f"expected a whole number from {low} to {high}, got {describe(value)}")
+    return operator.index(value)
 
 
-def _float(found: Any) -> float:
-    if found is None:
+def _float(value: Any) -> float:
+    if value is None:
         return math.nan  # as in rosbridge's form
-    if isinstance(found, (bool, str)) or not hasattr(found, "__float__"):
-        raise MessageError(f"expected a number, got {describe(found)}")
+    if isinstance(value, (bool, str)) or not hasattr(value, "__float__"):
+        raise MessageError(f"expected a number, got {describe(value)}")
     try:
-        return float(found)
+        return float(value)
     except OverflowError:
-        return math.inf if found > 0 else -math.inf
+        return math.inf if value > 0 else -math.inf
 
 
-def _float32(found: Any) -> float:
+def _float32(value: Any) -> float:
     """Returns a number rounded to 32 bits; one that is too large becomes an infinity."""
-    return array("f", [_float(found)])[0]
+    return array("f", [_float(value)])[0]
 
 
 def _short_name(native_class: Any) -> str:
@@ -196,15 +196,15 @@ def _short_name(native_class: Any) -> str:
     return str(getattr(native_class, "__name__", native_class)).rpartition("/")[2]
 
 
-def _checked(kind: type, words: str, found: Any) -> Any:
-    if not isinstance(found, kind):
-        raise MessageError(f"expected {words}, got {describe(found)}")
-    return found
+def _checked(kind: type, words: str, value: Any) -> Any:
+    if not isinstance(value, kind):
+        raise MessageError(f"expected {words}, got {describe(value)}")
+    return value
 
 
 _PLAIN_WRITERS: Mapping[str, Getter] = {
     **{kind: functools.partial(_integer, kind) for kind in _INTEGER_RANGES},
-    "octet": lambda found: bytes([_integer("octet", found)]),
+    "octet": lambda value: bytes([_integer("octet", value)]),
     "bool": functools.partial(_checked, bool, "true or false"),
     "float32": _float32,
     "float64": _float,
@@ -212,17 +212,17 @@ _PLAIN_WRITERS: Mapping[str, Getter] = {
 _text_writer = functools.partial(_checked, str, "text")
 
 
-def _bytes_from(found: Any) -> Any:
-    if not isinstance(found, str):
-        return found
+def _bytes_from(value: Any) -> Any:
+    if not isinstance(value, str):
+        return value
     try:
-        return base64.b64decode(found, validate=True)
+        return base64.b64decode(value, validate=True)
     except ValueError as error:
         raise MessageError(f"expected base64 text: {error}") from None
 
 
-def _require_mapping(found: Any) -> Message:
+def _require_mapping(value: Any) -> Message:
     # `dict` first: isinstance with typing's Mapping is slow, and a report has a mapping per key-value.
-    if not isinstance(found, dict) and not isinstance(found, Mapping):
-        raise MessageError(f"expected a mapping of fields to values, got {describe(found)}")
-    return found
+    if not isinstance(value, dict) and not isinstance(value, Mapping):
+        raise MessageError(f"expected a mapping of fields to values, got {describe(value)}")
+    return value

@@ -105,8 +105,8 @@ class _Schemas:
         self._properties_left = _MOST_PROPERTIES
 
     def of_type(self, name: str, depth: int) -> Dict[str, Any]:
-        found = self._definitions.get(name)
-        fields: Sequence[Field] = found.fields if found is not None and depth < _DEEPEST else ()
+        definition = self._definitions.get(name)
+        fields: Sequence[Field] = definition.fields if definition is not None and depth < _DEEPEST else ()
         properties: Dict[str, Any] = {}
         for field in fields:
             if self._properties_left > 0:

@@ -69,7 +69,7 @@ def _reader(pattern: str, *, is_cdr: bool) -> Getter:
         if count > MOST_ELEMENTS:
             return too_many(count)
         at += 4
-        found = Elements()
+        statuses = Elements()
         for _ in range(count):
             level = data[at]
             raw_name, at = text(at + 1)
@@ -86,9 +86,9 @@ def _reader(pattern: str, *, is_cdr: bool) -> Getter:
                 _, at = text(at)
             if not is_own and matches_pattern(name, pattern):
                 signed = level if is_cdr or level < 128 else level - 256
-                found.append((name, DriverStatus(signed, message.decode("utf-8", "replace"))))
+                statuses.append((name, DriverStatus(signed, message.decode("utf-8", "replace"))))
         if at > len(data):
             raise IndexError(f"{len(data)} bytes")
-        return found or ABSENT
+        return statuses or ABSENT
 
     return read

@@ -121,14 +121,14 @@ std_srvs/Trigger: ---; bool success; string message
 
 def _definitions(text: str) -> Dict[str, str]:
     """Returns the definition of each type: `package/Type:` and its lines, with a semicolon between them."""
-    found: Dict[str, str] = {}
+    definitions: Dict[str, str] = {}
     name = ""
     for row in text.strip().splitlines():
         if not row.startswith(" "):
             name, _, row = row.partition(":")
-            found[name] = ""
-        found[name] += "".join(f"{line.strip()}\n" for line in row.split(";") if line.strip())
-    return found
+            definitions[name] = ""
+        definitions[name] += "".join(f"{line.strip()}\n" for line in row.split(";") if line.strip())
+    return definitions
 
 
 MESSAGES: Mapping[str, str] = {
@@ -201,13 +201,13 @@ def _fields(type_name: Any) -> Sequence[Field]:
 @functools.lru_cache(maxsize=1)
 def _constants_by_fields() -> Mapping[FrozenSet[str], Mapping[str, float]]:
     """Returns the constants of each type by the names of all its fields, which tell types of JSON apart."""
-    found = {}
+    by_fields = {}
     for type_name, known in _definitions_known().items():
         if known.constants:
             names = [field.name for field in known.fields]
             ros1 = [name for name in names if not _is_ros2(type_name, name)]
-            found.update(dict.fromkeys(map(frozenset, (names, ros1)), known.numbers))
-    return found
+            by_fields.update(dict.fromkeys(map(frozenset, (names, ros1)), known.numbers))
+    return by_fields
 
 
 def constant_getter(path: str, name: str) -> Callable[[Any], float]:
@@ -295,7 +295,7 @@ def check_field(topic: str, type_name: str, field: str) -> None:
 def is_number(type_name: str, path: str) -> bool:
     """Returns whether a field is known to be a number, and no bool."""
     try:
-        kind = bound_path(_definitions_known(), canonical_type(type_name), parse_field_path(path)).found.kind
+        kind = bound_path(_definitions_known(), canonical_type(type_name), parse_field_path(path)).target.kind
     except ValueError:
         return False
     return kind in NUMBERS and kind != "bool"

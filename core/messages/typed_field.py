@@ -16,7 +16,7 @@ class BoundPath(NamedTuple):
 
     steps: Sequence[Step]
     """With the names of fields as the type has them."""
-    found: Field
+    target: Field
     """What it leads to."""
     owner: str
     """The type of the message that has the last named field."""
@@ -25,29 +25,29 @@ class BoundPath(NamedTuple):
 def bound_path(definitions: Definitions, type_name: str, path: Sequence[Step]) -> BoundPath:
     """Returns a path bound to a type; raises ValueError with the reason if the type has no such field."""
     above = owner = type_name
-    found = Field(type_name, type_name, None if not path or isinstance(path[0], str) else 1)
+    target = Field(type_name, type_name, None if not path or isinstance(path[0], str) else 1)
     siblings: Sequence[Field] = ()
     steps: List[Step] = []
     for step in path:
         if isinstance(step, str):
-            siblings = definitions[found.kind].fields if found.size is None and found.kind in definitions else ()
+            siblings = definitions[target.kind].fields if target.size is None and target.kind in definitions else ()
             fields = {field.name: field for field in siblings}
             step = step if step in fields else OTHER_NAMES.get(step, step)
             if step not in fields:
                 there = f"has {', '.join(fields)}" if fields else "is a plain value or a list, without fields"
                 raise ValueError(f"{above} {there}")
-            owner, above, found = found.kind, step, fields[step]
+            owner, above, target = target.kind, step, fields[step]
         else:
-            if found.size is None:
-                raise ValueError(f"{above} is a {found.kind}, not an array")
+            if target.size is None:
+                raise ValueError(f"{above} is a {target.kind}, not an array")
             if isinstance(step, int):
-                if step >= found.size >= 0:
-                    raise ValueError(f"{above} has {found.size} elements, the last one is [{found.size - 1}]")
-            elif step != Every() and not _has_names(definitions, found, siblings):
+                if step >= target.size >= 0:
+                    raise ValueError(f"{above} has {target.size} elements, the last one is [{target.size - 1}]")
+            elif step != Every() and not _has_names(definitions, target, siblings):
                 raise ValueError(f"the elements of {above} have no name and no key")
-            above, siblings, found = f"an element of {above}", (), found._replace(size=None)
+            above, siblings, target = f"an element of {above}", (), target._replace(size=None)
         steps.append(step)
-    return BoundPath(steps, found, owner)
+    return BoundPath(steps, target, owner)
 
 
 def _has_names(definitions: Definitions, array: Field, siblings: Sequence[Field]) -> bool:

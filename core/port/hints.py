@@ -60,7 +60,7 @@ class Hints:
                 self._known.clear()
             self._latest_s.append(now_s)
             self._known[key] = now_s, text
-            self._look_up(topic, type_name, lambda found: self._known.update({key: (now_s, found)}))
+            self._look_up(topic, type_name, lambda answer: self._known.update({key: (now_s, answer)}))
             _, text = self._known[key]
         return text
 
@@ -85,10 +85,10 @@ def explain(
             return f"node {names[0]} is gone" if len(names) == 1 else f"nodes {list_text(names)} are gone"
         return f"no publisher on {_shown(topic)}" + (f"; {_shown(similar)} exists" if similar else "")
     wanted = canonical_type(type_name)
-    found = [canonical_type(name) for name in types]
-    if not wanted or wanted in found:
+    published = [canonical_type(name) for name in types]
+    if not wanted or wanted in published:
         return None
-    return f"{_shown(topic)} is published as {_shown(found[0])}, configured as {wanted}"
+    return f"{_shown(topic)} is published as {_shown(published[0])}, configured as {wanted}"
 
 
 def similar_topic(topic: str, type_name: str, published: Mapping[str, str]) -> Optional[str]:

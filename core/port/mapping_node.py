@@ -91,11 +91,11 @@ class RawSubscription(LoggedSubscription):
 
     def deliver(self, message: Message) -> None:
         """Passes a message as JSON to the node, with its format, once this is known."""
-        found = self._node.raw_format_of(self.topic, self._type_name)
-        if found is None or found.message_encoding != "json":
+        raw_format = self._node.raw_format_of(self.topic, self._type_name)
+        if raw_format is None or raw_format.message_encoding != "json":
             return
         try:
-            item = json_bytes(message), found
+            item = json_bytes(message), raw_format
         except (MessageError, TypeError, ValueError, RecursionError) as error:
             self.log_once(f"{self.topic}: a message is not recorded: {error}")
             return

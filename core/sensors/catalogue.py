@@ -90,7 +90,7 @@ def _traffic(counters: slice, scale: float = 1.0) -> Callable[..., Source]:
 
 
 def _gpu(name: str) -> Callable[..., Source]:
-    return _asked("graphics processor", gpu.read_gpu, lambda found: gpu.gpu_value(found, name))
+    return _asked("graphics processor", gpu.read_gpu, lambda state: gpu.gpu_value(state, name))
 
 
 def _option(

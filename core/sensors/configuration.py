@@ -150,14 +150,14 @@ def _host_sections(tree: Mapping[str, Any], path: Path) -> Mapping[str, Mapping[
     sections = require_mapping(tree.get(HOST_SECTION, {}), (*path, HOST_SECTION))
     preset = HOST_PRESET.read(tree.get("host_preset") or "none", (*path, "host_preset"))
     problems = Problems()
-    for metric, found in sections.items():
+    for metric, settings in sections.items():
         where = (*path, HOST_SECTION, metric)
         with problems:
             if metric in METRICS:
                 raise ConfigError("is the name of a standard metric; expected another name", where)
             if not _NAME.match(metric):
                 raise ConfigError("expected a name of letters, digits and _, starting with a letter", where)
-            require_mapping(found, where)
+            require_mapping(settings, where)
     problems.raise_if_any()
     return {**{name: {"source": name} for name in PRESETS[preset]}, **sections}
 

@@ -27,9 +27,9 @@ class Clock(NamedTuple):
 
 def read_clock(paths: HostPaths) -> Clock:
     """Returns what chrony knows, else systemd-timesyncd; raises SensorError. May hang."""
-    found = read_chrony() if paths.run == "/run" else None
-    if found is not None:
-        return found
+    clock = read_chrony() if paths.run == "/run" else None
+    if clock is not None:
+        return clock
     folder = os.path.join(paths.run, "systemd", "timesync")
     if not os.path.isdir(folder):
         raise NoSuchSensor(f"no time daemon: chronyc reaches none, and there is no {folder}")

@@ -38,15 +38,15 @@ def read_space(paths: HostPaths, path: str = "/") -> Space:
     # The empty folder of an unmounted disk would be read as the disk that contains it.
     if not os.path.ismount(path):
         raise SensorError(f"no disk is mounted at {path}")
-    found = os.statvfs(path)
-    used = found.f_blocks - found.f_bfree
-    usable = used + found.f_bavail
+    stats = os.statvfs(path)
+    used = stats.f_blocks - stats.f_bfree
+    usable = used + stats.f_bavail
     return Space(
         percent=100.0 * used / usable if usable else 0.0,
-        free_gb=found.f_bavail * found.f_frsize * 1e-9,
-        inodes=found.f_files,
-        free_inodes=found.f_ffree,
-        is_read_only=_is_read_only(paths, os.path.realpath(path), bool(found.f_flag & os.ST_RDONLY)),
+        free_gb=stats.f_bavail * stats.f_frsize * 1e-9,
+        inodes=stats.f_files,
+        free_inodes=stats.f_ffree,
+        is_read_only=_is_read_only(paths, os.path.realpath(path), bool(stats.f_flag & os.ST_RDONLY)),
     )
 
 

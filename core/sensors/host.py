@@ -53,12 +53,12 @@ def find_sensors(paths: HostPaths, kind: str) -> Dict[str, str]:
     The name is chip/label; without a label that no other sensor has chip/fan1 or chip/in1 or, of a temperature,
     chip/number: the sensors of chips of this name are counted from 0. Boards such as Jetson have thermal zones only.
     """
-    found: Dict[str, str] = {}
+    sensors: Dict[str, str] = {}
     numbers: Counter[str] = Counter()
 
     def add(chip: str, label: str, path: str) -> None:
         name = f"{chip}/{label}"
-        found.setdefault(name if label and name not in found else f"{chip}/{numbers[chip]}", path)
+        sensors.setdefault(name if label and name not in sensors else f"{chip}/{numbers[chip]}", path)
         numbers[chip] += 1
 
     for folder in sorted_paths(f"{paths.sys}/class/hwmon/hwmon*"):
@@ -69,10 +69,10 @@ def find_sensors(paths: HostPaths, kind: str) -> Dict[str, str]:
                 add(_name(chip, "name"), _name(chip, f"{file}_label", "" if kind == "temp" else file), path)
             if inputs:
                 break
-    if kind == "temp" and not found:
+    if kind == "temp" and not sensors:
         for zone in sorted_paths(f"{paths.sys}/class/thermal/thermal_zone*"):
             add(_name(zone, "type"), "", f"{zone}/temp")
-    return found
+    return sensors
 
 
 def _select(paths: HostPaths, kind: str, noun: str, sensor: str) -> Dict[str, str]:
@@ -84,10 +84,10 @@ def _select(paths: HostPaths, kind: str, noun: str, sensor: str) -> Dict[str, st
 def _read(sensors: Mapping[str, str], sensor: str) -> Dict[str, float]:
     """Returns the numbers of the sensors that have one; the one with a name must have one."""
     numbers = {name: read_float(path) for name, path in sensors.items()}
-    found = {name: number for name, number in numbers.items() if number is not None}
-    if sensor and numbers and not found:
+    readings = {name: number for name, number in numbers.items() if number is not None}
+    if sensor and numbers and not readings:
         raise SensorError(f"{sensor} cannot be read: it has no number")
-    return found
+    return readings
 
 
 def temperature(paths: HostPaths, sensor: str = "") -> float:
@@ -125,10 +125,10 @@ def rail_volts(paths: HostPaths, sensor: str = "") -> float:
 
 def _read_all(paths: HostPaths, kind: str, noun: str, sensor: str) -> List[float]:
     """Returns the readings of all sensors of a kind, of at least one; only that of `sensor` if there is a name."""
-    found = _read(_select(paths, kind, noun, sensor), sensor)
-    if not found:
+    readings = _read(_select(paths, kind, noun, sensor), sensor)
+    if not readings:
         raise NoSuchSensor(f"this machine has no {noun}, or no driver for it")
-    return [*found.values()]
+    return [*readings.values()]
 
 
 def _is_plausible(celsius: float) -> bool:

@@ -25,15 +25,15 @@ _GET_RATE = 0x8B21
 
 def read_counters(paths: HostPaths, interface: str = "") -> Dict[str, Sequence[int]]:
     """Returns the counters of a network interface or, without a name, of all but the loopback, as psutil has them."""
-    found = load_psutil(paths).net_io_counters(pernic=True, nowrap=False)
-    return chosen(found, "network interface", interface, sorted(name for name in found if name != "lo"))
+    counters = load_psutil(paths).net_io_counters(pernic=True, nowrap=False)
+    return chosen(counters, "network interface", interface, sorted(name for name in counters if name != "lo"))
 
 
 def read_can_counters(paths: HostPaths, interface: str = "") -> Dict[str, Sequence[int]]:
     """Returns the counters of a CAN interface or, without a name, of all of them."""
     names = can_interfaces(paths)
-    found = {name: each for name, each in read_counters(paths).items() if name in names}
-    return chosen(found, "CAN interface", interface, found)
+    counters = {name: each for name, each in read_counters(paths).items() if name in names}
+    return chosen(counters, "CAN interface", interface, counters)
 
 
 RECEIVED, SENT, ERRORS, DROPS = slice(1, 2), slice(0, 1), slice(4, 6), slice(6, 8)
@@ -87,8 +87,8 @@ def wifi_signals(paths: HostPaths) -> Dict[str, float]:
 def _wifi(paths: HostPaths, interface: str) -> Tuple[str, float]:
     """Returns the name and the signal of a Wi-Fi interface, without a name of the first."""
     signals = wifi_signals(paths)
-    (found,) = chosen(signals, "Wi-Fi interface", interface, [*signals][:1]).items()
-    return found
+    (named_signal,) = chosen(signals, "Wi-Fi interface", interface, [*signals][:1]).items()
+    return named_signal
 
 
 def signal_dbm(paths: HostPaths, interface: str = "") -> float:

@@ -216,8 +216,8 @@ def _unnamed_among(names: Sequence[Any], place: str) -> Optional[BadDatum]:
 
 def numbered_elements(elements: Sequence[Any], read: Optional[Getter]) -> Any:
     """Returns the values of all elements, named by their index; without `read`, the elements are the values."""
-    found = numbered(elements)
-    return _read_all(found, read) if isinstance(found, Elements) and read is not None else found
+    named = numbered(elements)
+    return _read_all(named, read) if isinstance(named, Elements) and read is not None else named
 
 
 def _read_all(elements: Iterable[Tuple[str, Any]], read: Getter) -> Elements:

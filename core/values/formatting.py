@@ -142,15 +142,15 @@ class _BoundedRepr(reprlib.Repr):
 _bounded_repr = _BoundedRepr().repr
 
 
-def describe(found: object) -> str:
+def describe(value: object) -> str:
     """Describes a value for an error message, in at most 60 characters."""
-    if found is None:
+    if value is None:
         return "nothing"
-    if isinstance(found, bool):
-        return "true" if found else "false"
-    if isinstance(found, Mapping):
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, Mapping):
         return "a mapping"
-    if isinstance(found, datetime.date):
-        return f"the date {found}"
-    text = _bounded_repr(found)
+    if isinstance(value, datetime.date):
+        return f"the date {value}"
+    text = _bounded_repr(value)
     return text if len(text) <= 60 else text[:57] + "..."

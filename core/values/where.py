@@ -78,19 +78,19 @@ def parse_where(where: str) -> List[Comparison]:
     rest = where.strip()
     while True:
         steps, behind = leading_path(rest)
-        found = _COMPARED.match(behind)
-        if not steps or found is None:
+        match = _COMPARED.match(behind)
+        if not steps or match is None:
             raise ValueError(f"expected a comparison such as level >= ERROR, got {describe(rest)}")
         path, number, constant, text = (
             rest[: len(rest) - len(behind)],
-            found["number"],
-            found["constant"],
-            found["text"],
+            match["number"],
+            match["constant"],
+            match["text"],
         )
         if any(isinstance(step, Every) for step in steps):
             raise ValueError(f"expected the path of one value, got {describe(path)}")
-        if text is not None and found["operator"] not in ("==", "!="):
-            raise ValueError(f"expected == or != before a text, got {describe(found['operator'])}")
+        if text is not None and match["operator"] not in ("==", "!="):
+            raise ValueError(f"expected == or != before a text, got {describe(match['operator'])}")
         if constant in _BOOLEANS:
             number, constant = str(_BOOLEANS[constant]), None
         exact: Optional[float] = None
@@ -99,8 +99,8 @@ def parse_where(where: str) -> List[Comparison]:
             exact = int(number) if number.lstrip("+-").isdigit() and len(number) <= _MOST_DIGITS else float(number)
             if not math.isfinite(exact):
                 raise ValueError(f"expected a finite number, got {describe(number)}")
-        comparisons.append(Comparison(path, found["operator"], exact, constant or "", (text or "").replace('\\"', '"')))
-        rest = behind[found.end() :]
+        comparisons.append(Comparison(path, match["operator"], exact, constant or "", (text or "").replace('\\"', '"')))
+        rest = behind[match.end() :]
         if not rest:
             return comparisons
         conjunction = _AND.match(rest)

@@ -114,12 +114,12 @@ class HostLookup(AbstractResolver):
 def _look_up(host: str, port: int, family: int) -> Sequence[Dict[str, Any]]:
     answers = sockets.getaddrinfo(host, port, type=sockets.SOCK_STREAM, family=family, flags=sockets.AI_ADDRCONFIG)
     addresses = []
-    for family_found, _, protocol, _, address in answers:
+    for address_family, _, protocol, _, address in answers:
         numeric, service = sockets.getnameinfo(address, sockets.NI_NUMERICHOST | sockets.NI_NUMERICSERV)
         # `numeric` has the scope of a link-local IPv6 address.
         target = {"hostname": host, "host": numeric, "port": int(service)}
         flags = sockets.AI_NUMERICHOST | sockets.AI_NUMERICSERV
-        addresses.append({**target, "family": family_found, "proto": protocol, "flags": flags})
+        addresses.append({**target, "family": address_family, "proto": protocol, "flags": flags})
     return addresses
 
 
