@@ -9,6 +9,7 @@ import threading
 import time
 from contextlib import ExitStack
 from functools import partial
+from sqlite3 import Connection
 from typing import TYPE_CHECKING, Any, Callable, Dict, List, Mapping, NamedTuple, Optional
 
 from ..core.config.yaml_file import read_yaml
@@ -61,8 +62,7 @@ class Operations:
         self.history = History(config.history, wall_time_s, self.faults)
         """In memory if no file is configured."""
         self.silences = Silences(self.history)
-        public_url = "" if config.server is None else config.server.public_url
-        self.notifier = Notifier(self.history, config.notify, self.silences, self.is_simulated, public_url)
+        self.notifier = self._create_notifier()
         self.black_box: Optional[BlackBox] = None
         """None if none is configured."""
         self.server: Optional[Server] = None
@@ -77,10 +77,17 @@ class Operations:
             self.black_box = BlackBox(config.black_box, self.faults, wall_time_s)
 
     def use(self, config: OpsConfig) -> List[str]:
-        """Notes another configuration; returns what of it needs a restart."""
+        """Applies the targets of another configuration; returns what changed, and what needs a restart.
+
+        What waits for a target that stays is sent there. Takes up to a second.
+        """
         sections = [name for name in SECTIONS if getattr(config, name) != getattr(self.config, name)]
         self.config = config
-        return [f"{name}: takes effect after a restart" for name in sections]
+        if "notify" in sections:
+            self.notifier.close()
+            self.history.put(self._replace_notifier)
+        ends = {"notify": "other targets"}
+        return [f"{name}: {ends.get(name, 'takes effect after a restart')}" for name in sections]
 
     def start(
         self,
@@ -180,6 +187,20 @@ class Operations:
         closing = threading.Thread(target=self._close, name="close operations", daemon=True)
         closing.start()
         closing.join(_CLOSE_S)
+
+    def _create_notifier(self) -> Notifier:
+        server = self.config.server
+        public_url = "" if server is None else server.public_url
+        return Notifier(self.history, self.config.notify, self.silences, self.is_simulated, public_url)
+
+    def _replace_notifier(self, connection: Connection) -> None:
+        """Runs in the thread of the history, between two transitions: each is queued once."""
+        self.notifier.detach()
+        for part in self.faults.current():
+            if part.startswith("notify "):
+                self.faults.clear(part)
+        self.notifier = self._create_notifier()
+        self.note_robots()
 
     def _note_tick(self, now_s: float) -> None:
         """Feeds the heartbeat while every robot is monitored; each robot calls this once a second."""

@@ -88,6 +88,11 @@ class Notifier:
         for delivery in self._deliveries:
             delivery.join(max(0.0, until_s - time.monotonic()))
 
+    def detach(self) -> None:
+        """Ends what the history calls, after `close`; runs in its thread."""
+        self._history.on_record.remove(self._note)
+        self._history.on_second.remove(self._follow)
+
     def _note(self, connection: Connection, alert_id: int, transition: Transition, wall_s: float) -> None:
         """Queues a transition; runs inside the transaction that stores it."""
         if self._queue.targets:

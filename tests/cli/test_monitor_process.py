@@ -303,10 +303,10 @@ def test_only_what_differs_is_applied(tmp_path: Path) -> None:
         assert reloaded.reload() == "server: the token changed, every client has to present the new one"
         assert server.tokens == ["second"]
         reloaded.write("notify: {chat: {type: webhook, url: 'http://127.0.0.1:1'}}\nserver: {port: 2}\n")
-        assert reloaded.reload() == "notify: takes effect after a restart; server: takes effect after a restart"
+        assert reloaded.reload() == "notify: other targets; server: takes effect after a restart"
         assert reloaded.reload() == "nothing changed"
         reloaded.ops.write_text("history: {file: other.db}\nserver: {port: 2}\n")
-        assert reloaded.reload() == "history: takes effect after a restart; notify: takes effect after a restart"
+        assert reloaded.reload() == "history: takes effect after a restart; notify: other targets"
 
 
 @pytest.mark.parametrize("broken", ["notify: {chat: {type: carrier_pigeon}}\n", "notify: [\n"])

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import threading
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Callable, Dict, Iterator, List
 
 import pytest
 from harness.histories import texts
+from harness.http_server import HttpServer
 from harness.line_process import LineProcess
 from harness.waiting import wait_for
 
@@ -72,6 +74,41 @@ def config(tmp_path: Path) -> OpsConfig:
 def operations(config: OpsConfig) -> Iterator[Operations]:
     with closing(Operations(config)) as opened:
         yield opened
+
+
+def test_other_targets_are_used_at_once_and_nothing_is_lost_or_sent_twice(config: OpsConfig) -> None:
+    with HttpServer() as server:
+
+        def target(name: str, path: str) -> TargetSettings:
+            return TargetSettings(name, "webhook", url=f"{server.url}/{path}")
+
+        def paths(number: int) -> List[str]:
+            return sorted(server.next().path for _ in range(number))
+
+        first = replace(config, notify=(target("pager", "old"), target("chat", "chat")))
+        with closing(Operations(first)) as operations:
+            robot = Robot(operations)
+            robot.publish(10.0)
+            assert paths(2) == ["/chat", "/old"]
+            wait_for(lambda: operations.notifier.waiting == 0)
+            assert operations.use(first) == []
+            more = (target("pager", "new"), target("chat", "chat"), target("late", "late"))
+            assert operations.use(replace(config, notify=more)) == ["notify: other targets"]
+            assert paths(1) == ["/late"]  # the alert is open, and this target does not know it
+            robot.publish(50.0)
+            assert paths(3) == ["/chat", "/late", "/new"]
+            wait_for(lambda: operations.notifier.waiting == 0)
+            dead = TargetSettings("dead", "webhook", url="http://127.0.0.1:1")
+            operations.use(replace(config, notify=(dead, target("chat", "chat"))))
+            wait_for(lambda: operations.notifier.waiting == 0)
+            robot.publish(10.0)
+            assert paths(1) == ["/chat"]
+            wait_for(operations.faults.current)
+            operations.use(config)
+            wait_for(lambda: not operations.faults.current())  # those of a target that is gone are gone
+            robot.publish(50.0)
+            robot.alert_system.close()
+        assert server.all() == []
 
 
 def test_the_silence_of_a_cause_covers_its_effects(operations: Operations) -> None:

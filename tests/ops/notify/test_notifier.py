@@ -385,9 +385,6 @@ def test_a_target_that_raises_anything_is_a_fault_and_stops_no_other(
         assert faults.current()["notify horn"] == (Level.WARN, "x: internal error: RuntimeError")
 
 
-# Other targets while it runs
-
-
 @pytest.mark.parametrize("type_name", [name for name in TARGET_TYPES if name != "heartbeat"])
 def test_a_sender_can_be_made_for_each_type_and_contacts_nothing(type_name: str) -> None:
     sender = make_sender(TargetSettings("target", type_name, url="http://host.invalid", command=("horn",)))
