@@ -17,8 +17,7 @@ import textwrap
 from pathlib import Path
 from typing import Any, Callable, Collection, Mapping, NoReturn, Optional, Sequence, Tuple
 
-from ..core.values.names import is_namespace
-from ..core.values.version import package_version
+from ..core.values import is_namespace, package_version
 from ..runtime.tokens import TOKEN_VARIABLE
 from .exit_codes import ExitCode, exit_codes_text
 

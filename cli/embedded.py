@@ -8,16 +8,22 @@ from contextlib import nullcontext
 from functools import partial
 from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence
 
-from ..core.config.monitor_config import MonitorConfig, Section, find_section, list_sections, refuse_second_section
-from ..core.config.yaml_file import YamlFile, read_yaml
+from ..core.config import (
+    MonitorConfig,
+    Section,
+    YamlFile,
+    find_section,
+    list_sections,
+    read_yaml,
+    refuse_second_section,
+)
 from ..core.nodes import Aggregator, AlertSystem, BatterySensor
 from ..core.nodes.aggregator import has_inputs
 from ..core.nodes.outlets import Outlet
-from ..core.port.local import LocalBus, LocalMiddleware, LogLine
-from ..core.port.middleware import NOTHING_CHANGED
+from ..core.port import NOTHING_CHANGED, LocalBus, LocalMiddleware, LogLine
 from ..core.sensors.computer import Computer
 from ..core.sensors.configuration import METRICS
-from ..core.values.errors import ConfigError, Problems
+from ..core.values import ConfigError, Problems
 from ..runtime.event_loops import run_in_daemon_thread
 from ..runtime.threads import DetachedCalls
 

@@ -15,12 +15,8 @@ from ..core.nodes import AlertSystem
 from ..core.nodes.node import host_name
 from ..core.nodes.outlets import Outlet, array_message
 from ..core.nodes.self_monitor import CHECK_PERIOD_S, SelfMonitor
-from ..core.port.local import LocalBus, LocalMiddleware, LogLine
-from ..core.port.log_limit import LimitedLog
-from ..core.port.middleware import NOTHING_CHANGED, Severity
-from ..core.values.elements import ARRAY_TYPE
-from ..core.values.errors import ConfigError
-from ..core.values.formatting import list_text, printable
+from ..core.port import NOTHING_CHANGED, LimitedLog, LocalBus, LocalMiddleware, LogLine, Severity
+from ..core.values import ARRAY_TYPE, ConfigError, list_text, printable
 from ..foxglove import FoxgloveClient
 from ..rosbridge.client import RosbridgeClient
 from ..runtime.bridge.address import is_foxglove

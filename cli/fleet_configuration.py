@@ -18,14 +18,10 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Any, Callable, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
 
-from ..core.config.parameters import read_parameters, require_mapping
-from ..core.config.schema import declared, read_section
-from ..core.config.yaml_file import YamlFile, read_yaml
+from ..core.config import YamlFile, declared, read_parameters, read_section, read_yaml, require_mapping
 from ..core.nodes import AlertSystem
-from ..core.port.local import LocalBus
-from ..core.values.errors import ConfigError, Problems
-from ..core.values.formatting import describe
-from ..core.values.names import is_namespace
+from ..core.port import LocalBus
+from ..core.values import ConfigError, Problems, describe, is_namespace
 from ..runtime.bridge.address import full_address, host_and_port, shown_address
 from ..runtime.tokens import TokenFiles
 from .embedded import sections_of_nodes

@@ -16,11 +16,8 @@ import time
 from functools import partial
 from typing import Awaitable, Callable, List, Optional, Sequence, Tuple
 
-from ..core.port.local import LogLine
-from ..core.port.middleware import NOTHING_CHANGED, Severity
-from ..core.values.errors import ConfigError
-from ..core.values.formatting import printable
-from ..core.values.model import Level
+from ..core.port import NOTHING_CHANGED, LogLine, Severity
+from ..core.values import ConfigError, Level, printable
 from ..ops.configuration import OpsConfig, ServerOptions
 from ..runtime.event_loops import run_in_daemon_thread
 from ..runtime.interrupts import Interrupts

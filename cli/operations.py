@@ -12,15 +12,14 @@ from functools import partial
 from sqlite3 import Connection
 from typing import TYPE_CHECKING, Any, Callable, Dict, List, Mapping, NamedTuple, Optional
 
-from ..core.config.yaml_file import read_yaml
+from ..core.config import read_yaml
 from ..core.nodes import AlertSystem
 from ..core.nodes.alert_system import TICK_PERIOD_S
 from ..core.nodes.node import host_name
 from ..core.nodes.outlets import Outlet
 from ..core.nodes.self_monitor import EMPTY_REPORT, SelfReport
-from ..core.port.middleware import Middleware, Severity
-from ..core.values.errors import ServiceError
-from ..core.values.faults import Faults
+from ..core.port import Middleware, Severity
+from ..core.values import Faults, ServiceError
 from ..ops.configuration import SECTIONS, OpsConfig, read_ops
 from ..ops.notify import Notifier
 from ..ops.store.active_silences import Silences

@@ -6,7 +6,7 @@ import os
 from dataclasses import dataclass
 from typing import Iterable, Iterator, Sequence
 
-from ..core.values.errors import ConfigError
+from ..core.values import ConfigError
 from ..ops.report.report import MARK
 from .output.lines import OutputError
 

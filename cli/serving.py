@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Any, Callable, Dict, Optional, Sequence, Tuple
 
 from ..core.nodes.node import host_name
 from ..core.nodes.outlets import Event, event_severity, event_text
-from ..core.port.local import LogLine
-from ..core.port.middleware import Middleware, ServedMiddleware, Severity
-from ..core.values.errors import ConfigError
+from ..core.port import LogLine, Middleware, ServedMiddleware, Severity
+from ..core.values import ConfigError
 from ..ops.configuration import ServerOptions
 from ..runtime.libraries import ROSBRIDGE, missing_libraries, missing_text
 from ..runtime.tokens import TokenFiles

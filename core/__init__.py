@@ -1,11 +1,20 @@
 """The monitor without a middleware: values, configuration and judging. `core.nodes` runs it on a middleware."""
 
-from .config.monitor_config import MonitorConfig, load_config
-from .config.signal_config import SignalConfig
+from .config import MonitorConfig, SignalConfig, load_config
 from .judge.monitor import Monitor
 from .nodes.outlets import Event, Notice, Outlet, Outlets
-from .values.errors import ConfigError, LinkError, MessageError, ServiceError
-from .values.model import Changes, Level, Report, Sample, Status, Transition
+from .values import (
+    Changes,
+    ConfigError,
+    Level,
+    LinkError,
+    MessageError,
+    Report,
+    Sample,
+    ServiceError,
+    Status,
+    Transition,
+)
 
 __all__ = [
     "Changes", "ConfigError", "Event", "Level", "LinkError", "MessageError", "Monitor", "MonitorConfig", "Notice",

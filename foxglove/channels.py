@@ -7,8 +7,8 @@ import threading
 from typing import Callable, Dict, Iterable, Mapping, Optional, Protocol, Sequence, Tuple
 
 from ..core.messages.serialized import SerializedType
-from ..core.port.hints import explain, similar_topic
-from ..core.values.formatting import printable
+from ..core.port import explain, similar_topic
+from ..core.values import printable
 from .protocol import LARGEST_ID, Channel, subscribe, unsubscribe
 
 MOST_CHANNELS = 10_000

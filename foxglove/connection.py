@@ -11,8 +11,8 @@ import functools
 import json
 from typing import Any, Awaitable, Optional
 
-from ..core.port.middleware import Severity
-from ..core.values.formatting import printable
+from ..core.port import Severity
+from ..core.values import printable
 from ..runtime.bridge.cause import Cause
 from ..runtime.bridge.connection import LONGEST_TEXT, BridgeConnection
 from ..runtime.bridge.websocket import Wire

@@ -10,12 +10,8 @@ from typing import Any, Callable, List, Mapping, Optional
 
 from ..core.messages.serialized import SerializedType
 from ..core.messages.standard_messages import check_field
-from ..core.port.hints import Answer
-from ..core.port.middleware import Callback, Severity
-from ..core.values.errors import ConfigError, MessageError
-from ..core.values.field_path import ABSENT
-from ..core.values.formatting import printable
-from ..core.values.names import canonical_type
+from ..core.port import Answer, Callback, Severity
+from ..core.values import ABSENT, ConfigError, MessageError, canonical_type, printable
 from ..runtime.bridge.node import BridgeClient, BridgeNode, KnownTopic
 from ..runtime.bridge.receivers import BridgeReceiver
 from .channels import Channels

@@ -12,7 +12,7 @@ import struct
 from typing import Any, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 from ..core.messages.raw_messages import RawFormat
-from ..core.values.errors import MessageError
+from ..core.values import MessageError
 
 SUBPROTOCOLS = ("foxglove.sdk.v1", "foxglove.websocket.v1")
 """WebSocket subprotocols, the current one first; a server answers with the one that it speaks."""

@@ -12,12 +12,9 @@ from dataclasses import dataclass, replace
 from typing import Any, Dict, Iterator, Mapping, Optional, Tuple
 from urllib.parse import urlsplit
 
-from ..core.config.parameters import read_parameters, require_mapping
+from ..core.config import YamlFile, read_parameters, require_mapping
 from ..core.config.schema import REQUIRED, absolute_path, declared, parameters, read_section
-from ..core.config.yaml_file import YamlFile
-from ..core.values.errors import ConfigError, Problems
-from ..core.values.formatting import bound_text
-from ..core.values.model import Level
+from ..core.values import ConfigError, Level, Problems, bound_text
 
 SECTIONS = ("history", "black_box", "notify", "server")
 

@@ -6,7 +6,7 @@ import functools
 from typing import Any
 
 from ..core.messages.serialized import SerializedType
-from ..core.values.errors import ConfigError
+from ..core.values import ConfigError
 from ..runtime.libraries import RECORDINGS, libraries
 from .recording import Channel
 

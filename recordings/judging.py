@@ -10,8 +10,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, Callable, Counter, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
-from ..core.config.monitor_config import DEFAULT_SIGNALS, Section, read_monitor
-from ..core.config.signal_config import LINK, SignalConfig, read_signal, template_name
+from ..core.config import DEFAULT_SIGNALS, LINK, Section, SignalConfig, read_monitor, read_signal, template_name
 from ..core.judge.attachments import TICKS, SavedMonitor
 from ..core.judge.element_signals import own_config
 from ..core.judge.monitor import Monitor
@@ -20,8 +19,7 @@ from ..core.judge.signal_monitor import SignalMonitor
 from ..core.judge.sources import is_source
 from ..core.nodes import AlertSystem
 from ..core.nodes.outlets import Event
-from ..core.values.model import Level, Transition
-from ..core.values.names import resolve_name
+from ..core.values import Level, Transition, resolve_name
 from .middleware import Player
 
 _OF_SOURCE = read_signal("source", {"field": "", "stale_after_s": 0.0})

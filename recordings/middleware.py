@@ -12,15 +12,8 @@ from collections import Counter
 from itertools import chain
 from typing import Any, Callable, Dict, Iterable, Iterator, List, Mapping, Optional, Tuple
 
-from ..core.port.hints import Answer
-from ..core.port.local import LocalBus, LocalMiddleware, LogLine
-from ..core.port.mapping_node import CLOCK, MappingNode
-from ..core.port.middleware import Callback
-from ..core.port.timers import ClockTimer
-from ..core.values.errors import ConfigError
-from ..core.values.field_path import ABSENT
-from ..core.values.formatting import count_text, list_text
-from ..core.values.names import canonical_type, full_name
+from ..core.port import CLOCK, Answer, Callback, ClockTimer, LocalBus, LocalMiddleware, LogLine, MappingNode
+from ..core.values import ABSENT, ConfigError, canonical_type, count_text, full_name, list_text
 from .decoding import type_of
 from .reading import Recordings
 from .recording import Channel, RecordingError

@@ -12,7 +12,7 @@ from itertools import chain
 from operator import itemgetter
 from typing import Any, Collection, Iterator, List, Mapping, Optional, Sequence, Tuple
 
-from ..core.values.errors import ConfigError, Problems
+from ..core.values import ConfigError, Problems
 from ..runtime.libraries import RECORDINGS, libraries
 from .recording import LARGEST, Attachment, Channel, RawMessage, RecordedFile, RecordingError, Span, Target, log_time
 from .ros1_bag import Ros1Bag

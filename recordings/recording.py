@@ -19,9 +19,7 @@ from operator import itemgetter
 from typing import Any, BinaryIO, Dict, Iterable, Iterator, List, Mapping, NamedTuple, Optional, Tuple, Type, TypeVar
 
 from ..core.messages.raw_messages import RawFormat
-from ..core.values.errors import ConfigError, MessageError
-from ..core.values.formatting import count_text
-from ..core.values.names import canonical_type
+from ..core.values import ConfigError, MessageError, canonical_type, count_text
 from ..runtime.libraries import RECORDINGS, libraries
 
 LARGEST = 64 << 20

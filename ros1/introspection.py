@@ -14,8 +14,8 @@ import rospy
 
 from ..core.messages.dialect import Message
 from ..core.messages.raw_messages import RawFormat
-from ..core.port.middleware import Graph, NodeInfo
-from ..core.values.errors import ConfigError, MessageError, ServiceError
+from ..core.port import Graph, NodeInfo
+from ..core.values import ConfigError, MessageError, ServiceError
 from . import messages
 from .middleware import Ros1Middleware
 

@@ -16,9 +16,7 @@ from typing import Any, Callable, Dict, List, Optional, Set, Tuple, TypeVar
 import rosgraph
 import rospy.core
 
-from ..core.values.errors import ServiceError
-from ..core.values.formatting import describe, printable
-from ..core.values.model import Level
+from ..core.values import Level, ServiceError, describe, printable
 from ..runtime.threads import StepThread
 
 _SUCCESS = 1

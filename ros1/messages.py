@@ -15,8 +15,7 @@ from ..core.messages.dialect import Dialect
 from ..core.messages.native_messages import NativeMessages, find_generated
 from ..core.messages.raw_messages import RawFormat, ros1_format
 from ..core.messages.serialized import SerializedType
-from ..core.values.field_path import Getter
-from ..core.values.names import canonical_type
+from ..core.values import Getter, canonical_type
 
 _TIMES = {"time": genpy.Time, "duration": genpy.Duration}
 

@@ -21,18 +21,27 @@ import rospy.rostime
 import rospy.topics
 from rosgraph_msgs.msg import Clock
 
-from ..core.config.parameters import Parameter
+from ..core.config import Parameter
 from ..core.messages.dialect import Message
 from ..core.messages.raw_messages import RawFormat
 from ..core.messages.serialized import SerializedType
-from ..core.port.graph import NOT_COUNTED, Counts, Wanted, count, is_pattern, matching
-from ..core.port.hints import Answer, explain, similar_topic
-from ..core.port.middleware import Callback, OnChange, RawCallback, Severity
-from ..core.port.timers import ClockTimer
-from ..core.values.errors import ConfigError, ServiceError
-from ..core.values.field_path import ABSENT, Getter
-from ..core.values.formatting import with_degree_sign
-from ..core.values.names import resolve_name, split_type_name
+from ..core.port import (
+    NOT_COUNTED,
+    Answer,
+    Callback,
+    ClockTimer,
+    Counts,
+    OnChange,
+    RawCallback,
+    Severity,
+    Wanted,
+    count,
+    explain,
+    is_pattern,
+    matching,
+    similar_topic,
+)
+from ..core.values import ABSENT, ConfigError, Getter, ServiceError, resolve_name, split_type_name, with_degree_sign
 from ..runtime.native_node import NativeNode
 from ..runtime.threads import StepThread
 from . import messages

@@ -12,12 +12,10 @@ import logging
 import threading
 from typing import Any, Dict, Iterator, Mapping, Optional
 
-from ..core.config.monitor_config import NODE_PARAMETERS
+from ..core.config import NODE_PARAMETERS
 from ..core.messages.dialect import Message
-from ..core.port.middleware import OnChange
-from ..core.values.errors import ConfigError, Path, Problems
-from ..core.values.faults import PARAMETERS_FAULT, Faults
-from ..core.values.formatting import describe
+from ..core.port import OnChange
+from ..core.values import PARAMETERS_FAULT, ConfigError, Faults, Path, Problems, describe
 from ..runtime.native_node import Log, apply_change
 from .master import Master
 

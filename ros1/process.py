@@ -15,10 +15,8 @@ import rosgraph
 import rospy
 import rospy.impl.paramserver
 
-from ..core.config.monitor_config import load_config
-from ..core.values.errors import ConfigError, ServiceError
-from ..core.values.faults import PARAMETERS_FAULT
-from ..core.values.model import Level
+from ..core.config import load_config
+from ..core.values import PARAMETERS_FAULT, ConfigError, Level, ServiceError
 from .introspection import Ros1ServedMiddleware
 from .master import Master, MasterWatch, limit_calls_of_rospy
 from .middleware import Ros1Middleware

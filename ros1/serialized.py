@@ -12,10 +12,8 @@ from typing import Any, Callable, Dict, Tuple
 import rospy
 
 from ..core.messages.raw_messages import RawFormat, ros1_format
-from ..core.port.middleware import Severity
-from ..core.values.errors import ConfigError
-from ..core.values.field_path import ABSENT, Getter
-from ..core.values.names import canonical_type
+from ..core.port import Severity
+from ..core.values import ABSENT, ConfigError, Getter, canonical_type
 from ..runtime.native_node import Log
 from . import messages
 

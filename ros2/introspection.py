@@ -8,8 +8,8 @@ from typing import Any, Dict, List
 
 from ..core.messages.dialect import Message
 from ..core.messages.raw_messages import RawFormat
-from ..core.port.middleware import Graph, NodeInfo
-from ..core.values.errors import MessageError, ServiceError
+from ..core.port import Graph, NodeInfo
+from ..core.values import MessageError, ServiceError
 from . import messages
 from .middleware import Ros2Middleware
 

@@ -16,7 +16,7 @@ from ..core.messages.dialect import Dialect
 from ..core.messages.native_messages import NativeMessages, find_generated
 from ..core.messages.raw_messages import RawFormat, ros2_format
 from ..core.messages.serialized import SerializedType
-from ..core.values.field_path import Getter
+from ..core.values import Getter
 
 _KINDS = {"boolean": "bool", "float": "float32", "double": "float64"}
 """Kinds of types that rosidl names differently. (A `char` is a uint8 there.)"""

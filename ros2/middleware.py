@@ -17,17 +17,12 @@ from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallba
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import serialize_message
 
-from ..core.config.parameters import Parameter
+from ..core.config import Parameter
 from ..core.messages.dialect import Message
 from ..core.messages.raw_messages import RawFormat
 from ..core.messages.serialized import SerializedType
-from ..core.port.graph import Counts, Wanted, count, is_pattern, matching
-from ..core.port.hints import Answer
-from ..core.port.middleware import Callback, OnChange, RawCallback, Severity
-from ..core.values.errors import ConfigError
-from ..core.values.field_path import Getter
-from ..core.values.formatting import with_degree_sign
-from ..core.values.names import canonical_type, resolve_name
+from ..core.port import Answer, Callback, Counts, OnChange, RawCallback, Severity, Wanted, count, is_pattern, matching
+from ..core.values import ConfigError, Getter, canonical_type, resolve_name, with_degree_sign
 from ..runtime.native_node import NativeNode
 from . import messages
 from .lifecycle import LifecycleStates

@@ -15,11 +15,9 @@ from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.logging import LoggingSeverity
 from rclpy.node import Node
 
-from ..core.config.monitor_config import NODE_PARAMETERS, load_config, sections
-from ..core.config.parameters import Parameter, unflatten
-from ..core.config.yaml_file import read_yaml
-from ..core.port.middleware import OnChange
-from ..core.values.errors import ConfigError
+from ..core.config import NODE_PARAMETERS, Parameter, load_config, read_yaml, sections, unflatten
+from ..core.port import OnChange
+from ..core.values import ConfigError
 from ..runtime.native_node import Log, apply_change
 
 EXECUTOR, USE_SIM_TIME = (

@@ -19,9 +19,8 @@ from rclpy.signals import SignalHandlerOptions, install_signal_handlers, uninsta
 from rclpy.task import Future
 from std_msgs.msg import Empty
 
-from ..core.port.middleware import Severity
-from ..core.values.errors import ConfigError, ServiceError
-from ..core.values.model import Level
+from ..core.port import Severity
+from ..core.values import ConfigError, Level, ServiceError
 from ..runtime.threads import StepThread
 from .introspection import Ros2ServedMiddleware
 from .middleware import Ros2Middleware

@@ -9,7 +9,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSCompatibility, QoSProfile, ReliabilityPolicy, qos_check_compatible
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
-from ..core.port.hints import INCOMPATIBLE_QOS, Answer, explain, similar_topic
+from ..core.port import INCOMPATIBLE_QOS, Answer, explain, similar_topic
 
 _TOPICS_PERIOD_S = 1.0
 """Reading all topics takes milliseconds on a large graph, and several signals may need them at once."""

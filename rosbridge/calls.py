@@ -6,7 +6,7 @@ import asyncio
 import itertools
 from typing import Any, Callable, Dict, Mapping, Tuple
 
-from ..core.values.errors import ServiceError
+from ..core.values import ServiceError
 from .protocol import Id
 from .protocol.operations import ServiceResponse
 

@@ -11,7 +11,7 @@ import queue
 import threading
 from typing import Any, Callable, Coroutine, Optional, TypeVar
 
-from ..core.values.errors import ServiceError
+from ..core.values import ServiceError
 
 Result = TypeVar("Result")
 _CLOSE_TIMEOUT_S = 5.0

@@ -7,7 +7,7 @@ from typing import Mapping, Optional
 
 from aiohttp import web
 
-from ..core.values.errors import MessageError
+from ..core.values import MessageError
 
 SECURITY_HEADERS = {"X-Content-Type-Options": "nosniff", "Referrer-Policy": "no-referrer"}
 API_HEADERS = {**SECURITY_HEADERS, "Cache-Control": "no-store"}

@@ -8,7 +8,7 @@ import os
 import sys
 from typing import Iterator, List
 
-from ..core.values.errors import ServiceError
+from ..core.values import ServiceError
 
 ROSBRIDGE = ("aiohttp",)
 """What rosbridge needs, as a server and as a client; cbor2 is optional."""

@@ -11,12 +11,8 @@ from typing import Any, Callable, Collection, Dict, List, Mapping, Optional, Tup
 
 from ..core.messages.dialect import Message
 from ..core.messages.native_messages import NativeMessages
-from ..core.port.clocked_node import ClockedNode
-from ..core.port.graph import Counts, GraphCallback, Unread, Wanted
-from ..core.port.middleware import NOTHING_CHANGED, Severity
-from ..core.values.errors import ConfigError, MessageError, ServiceError
-from ..core.values.field_path import ABSENT
-from ..core.values.formatting import printable
+from ..core.port import NOTHING_CHANGED, ClockedNode, Counts, GraphCallback, Severity, Unread, Wanted
+from ..core.values import ABSENT, ConfigError, MessageError, ServiceError, printable
 from .threads import StepThread
 
 Log = Callable[[Severity, str], None]

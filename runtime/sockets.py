@@ -14,7 +14,7 @@ from typing import Any, Coroutine, Optional, TypeVar, Union
 
 from aiohttp import ClientWebSocketResponse, WSMessage, WSMsgType, web
 
-from ..core.values.errors import MessageError
+from ..core.values import MessageError
 
 READ_BYTES = 16_384
 """Most bytes that are read at once.

@@ -15,7 +15,7 @@ import time
 from contextlib import closing
 from typing import Callable, List, Optional
 
-from ..core.values.errors import ServiceError
+from ..core.values import ServiceError
 
 _WAIT_AFTER_ERROR_S = 1.0
 _JOIN_PERIOD_S = 0.005

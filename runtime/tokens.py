@@ -9,7 +9,7 @@ import os
 import stat
 from typing import Callable, Dict, Set
 
-from ..core.values.errors import ConfigError
+from ..core.values import ConfigError
 
 TOKEN_VARIABLE = "ROBOT_HEALTH_TOKEN"
 SHORTEST_TOKEN = 16

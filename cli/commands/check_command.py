@@ -10,27 +10,24 @@ import re
 import sys
 from typing import Any, Callable, Dict, List, Mapping, Sequence, Tuple
 
-from ...core.config.monitor_config import (
+from ...core.config import (
     MonitorConfig,
     Section,
+    YamlFile,
     find_section,
     is_whole_file,
     list_sections,
     read_monitor,
+    read_yaml,
     refuse_missing_parameters,
     refuse_second_section,
+    remarks_of,
 )
-from ...core.config.remarks import remarks_of
-from ...core.config.yaml_file import YamlFile, read_yaml
 from ...core.messages import standard_messages
 from ...core.messages.standard_messages import MESSAGES, PACKAGES
 from ...core.nodes import Aggregator, BatterySensor
-from ...core.port.local import LocalBus
-from ...core.port.middleware import Middleware
-from ...core.values.errors import ConfigError, Problems
-from ...core.values.formatting import count_text, list_text, printable
-from ...core.values.names import split_type_name
-from ...core.values.where import selection
+from ...core.port import LocalBus, Middleware
+from ...core.values import ConfigError, Problems, count_text, list_text, printable, selection, split_type_name
 from ...ops.configuration import SECTIONS, OpsConfig, read_ops
 from ...runtime.interrupts import Interrupts
 from ..arguments import Parser, add

@@ -6,7 +6,7 @@ import argparse
 import gc
 import time
 
-from ...core.port.middleware import Severity
+from ...core.port import Severity
 from ...ops.configuration import ServerOptions
 from ...runtime.interrupts import Interrupts
 from ...runtime.libraries import ROSBRIDGE, libraries

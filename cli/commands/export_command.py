@@ -7,9 +7,8 @@ import os
 import sys
 from typing import Tuple
 
-from ...core.config.monitor_config import load_config
-from ...core.config.yaml_file import read_yaml
-from ...core.values.formatting import printable
+from ...core.config import load_config, read_yaml
+from ...core.values import printable
 from ...ops.export.fleet import FleetSettings, export_fleet, require_address, require_receiver, write_files
 from ...ops.export.grafana import export_dashboard
 from ...ops.export.prometheus import export_rules

@@ -12,9 +12,7 @@ import time
 from datetime import datetime
 from typing import Any, Iterable, Iterator, List, Tuple
 
-from ...core.values.errors import ConfigError, ServiceError
-from ...core.values.formatting import count_text, duration_text, number_text, printable
-from ...core.values.model import Level
+from ...core.values import ConfigError, Level, ServiceError, count_text, duration_text, number_text, printable
 from ...ops.report.summaries import SHARES, table
 from ...ops.store import queries
 from ...ops.store import samples as stored_samples

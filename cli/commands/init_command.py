@@ -12,19 +12,27 @@ from contextlib import closing, contextmanager, suppress
 from functools import partial
 from typing import Any, Callable, Container, ContextManager, Iterator, List, Mapping, NamedTuple, Optional, Tuple
 
-from ...core.config.monitor_config import MonitorConfig, load_config
+from ...core.config import MonitorConfig, load_config
 from ...core.messages.definitions import Definitions, parse_definition
 from ...core.messages.standard_messages import definition
-from ...core.port.middleware import NodeInfo, ServedMiddleware
+from ...core.port import NodeInfo, ServedMiddleware
 from ...core.proposal.candidates import Candidates, Topic
 from ...core.proposal.nodes import Nodes
 from ...core.proposal.proposal import Proposed, propose
 from ...core.proposal.suggestion import LEAST_RANGE_S, Signal
 from ...core.proposal.thresholds_file import thresholds_text
-from ...core.values.errors import ConfigError, LinkError, ServiceError
-from ...core.values.formatting import count_text, duration_text, list_text, printable
-from ...core.values.names import canonical_type, resolve_name
-from ...core.values.patterns import matches_pattern
+from ...core.values import (
+    ConfigError,
+    LinkError,
+    ServiceError,
+    canonical_type,
+    count_text,
+    duration_text,
+    list_text,
+    matches_pattern,
+    printable,
+    resolve_name,
+)
 from ...runtime.interrupts import Interrupts
 from ...runtime.libraries import ROSBRIDGE, libraries
 from ..arguments import Parser, add, add_robot_server, seconds

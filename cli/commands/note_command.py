@@ -7,7 +7,7 @@ import sqlite3
 import sys
 import time
 
-from ...core.values.formatting import printable, with_hint
+from ...core.values import printable, with_hint
 from ...ops.store import queries
 from ...ops.store.notes import MOST_NOTES, MOST_TEXT, add_note
 from ...runtime.interrupts import Interrupts

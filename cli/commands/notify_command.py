@@ -10,12 +10,10 @@ import threading
 import time
 from typing import Callable, Dict, Iterator, NamedTuple, Optional, Sequence
 
-from ...core.config.yaml_file import read_yaml
+from ...core.config import read_yaml
 from ...core.nodes.node import host_name
 from ...core.nodes.outlets import json_line
-from ...core.values.errors import ConfigError
-from ...core.values.formatting import duration_text, printable
-from ...core.values.model import Level, Status, Transition
+from ...core.values import ConfigError, Level, Status, Transition, duration_text, printable
 from ...ops.configuration import TargetSettings, read_ops
 from ...ops.notify.alertmanager import ALERT, REPEAT_EVERY_S
 from ...ops.notify.notifier import make_sender

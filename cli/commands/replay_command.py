@@ -9,17 +9,12 @@ import sys
 import time
 from typing import Callable, Counter, Dict, List, Optional, Sequence, TextIO, Tuple
 
-from ...core.config.monitor_config import Section
-from ...core.config.signal_config import SignalConfig
-from ...core.config.yaml_file import YamlFile, read_yaml
+from ...core.config import Section, SignalConfig, YamlFile, read_yaml
 from ...core.judge.attachments import SavedMonitor
 from ...core.judge.sources import is_source
 from ...core.nodes.outlets import json_line
-from ...core.port.local import LogLine
-from ...core.port.middleware import Severity
-from ...core.values.errors import ConfigError, ServiceError
-from ...core.values.formatting import count_text, duration_text, list_text, printable
-from ...core.values.model import Level, Transition
+from ...core.port import LogLine, Severity
+from ...core.values import ConfigError, Level, ServiceError, Transition, count_text, duration_text, list_text, printable
 from ...ops.report.plotted_signal import PlottedSignal
 from ...ops.report.report import MOST_ALERTS, Report, ReportedAlert, buckets_of, render
 from ...ops.report.summaries import SHARES, SummaryRow, range_cells, table

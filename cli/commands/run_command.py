@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import argparse
 
-from ...core.config.yaml_file import read_yaml
-from ...core.port.middleware import Severity
+from ...core.config import read_yaml
+from ...core.port import Severity
 from ...ops.configuration import ServerOptions
 from ...runtime.interrupts import Interrupts
 from ..arguments import Parser, add, add_monitoring_options, add_token_file, find_installed, port, robot_name

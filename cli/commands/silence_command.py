@@ -10,7 +10,7 @@ import time
 from typing import Any, Dict, List
 
 from ...core.judge.sources import is_source
-from ...core.values.formatting import count_text, list_text, printable
+from ...core.values import count_text, list_text, printable
 from ...ops.store.matchers import parse_matchers
 from ...ops.store.queries import configuration
 from ...ops.store.recurrence import parse_recurrence

@@ -13,7 +13,7 @@ from ...core.proposal.thresholds_file import yaml_text
 from ...core.sensors.catalogue import HOST_SOURCES
 from ...core.sensors.computer import Computer
 from ...core.sensors.source import NotMeasuredYet, SensorError
-from ...core.values.formatting import number_text, printable, with_unit
+from ...core.values import number_text, printable, with_unit
 from ...runtime.interrupts import Interrupts
 from ...runtime.threads import DetachedCalls
 from ..arguments import Parser, add

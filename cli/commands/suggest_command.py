@@ -14,17 +14,22 @@ import sys
 from collections import Counter
 from typing import Any, Dict, Iterator, List, Mapping, Sequence, Tuple
 
-from ...core.config.monitor_config import Section, read_monitor
-from ...core.config.signal_config import BOUNDS, template_name
-from ...core.config.yaml_file import read_yaml
+from ...core.config import BOUNDS, Section, read_monitor, read_yaml, template_name
 from ...core.proposal.candidates import Candidates, Topic
 from ...core.proposal.proposal import Proposed, propose
 from ...core.proposal.suggestion import Signal
 from ...core.proposal.thresholds_file import thresholds_text
-from ...core.values.errors import ConfigError, ServiceError
-from ...core.values.formatting import count_text, duration_text, list_text, printable
-from ...core.values.model import Level, Transition
-from ...core.values.names import resolve_name
+from ...core.values import (
+    ConfigError,
+    Level,
+    ServiceError,
+    Transition,
+    count_text,
+    duration_text,
+    list_text,
+    printable,
+    resolve_name,
+)
 from ...recordings.decoding import type_of
 from ...recordings.judging import Judge, JudgedEvent
 from ...recordings.middleware import Player

@@ -7,10 +7,9 @@ import os
 import sys
 from typing import Any, Iterator, List, Optional, Sequence
 
-from ...core.config.yaml_file import read_yaml
+from ...core.config import read_yaml
 from ...core.nodes.alert_system import TICK_PERIOD_S
-from ...core.values.errors import ConfigError, ServiceError
-from ...core.values.formatting import count_text, printable
+from ...core.values import ConfigError, ServiceError, count_text, printable
 from ...ops.configuration import read_ops
 from ...runtime.interrupts import Interrupts
 from ..arguments import Parser, add, checked, identifier, whole_number

@@ -11,8 +11,7 @@ import sys
 from typing import Any, Dict, Iterable, Iterator, Mapping, NamedTuple, Sequence, TextIO, Tuple, Union
 
 from ...core.nodes.outlets import json_line
-from ...core.values.errors import ConfigError
-from ...core.values.formatting import count_text, duration_text, list_text, number_text, printable, with_hint
+from ...core.values import ConfigError, count_text, duration_text, list_text, number_text, printable, with_hint
 from ...ops.report.summaries import SummaryRow, share_text
 from ...ops.store import queries
 from ...ops.store.notes import Note, notes_of

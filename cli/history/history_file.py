@@ -10,9 +10,8 @@ import sqlite3
 import sys
 from typing import Callable, Iterator, Optional, TypeVar
 
-from ...core.config.yaml_file import read_yaml
-from ...core.values.errors import ConfigError
-from ...core.values.formatting import printable
+from ...core.config import read_yaml
+from ...core.values import ConfigError, printable
 from ...ops.configuration import read_ops
 from ...ops.store import schema
 from ...ops.store.database_file import connected, reading

@@ -8,11 +8,8 @@ import sqlite3
 from dataclasses import replace
 from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 
-from ...core.config.kept_settings import read_kept
-from ...core.config.signal_config import SignalConfig, read_signal, template_name
-from ...core.values.errors import ConfigError
-from ...core.values.formatting import count_text, duration_text, list_text
-from ...core.values.model import Level
+from ...core.config import SignalConfig, read_kept, read_signal, template_name
+from ...core.values import ConfigError, Level, count_text, duration_text, list_text
 from ...ops.report.plotted_signal import PlottedSignal
 from ...ops.report.report import MOST_ALERTS, Report, ReportedAlert, buckets_of, render
 from ...ops.report.summaries import SHARES, range_cells

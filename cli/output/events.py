@@ -7,9 +7,8 @@ import time
 from typing import Callable, NamedTuple, Optional, Union
 
 from ...core.nodes.outlets import Event, Outlet
-from ...core.port.local import LogLine
-from ...core.port.middleware import Severity
-from ...core.values.model import Level, Transition
+from ...core.port import LogLine, Severity
+from ...core.values import Level, Transition
 
 
 class Entry(NamedTuple):

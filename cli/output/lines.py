@@ -8,11 +8,8 @@ import time
 from typing import TYPE_CHECKING, List, Sequence, TextIO, Union
 
 from ...core.nodes.outlets import json_line
-from ...core.port.local import LogLine
-from ...core.port.middleware import Severity
-from ...core.values.errors import ServiceError
-from ...core.values.formatting import printable, with_degree_sign, with_hint
-from ...core.values.model import Transition
+from ...core.port import LogLine, Severity
+from ...core.values import ServiceError, Transition, printable, with_degree_sign, with_hint
 from ...runtime.times import DATE_TIME, local_time
 from .events import Entry
 from .stream_writer import StreamWriter

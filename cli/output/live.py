@@ -9,9 +9,8 @@ from rich.console import Console
 from rich.live import Live
 from rich.text import Text
 
-from ...core.port.middleware import Severity
-from ...core.values.formatting import printable
-from ...core.values.model import Level, Transition
+from ...core.port import Severity
+from ...core.values import Level, Transition, printable
 from .events import Entry
 from .lines import Monitors, Output, dropped_line, plain_line, readable
 from .tables import STYLE_OF_LEVEL, View, drawn, fleet_view, robot_view

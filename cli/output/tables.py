@@ -13,10 +13,9 @@ from rich.console import Console, Group
 from rich.table import Table
 from rich.text import Text
 
-from ...core.config.signal_config import LINK, OF_ARRIVALS, SignalConfig
+from ...core.config import LINK, OF_ARRIVALS, SignalConfig
 from ...core.judge.wording import bounds_text
-from ...core.values.formatting import with_hint
-from ...core.values.model import Level, Status
+from ...core.values import Level, Status, with_hint
 from ...runtime.times import local_time
 from .lines import Monitors
 

@@ -15,16 +15,25 @@ from itertools import groupby
 from statistics import median
 from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple, Union
 
-from ...core.config.kept_settings import read_kept, settings_of
-from ...core.config.monitor_config import MonitorConfig, Section, load_config, read_monitor
-from ...core.config.signal_config import LINK, LINK_CONFIG, OF_ARRIVALS, SignalConfig, template_name
-from ...core.config.yaml_file import YamlFile, parse_yaml
+from ...core.config import (
+    LINK,
+    LINK_CONFIG,
+    OF_ARRIVALS,
+    MonitorConfig,
+    Section,
+    SignalConfig,
+    YamlFile,
+    load_config,
+    parse_yaml,
+    read_kept,
+    read_monitor,
+    settings_of,
+    template_name,
+)
 from ...core.judge.attachments import STATE, THRESHOLDS, SavedMonitor, read_saved_monitor
 from ...core.judge.continuity import MAX_EVIDENCE
 from ...core.nodes.alert_system import TICK_PERIOD_S
-from ...core.values.errors import ConfigError, MessageError
-from ...core.values.formatting import count_text, printable
-from ...core.values.model import Level, Transition
+from ...core.values import ConfigError, Level, MessageError, Transition, count_text, printable
 from ...ops.store import queries
 from ...ops.store.rows import StoredTransition
 from ...recordings.judging import Judge, JudgedEvent, JudgedSample

@@ -18,17 +18,36 @@ import re
 from dataclasses import dataclass, replace
 from typing import Any, Dict, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
-from ...core.config.monitor_config import MonitorConfig, load_config
-from ...core.config.parameters import Parameter, require_mapping
-from ...core.config.schema import REQUIRED, declared, read_section
-from ...core.config.signal_config import LINK, SignalConfig, is_element_name, template_name
-from ...core.config.yaml_file import YamlFile, parse_yaml, read_yaml
+from ...core.config import (
+    LINK,
+    REQUIRED,
+    MonitorConfig,
+    Parameter,
+    SignalConfig,
+    YamlFile,
+    declared,
+    is_element_name,
+    load_config,
+    parse_yaml,
+    read_section,
+    read_yaml,
+    require_mapping,
+    template_name,
+)
 from ...core.judge.monitor import Monitor
 from ...core.nodes.alert_system import TICK_PERIOD_S
-from ...core.values.elements import DriverStatus, Elements
-from ...core.values.errors import ConfigError, Path, Problems
-from ...core.values.formatting import describe, number_text
-from ...core.values.model import Level, Sample, Transition
+from ...core.values import (
+    ConfigError,
+    DriverStatus,
+    Elements,
+    Level,
+    Path,
+    Problems,
+    Sample,
+    Transition,
+    describe,
+    number_text,
+)
 
 TIME_TOLERANCE_S = 1e-6  # two times closer than this are the same: `3 * 0.1` is not 0.3
 LONGEST_TEST_S = 1e6

@@ -13,9 +13,7 @@ from types import MappingProxyType
 from typing import Any, Dict, Iterator, List, Mapping, NamedTuple, Optional, Tuple, Union
 
 from ..messages.standard_messages import check_field
-from ..values.errors import ConfigError, Path, Problems
-from ..values.formatting import describe, list_text
-from ..values.names import split_type_name
+from ..values import ConfigError, Path, Problems, describe, list_text, split_type_name
 from .causes import Causes, causes_of
 from .parameters import Parameter, read_parameters, require_mapping
 from .schema import declared, parameters

@@ -14,9 +14,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Callable, Dict, Iterable, Iterator, List, Mapping, Optional, Sequence, Tuple, Union
 
-from ..values.errors import ConfigError, Path, Problems
-from ..values.formatting import describe, list_text
-from ..values.model import Level
+from ..values import ConfigError, Level, Path, Problems, describe, list_text
 
 _Identifier = Union[str, int]
 _Datum = Union[float, str]

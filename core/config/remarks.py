@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Iterator, Tuple
 
-from ..values.formatting import bound_text
+from ..values import bound_text
 from .signal_config import SignalConfig
 
 _VOLTS = ("V", "mV", "volt", "volts")

@@ -47,9 +47,7 @@ from typing import (
     get_type_hints,
 )
 
-from ..values.errors import ConfigError, MessageError, Path, Problems
-from ..values.formatting import describe
-from ..values.model import Level
+from ..values import ConfigError, Level, MessageError, Path, Problems, describe
 from .parameters import Convert, Parameter, read_parameters, require_mapping
 
 T = TypeVar("T")

@@ -10,14 +10,27 @@ from dataclasses import dataclass
 from itertools import product
 from typing import Any, Dict, Iterator, Mapping, Optional, Sequence, Tuple
 
-from ..values.elements import ARRAY_TYPE, STATUS_TYPE
-from ..values.errors import ConfigError, Path
-from ..values.field_path import Every, Keyed, every_step, parse_field_path
-from ..values.formatting import bound_text, describe, list_text, number_text
-from ..values.goals import STATUS_TOPICS
-from ..values.names import canonical_type, split_type_name
-from ..values.reduction import REDUCTIONS
-from ..values.where import COMPARE, parse_where, selection
+from ..values import (
+    ARRAY_TYPE,
+    COMPARE,
+    REDUCTIONS,
+    STATUS_TOPICS,
+    STATUS_TYPE,
+    ConfigError,
+    Every,
+    Keyed,
+    Path,
+    bound_text,
+    canonical_type,
+    describe,
+    every_step,
+    list_text,
+    number_text,
+    parse_field_path,
+    parse_where,
+    selection,
+    split_type_name,
+)
 from .schema import REQUIRED, declared, parameters, read_section, sections
 
 LINK = "link"

@@ -7,7 +7,7 @@ import os
 import stat
 from typing import Any, Dict, Iterator, Mapping, NamedTuple, Optional, Union
 
-from ..values.errors import ConfigError, Path, Problems
+from ..values import ConfigError, Path, Problems
 from .parameters import require_mapping
 
 PathLike = Union[str, "os.PathLike[str]"]

@@ -14,8 +14,7 @@ from yaml.constructor import ConstructorError, SafeConstructor
 from yaml.error import MarkedYAMLError
 from yaml.resolver import Resolver
 
-from ..values.errors import ConfigError, Path, Problems
-from ..values.formatting import describe
+from ..values import ConfigError, Path, Problems, describe
 
 MOST_VALUES = 20_000
 """Most keys and values of a file."""

@@ -17,9 +17,8 @@ from __future__ import annotations
 import math
 from typing import Optional
 
-from ..config.signal_config import SignalConfig
-from ..values.formatting import duration_text, fingerprint
-from ..values.model import Level, Transition
+from ..config import SignalConfig
+from ..values import Level, Transition, duration_text, fingerprint
 from .announcer import Announcer
 from .rule import TIME_TOLERANCE_S
 from .saved_state import SavedState

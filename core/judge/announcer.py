@@ -13,8 +13,8 @@ from __future__ import annotations
 import math
 from typing import List, Optional, Sequence
 
-from ..config.signal_config import SignalConfig
-from ..values.model import Level, Transition
+from ..config import SignalConfig
+from ..values import Level, Transition
 from . import wording
 from .rule import TIME_TOLERANCE_S, Rule
 from .saved_state import SavedState, UnusableStateError

@@ -8,9 +8,8 @@ from __future__ import annotations
 import json
 from typing import Any, Dict, Mapping, NamedTuple
 
-from ..config.kept_settings import settings_of
-from ..config.monitor_config import MonitorConfig
-from ..values.errors import MessageError
+from ..config import MonitorConfig, settings_of
+from ..values import MessageError
 from .saved_state import SavedSignal
 
 THRESHOLDS = "thresholds.yaml"

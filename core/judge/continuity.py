@@ -9,10 +9,8 @@ from __future__ import annotations
 import math
 from typing import Any, Dict, Mapping, Optional, Protocol, Sequence, Tuple
 
-from ..config.kept_settings import settings_of
-from ..config.monitor_config import MonitorConfig
-from ..config.signal_config import OF_ARRIVALS
-from ..values.model import Changes, Transition
+from ..config import OF_ARRIVALS, MonitorConfig, settings_of
+from ..values import Changes, Transition
 from .monitor import Monitor
 from .sample_summary import PERIOD_S, SampleSummary
 from .saved_state import SavedSignal

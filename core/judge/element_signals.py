@@ -10,10 +10,8 @@ import hashlib
 from dataclasses import replace
 from typing import Callable, Dict, List, Mapping, Optional, Set
 
-from ..config.signal_config import LONGEST_NAME, SignalConfig, is_element_name, read_signal, template_name
-from ..values.elements import BadDatum, Elements
-from ..values.formatting import datum_text
-from ..values.model import Changes
+from ..config import LONGEST_NAME, SignalConfig, is_element_name, read_signal, template_name
+from ..values import BadDatum, Changes, Elements, datum_text
 from .signal_monitor import SignalMonitor
 
 Begin = Callable[[SignalMonitor], None]

@@ -11,8 +11,8 @@ import math
 from operator import itemgetter
 from typing import Callable, Mapping, Optional, Tuple
 
-from ..config.signal_config import SignalConfig
-from ..values.model import Forecast
+from ..config import SignalConfig
+from ..values import Forecast
 from .least_squares import LineSums, Moments, merged
 from .window import CountWindow, GapWindow, Window
 

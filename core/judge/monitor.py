@@ -25,13 +25,18 @@ from typing import (
     Union,
 )
 
-from ..config.causes import Causes, causes_of
-from ..config.monitor_config import MonitorConfig
-from ..config.signal_config import CONDITIONS, LINK, LINK_CONFIG, SignalConfig, is_element_name, template_name
-from ..values.elements import Elements, LinkDown
-from ..values.errors import ConfigError
-from ..values.formatting import printable
-from ..values.model import Changes, Level, Report, Sample, Status
+from ..config import (
+    CONDITIONS,
+    LINK,
+    LINK_CONFIG,
+    Causes,
+    MonitorConfig,
+    SignalConfig,
+    causes_of,
+    is_element_name,
+    template_name,
+)
+from ..values import Changes, ConfigError, Elements, Level, LinkDown, Report, Sample, Status, printable
 from . import wording
 from .alert import Alert
 from .element_signals import ElementSignals, config_of, element_of, own_config, unconfigured

@@ -10,11 +10,8 @@ import math
 import numbers
 from typing import Mapping
 
-from ..config.signal_config import SignalConfig
-from ..values.elements import DriverStatus, Elements
-from ..values.formatting import bound_text, number_text
-from ..values.reduction import reduced
-from ..values.where import is_equal
+from ..config import SignalConfig
+from ..values import DriverStatus, Elements, bound_text, is_equal, number_text, reduced
 from .window import Window
 
 RUN = 20

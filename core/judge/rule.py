@@ -29,8 +29,8 @@ import enum
 import math
 from typing import Optional, Tuple
 
-from ..config.signal_config import SignalConfig
-from ..values.model import Level
+from ..config import SignalConfig
+from ..values import Level
 from .saved_state import SavedState
 
 TIME_TOLERANCE_S = 1e-6

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import List, NamedTuple, Optional
 
-from ..values.model import Level
+from ..values import Level
 
 PERIOD_S = 10.0
 """Length of a period, in s."""

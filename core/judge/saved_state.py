@@ -10,8 +10,7 @@ import enum
 import sys
 from typing import Any, Callable, List, Mapping, NamedTuple, Optional, Type, TypeVar
 
-from ..values.errors import MessageError
-from ..values.formatting import datum_text
+from ..values import MessageError, datum_text
 
 Kind = TypeVar("Kind", bound=enum.Enum)
 

@@ -10,9 +10,8 @@ import math
 import sys
 from typing import Callable, List, Optional, Sequence, Tuple
 
-from ..config.signal_config import SignalConfig
-from ..values.elements import DriverStatus
-from ..values.model import Level, Transition
+from ..config import SignalConfig
+from ..values import DriverStatus, Level, Transition
 from .alert import Alert, Held
 from .forecast import ForecastWindow, window_for
 from .quality import number_of, received, suspicion_of

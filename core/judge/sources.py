@@ -18,8 +18,8 @@ from dataclasses import replace
 from functools import lru_cache
 from typing import Callable, Dict, Iterable, Iterator, List, Mapping, Optional, Sequence, Tuple
 
-from ..config.signal_config import SignalConfig, read_signal, template_name
-from ..values.model import Changes, Level, Transition
+from ..config import SignalConfig, read_signal, template_name
+from ..values import Changes, Level, Transition
 from .alert import Alert
 from .rule import TIME_TOLERANCE_S
 from .saved_state import Downtime, SavedSignal, SavedState

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Optional
 
-from ..config.signal_config import SignalConfig
+from ..config import SignalConfig
 from .rule import TIME_TOLERANCE_S
 
 LONG_DOWNTIME_S = 10.0

@@ -9,13 +9,26 @@ import math
 from types import MappingProxyType
 from typing import Dict, Mapping, NamedTuple, Optional, Sequence
 
-from ..config.remarks import doubt_of
-from ..config.signal_config import ACTIVE, CONDITIONS, LINK, SignalConfig
-from ..values.elements import Age, BadDatum, DriverStatus, LinkDown
-from ..values.field_path import element_path
-from ..values.formatting import bound_text, count_text, datum_text, duration_text, number_text, printable, with_unit
-from ..values.model import Forecast, Level, Status
-from ..values.reduction import Element, Reduced
+from ..config import ACTIVE, CONDITIONS, LINK, SignalConfig, doubt_of
+from ..values import (
+    Age,
+    BadDatum,
+    DriverStatus,
+    Element,
+    Forecast,
+    Level,
+    LinkDown,
+    Reduced,
+    Status,
+    bound_text,
+    count_text,
+    datum_text,
+    duration_text,
+    element_path,
+    number_text,
+    printable,
+    with_unit,
+)
 from .quality import as_float, number_of
 from .rule import Rule, State
 

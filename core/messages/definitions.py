@@ -12,8 +12,7 @@ from __future__ import annotations
 import re
 from typing import Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
-from ..values.field_path import number_of_text
-from ..values.names import canonical_type
+from ..values import canonical_type, number_of_text
 
 SEQUENCE = -1
 """The size of an array of any length."""

@@ -11,8 +11,7 @@ import itertools
 import struct
 from typing import Any, Callable, Iterator, List, Mapping, Optional, Sequence, Tuple
 
-from ..values.elements import TIME_TYPES, stamp_of
-from ..values.errors import MessageError
+from ..values import TIME_TYPES, MessageError, stamp_of
 from .definitions import NUMBERS, Definitions
 
 Getter = Callable[[bytes], Any]

@@ -5,9 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any, Optional
 
-from ..values.elements import Elements
-from ..values.field_path import Getter, mapping_getter, parse_field_path
-from ..values.where import selected
+from ..values import Elements, Getter, mapping_getter, parse_field_path, selected
 from .dialect import Message
 from .standard_messages import check_field, constant_getter, is_number
 

@@ -19,10 +19,7 @@ import sys
 from array import array
 from typing import Any, Dict, Mapping, Sequence, Tuple
 
-from ..values.errors import ConfigError, MessageError
-from ..values.field_path import Getter
-from ..values.formatting import describe
-from ..values.names import split_type_name
+from ..values import ConfigError, Getter, MessageError, describe, split_type_name
 from .definitions import NUMBERS, OTHER_NAMES, SEQUENCE, Field
 from .dialect import Dialect, Message
 

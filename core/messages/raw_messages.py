@@ -12,8 +12,7 @@ import json
 import math
 from typing import Any, Dict, Mapping, NamedTuple, Sequence
 
-from ..values.errors import MessageError
-from ..values.names import canonical_type, split_type_name
+from ..values import MessageError, canonical_type, split_type_name
 from .definitions import NUMBERS, ROS1_KINDS, TEXTS, Definitions, Field, parse_msg
 from .dialect import Message
 

@@ -17,8 +17,7 @@ import sys
 from array import array
 from typing import Any, Callable, Dict, List, Literal, NamedTuple, Optional, Sequence, Set, Tuple, cast
 
-from ..values.errors import ConfigError
-from ..values.formatting import printable
+from ..values import ConfigError, printable
 from .definitions import NUMBERS, SEQUENCE, Definitions, Field, parse_definition
 from .fixed_fields import Getter
 from .mapping_field import MISSING, MappingField

@@ -9,10 +9,20 @@ from __future__ import annotations
 import struct
 from typing import Any, Optional, Tuple
 
-from ..values.elements import MOST_ELEMENTS, OWN_KEY, STATUS_TYPE, DriverStatus, Elements, is_own_status, too_many
-from ..values.errors import MessageError
-from ..values.field_path import ABSENT, Every, leading_path
-from ..values.patterns import matches_pattern
+from ..values import (
+    ABSENT,
+    MOST_ELEMENTS,
+    OWN_KEY,
+    STATUS_TYPE,
+    DriverStatus,
+    Elements,
+    Every,
+    MessageError,
+    is_own_status,
+    leading_path,
+    matches_pattern,
+    too_many,
+)
 from .definitions import Definitions
 from .fixed_fields import Getter, number_getter
 

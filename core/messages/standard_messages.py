@@ -10,9 +10,7 @@ import functools
 import operator
 from typing import Any, Callable, Dict, FrozenSet, Mapping, Sequence, Tuple
 
-from ..values.elements import STATUS_TYPE, DriverStatus
-from ..values.field_path import parse_field_path, steps_getter
-from ..values.names import canonical_type, split_type_name
+from ..values import STATUS_TYPE, DriverStatus, canonical_type, parse_field_path, split_type_name, steps_getter
 from .definitions import NUMBERS, ROS1_TIMES, Definitions, Field, parse_definition, parse_msg
 from .dialect import Dialect, Message
 from .native_messages import NativeMessages, bytes_as_text

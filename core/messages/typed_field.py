@@ -4,10 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Callable, List, NamedTuple, Sequence
 
-from ..values.elements import NAME_ARRAYS
-from ..values.errors import ConfigError
-from ..values.field_path import Every, Getter, Step, key_field, parse_field_path, steps_getter
-from ..values.where import selected
+from ..values import NAME_ARRAYS, ConfigError, Every, Getter, Step, key_field, parse_field_path, selected, steps_getter
 from .definitions import OTHER_NAMES, TEXTS, Definitions, Field
 
 

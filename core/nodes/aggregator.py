@@ -7,16 +7,21 @@ import re
 from functools import partial
 from typing import Any, Dict, Mapping, Optional, Tuple
 
-from ..config.monitor_config import DEFAULT_SIGNALS, NODE_PARAMETERS, MonitorConfig, load_config
-from ..config.parameters import Parameter, read_parameters
-from ..config.signal_config import LONGEST_S, SignalConfig, read_signal
+from ..config import (
+    DEFAULT_SIGNALS,
+    LONGEST_S,
+    NODE_PARAMETERS,
+    MonitorConfig,
+    Parameter,
+    SignalConfig,
+    load_config,
+    read_parameters,
+    read_signal,
+)
 from ..judge.monitor import Monitor
-from ..port.middleware import Middleware, Severity, Subscription
+from ..port import Middleware, Severity, Subscription
 from ..sensors.configuration import METRICS
-from ..values.elements import ARRAY_TYPE, OWN_TOPICS
-from ..values.errors import ConfigError
-from ..values.formatting import number_text
-from ..values.model import Level, Sample, Status
+from ..values import ARRAY_TYPE, OWN_TOPICS, ConfigError, Level, Sample, Status, number_text
 from .node import DIAGNOSTICS, FLOAT_TYPE, RateTimer, base_name, describe_changes, host_name, refuse_changes
 from .outlets import array_message
 

@@ -10,17 +10,14 @@ from __future__ import annotations
 from types import MappingProxyType
 from typing import Any, Callable, List, Mapping, Optional, Set, Tuple
 
-from ..config.monitor_config import DEFAULT_SIGNALS, MonitorConfig, described_parameters, is_whole_file
+from ..config import DEFAULT_SIGNALS, MonitorConfig, described_parameters, is_whole_file
 from ..judge.continuity import Continuity, SignalHistory
 from ..judge.element_signals import MOST_REFUSED
 from ..judge.monitor import Monitor
 from ..judge.sources import is_source
 from ..judge.wording import source_text
-from ..port.middleware import Middleware, Result, Severity
-from ..values.elements import with_ages
-from ..values.faults import Fault
-from ..values.field_path import ABSENT
-from ..values.model import Level, Sample, Transition
+from ..port import Middleware, Result, Severity
+from ..values import ABSENT, Fault, Level, Sample, Transition, with_ages
 from . import node
 from .announcements import Announcements
 from .outlets import Outlet

@@ -8,10 +8,8 @@ from typing import Callable, Mapping, Optional
 from ..judge.continuity import Continuity
 from ..judge.monitor import Monitor
 from ..messages.dialect import Message
-from ..port.middleware import Middleware, Severity
-from ..values.elements import ARRAY_TYPE, STATUS_TYPE
-from ..values.formatting import printable
-from ..values.model import Changes, Level, Status, Transition
+from ..port import Middleware, Severity
+from ..values import ARRAY_TYPE, STATUS_TYPE, Changes, Level, Status, Transition, printable
 from . import node
 from .outlets import (
     Event,

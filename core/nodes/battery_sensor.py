@@ -4,16 +4,12 @@ from __future__ import annotations
 
 from typing import Any, Dict, List, Mapping, Optional, Set, Tuple
 
-from ..config.monitor_config import NODE_PARAMETERS
-from ..config.parameters import Parameter, read_parameters
-from ..port.middleware import Middleware, Severity
+from ..config import NODE_PARAMETERS, Parameter, read_parameters
+from ..port import Middleware, Severity
 from ..sensors import configuration
 from ..sensors.computer import Computer
 from ..sensors.source import NoSuchSensor, NotMeasuredYet, SensorError, Source
-from ..values.elements import ARRAY_TYPE, OWN_TOPICS
-from ..values.errors import Problems
-from ..values.formatting import number_text
-from ..values.model import Level, Status
+from ..values import ARRAY_TYPE, OWN_TOPICS, Level, Problems, Status, number_text
 from . import node
 from .outlets import array_message
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 import os
 from typing import Callable, List, Mapping, Optional, Tuple
 
-from ..config.monitor_config import NODE_PARAMETERS, MonitorConfig
-from ..port.middleware import NOTHING_CHANGED, Middleware, Timer
-from ..values.errors import ConfigError, Problems
-from ..values.formatting import bound_text
+from ..config import NODE_PARAMETERS, MonitorConfig
+from ..port import NOTHING_CHANGED, Middleware, Timer
+from ..values import ConfigError, Problems, bound_text
 
 FLOAT_TYPE = "std_msgs/Float32"
 STRING_TYPE = "std_msgs/String"

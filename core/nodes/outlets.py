@@ -12,11 +12,8 @@ import math
 from typing import Any, Callable, Dict, Iterable, Mapping, NamedTuple, Optional, Union
 
 from ..messages.dialect import Message
-from ..port.middleware import Severity
-from ..values.elements import OWN_KEY
-from ..values.faults import Faults
-from ..values.formatting import datum_text, fingerprint, with_hint
-from ..values.model import Level, Status, Transition
+from ..port import Severity
+from ..values import OWN_KEY, Faults, Level, Status, Transition, datum_text, fingerprint, with_hint
 
 FIELDS = tuple(name for name in Transition.__dataclass_fields__ if name != "status")
 """The fields of a transition in JSON. Its status is left out: it repeats them as text."""

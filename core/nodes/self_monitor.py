@@ -6,11 +6,8 @@ import math
 from types import MappingProxyType
 from typing import Any, Callable, Dict, Mapping, Optional
 
-from ..port.middleware import Middleware, Severity
-from ..values.faults import summary_of
-from ..values.formatting import duration_text, number_text
-from ..values.model import Level, Status
-from ..values.version import package_version
+from ..port import Middleware, Severity
+from ..values import Level, Status, duration_text, number_text, package_version, summary_of
 from .outlets import Notice, Outlet
 
 MONITOR = "monitor"

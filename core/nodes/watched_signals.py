@@ -6,16 +6,10 @@ from dataclasses import replace
 from functools import partial
 from typing import Any, Callable, Dict, FrozenSet, Mapping, Optional, Set, Tuple, Union
 
-from ..config.causes import causes_first
-from ..config.monitor_config import DEFAULT_SIGNALS, MonitorConfig, load_config
-from ..config.signal_config import LINK, SignalConfig
+from ..config import DEFAULT_SIGNALS, LINK, MonitorConfig, SignalConfig, causes_first, load_config
 from ..judge.monitor import Monitor
-from ..port.graph import Counts, Unread, Wanted
-from ..port.middleware import Middleware, Subscription, Timer
-from ..values.errors import ConfigError, ServiceError
-from ..values.field_path import ABSENT
-from ..values.goals import STATUS_TOPICS, Goals
-from ..values.names import resolve_name
+from ..port import Counts, Middleware, Subscription, Timer, Unread, Wanted
+from ..values import ABSENT, STATUS_TOPICS, ConfigError, Goals, ServiceError, resolve_name
 
 _MAX_LIST = 10_000  # characters
 _NO_SENSOR = "battery_sensor reports that its host has no such sensor"

@@ -10,9 +10,7 @@ import threading
 from typing import Any, Callable, List, Mapping, Optional, Protocol, Tuple
 
 from ..messages.dialect import Message
-from ..values.errors import ConfigError, ServiceError
-from ..values.faults import Faults
-from ..values.formatting import printable
+from ..values import ConfigError, Faults, ServiceError, printable
 from .hints import Answer, Hints
 from .log_limit import LimitedLog
 from .middleware import Callback, OnChange, Result, Severity

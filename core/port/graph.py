@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Callable, Collection, Counter, Dict, Iterable, Mapping, NamedTuple, Set, Tuple, Union
 
-from ..values.patterns import matches_pattern
+from ..values import matches_pattern
 
 Wanted = Tuple[str, str]
 """One of `GRAPH_KEYS`, and a resolved name or pattern."""

@@ -11,8 +11,7 @@ from collections import deque
 from itertools import islice
 from typing import Callable, Deque, Dict, Iterable, Mapping, Optional, Sequence, Tuple
 
-from ..values.formatting import list_text, printable
-from ..values.names import canonical_type
+from ..values import canonical_type, list_text, printable
 
 INCOMPATIBLE_QOS = "its publishers are not compatible in QoS"
 

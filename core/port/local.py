@@ -16,8 +16,7 @@ from typing import Any, Callable, Collection, Dict, Iterable, List, Mapping, Nam
 from ..messages.dialect import Message
 from ..messages.raw_messages import RawFormat, json_format
 from ..messages.standard_messages import check_type, definition
-from ..values.errors import ConfigError, ServiceError
-from ..values.names import full_name, split_type_name
+from ..values import ConfigError, ServiceError, full_name, split_type_name
 from .graph import Counts, GraphCallback, Wanted, count, state_of
 from .hints import Answer, explain, similar_topic
 from .mapping_node import CLOCK, MappingNode, MappingSubscription, RawSubscription

@@ -8,16 +8,12 @@ from __future__ import annotations
 
 from typing import Any, Callable, Collection, Dict, Mapping, Optional, Sequence, Tuple
 
-from ..config.parameters import Parameter
+from ..config import Parameter
 from ..messages.dialect import Message
 from ..messages.mapping_field import MISSING, MappingField
 from ..messages.raw_messages import RawFormat, json_bytes, json_format
 from ..messages.standard_messages import check_type, complete, definition, is_stamped
-from ..values.elements import Stamp
-from ..values.errors import MessageError, ServiceError
-from ..values.field_path import ABSENT, mapping_getter
-from ..values.formatting import printable
-from ..values.names import resolve_name
+from ..values import ABSENT, MessageError, ServiceError, Stamp, mapping_getter, printable, resolve_name
 from .clocked_node import ClockedNode
 from .graph import GraphCallback, Wanted
 from .middleware import Callback, OnChange, RawCallback, Severity, Timer

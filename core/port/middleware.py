@@ -26,10 +26,10 @@ from __future__ import annotations
 import enum
 from typing import Any, Callable, Collection, Mapping, NamedTuple, Optional, Protocol, Sequence, Tuple, TypeVar
 
-from ..config.parameters import Parameter
+from ..config import Parameter
 from ..messages.dialect import Message
 from ..messages.raw_messages import RawFormat
-from ..values.faults import Faults
+from ..values import Faults
 from .graph import GraphCallback, Wanted
 
 Callback = Callable[[Any, float], None]

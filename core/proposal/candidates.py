@@ -21,13 +21,20 @@ from typing import (
     Tuple,
 )
 
-from ..config.signal_config import LINK, read_signal
+from ..config import LINK, read_signal
 from ..judge.attachments import TICKS
 from ..messages.definitions import NUMBERS, SEQUENCE, TEXTS, Definitions, Field
-from ..port.middleware import Middleware
-from ..values.elements import ARRAY_TYPE, NAME_ARRAYS, OWN_TOPICS, TIME_TYPES, is_own_status
-from ..values.errors import ConfigError
-from ..values.goals import STATUS_TOPICS, STATUS_TYPES
+from ..port import Middleware
+from ..values import (
+    ARRAY_TYPE,
+    NAME_ARRAYS,
+    OWN_TOPICS,
+    STATUS_TOPICS,
+    STATUS_TYPES,
+    TIME_TYPES,
+    ConfigError,
+    is_own_status,
+)
 from .suggestion import Rules, Signal
 
 OF_MIDDLEWARE = "a topic of the middleware"

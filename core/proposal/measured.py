@@ -10,12 +10,10 @@ from dataclasses import replace
 from statistics import fmean, pvariance
 from typing import Dict, Optional
 
-from ..config.signal_config import BOUNDS, SignalConfig, read_signal
+from ..config import BOUNDS, SignalConfig, read_signal
 from ..judge.signal_monitor import SignalMonitor
-from ..port.middleware import Middleware
-from ..values.elements import DriverStatus, Elements, with_ages
-from ..values.field_path import ABSENT
-from ..values.formatting import count_text, duration_text, number_text, with_unit
+from ..port import Middleware
+from ..values import ABSENT, DriverStatus, Elements, count_text, duration_text, number_text, with_ages, with_unit
 from .quantiles import Quantiles
 
 MOST_ELEMENTS = 64

@@ -5,11 +5,9 @@ from __future__ import annotations
 import re
 from typing import Dict, List, Mapping, Sequence, Set, Tuple, Union
 
-from ..config.signal_config import ACTIVE, is_element_name, template_name
-from ..port.graph import Counts, Unread, Wanted
-from ..port.middleware import Middleware, NodeInfo
-from ..values.errors import ConfigError, ServiceError
-from ..values.formatting import list_text
+from ..config import ACTIVE, is_element_name, template_name
+from ..port import Counts, Middleware, NodeInfo, Unread, Wanted
+from ..values import ConfigError, ServiceError, list_text
 from .candidates import Candidates, relative
 from .proposal import PUBLISHED_HERE, Proposed
 from .suggestion import Setting, Signal

@@ -6,11 +6,8 @@ from dataclasses import dataclass, field
 from itertools import groupby
 from typing import Dict, Iterator, List, Mapping, Optional, Set
 
-from ..config.signal_config import BOUNDS, read_signal
-from ..values.errors import ConfigError
-from ..values.field_path import element_path
-from ..values.formatting import duration_text, list_text
-from ..values.model import Level
+from ..config import BOUNDS, read_signal
+from ..values import ConfigError, Level, duration_text, element_path, list_text
 from .candidates import AGE_RULES, FRACTIONS, OF_MIDDLEWARE, Candidates, Fields, Names
 from .measured import MOST_ELEMENTS, Measured
 from .suggestion import LEAST_RANGE_S, MOST_IRREGULAR, Setting, Signal, staleness, suggest

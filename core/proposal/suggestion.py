@@ -10,8 +10,8 @@ import math
 from dataclasses import dataclass, field, replace
 from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Tuple
 
-from ..config.signal_config import BOUNDS, SignalConfig
-from ..values.formatting import bound_text, count_text, duration_text
+from ..config import BOUNDS, SignalConfig
+from ..values import bound_text, count_text, duration_text
 from .measured import Measured
 from .quantiles import Quantiles
 

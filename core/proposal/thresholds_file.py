@@ -7,7 +7,7 @@ import re
 from itertools import chain, groupby
 from typing import Any, Dict, Iterable, List, Mapping, Tuple
 
-from ..values.formatting import count_text, duration_text, list_text, number_text, printable
+from ..values import count_text, duration_text, list_text, number_text, printable
 from .proposal import ORDER, Proposed
 from .suggestion import Signal
 

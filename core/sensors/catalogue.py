@@ -12,7 +12,7 @@ import os
 from functools import partial
 from typing import Any, Callable, Iterable, Mapping, NamedTuple, Sequence, Tuple
 
-from ..config.parameters import Parameter
+from ..config import Parameter
 from . import daemons, disks, gpu, host, network, operating_system, processes
 from .computer import Computer, Growth, HostPaths, HostReading, load_psutil
 from .processes import ProcessSource

@@ -15,8 +15,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, Callable, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Tuple, TypeVar
 
-from ..values.errors import ServiceError
-from ..values.formatting import list_text, printable
+from ..values import ServiceError, list_text, printable
 from .source import NoSuchSensor, NotMeasuredYet, SensorError
 
 Result = TypeVar("Result")

@@ -11,9 +11,9 @@ import re
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Dict, List, Mapping, Optional, Sequence, Tuple
 
-from ..config.parameters import Parameter, read_parameters, require_mapping
+from ..config import Parameter, read_parameters, require_mapping
 from ..config.schema import parameters
-from ..values.errors import ConfigError, Path, Problems
+from ..values import ConfigError, Path, Problems
 from .computer import Computer
 from .simulated import SimulatedBattery, SimulatedCpuUsage, SimulatedTemperature
 from .source import Source

@@ -10,7 +10,7 @@ import os
 import subprocess
 from typing import List, NamedTuple, Optional
 
-from ..values.formatting import printable
+from ..values import printable
 from .computer import HostPaths
 from .source import NoSuchSensor, SensorError
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 import os
 from typing import Counter, Dict, List, Mapping, Optional, Tuple
 
-from ..values.formatting import list_text, printable
+from ..values import list_text, printable
 from .computer import HostPaths, chosen, read_bytes, read_float, read_text, sorted_paths
 from .source import NoSuchSensor, SensorError
 

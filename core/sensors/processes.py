@@ -19,7 +19,7 @@ from statistics import fmean
 from typing import Any, Callable, Dict, FrozenSet, List, Mapping, NamedTuple, Optional, Set
 from weakref import WeakSet
 
-from ..values.patterns import matches_pattern
+from ..values import matches_pattern
 from .computer import Computer, HostPaths, load_psutil, read_bytes
 from .source import NotMeasuredYet, SensorError
 

@@ -11,7 +11,7 @@ import random
 from dataclasses import dataclass
 from typing import Optional
 
-from ..config.schema import declared
+from ..config import declared
 
 _SPELL_S = 30.0
 """Duration of a hot spell: visible, and slow enough to cross a threshold only once while it rises."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from ..values.errors import ServiceError
+from ..values import ServiceError
 
 
 class SensorError(ServiceError):

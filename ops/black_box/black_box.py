@@ -13,9 +13,7 @@ from collections import deque
 from dataclasses import dataclass, field
 from typing import Callable, Deque, Dict, List, Mapping, Optional
 
-from ...core.values.errors import ServiceError
-from ...core.values.faults import Faults
-from ...core.values.model import Level
+from ...core.values import Faults, Level, ServiceError
 from ...runtime.backoff import Backoff
 from ...runtime.libraries import libraries
 from ...runtime.threads import StepThread

@@ -8,16 +8,10 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Callable, Collection, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
 
-from ...core.config.monitor_config import MonitorConfig
-from ...core.config.signal_config import LINK
+from ...core.config import LINK, MonitorConfig
 from ...core.messages.raw_messages import RawFormat
-from ...core.port.log_limit import LimitedLog
-from ...core.port.mapping_node import CLOCK, CLOCK_TYPE
-from ...core.port.middleware import Middleware, RawMessage, Severity, Subscription
-from ...core.values.errors import ConfigError
-from ...core.values.formatting import printable
-from ...core.values.names import canonical_type
-from ...core.values.patterns import matches_pattern
+from ...core.port import CLOCK, CLOCK_TYPE, LimitedLog, Middleware, RawMessage, Severity, Subscription
+from ...core.values import ConfigError, canonical_type, matches_pattern, printable
 from .ring import Message
 
 LARGE_TYPES = frozenset(

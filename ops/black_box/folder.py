@@ -12,7 +12,7 @@ import os
 import re
 from typing import Callable, Collection, Iterator, List, NamedTuple, Optional
 
-from ...core.values.errors import ServiceError
+from ...core.values import ServiceError
 from ..configuration import BlackBoxSettings
 from ..store.retention import AgeClock
 from . import recording_file

@@ -8,7 +8,7 @@ import struct
 from typing import IO, Any, Dict, Iterable, Iterator, Mapping, Sequence, Tuple
 
 from ...core.messages.raw_messages import RawFormat
-from ...core.values.version import package_version
+from ...core.values import package_version
 from .ring import Message
 
 PART = ".part"

@@ -6,17 +6,15 @@ import contextlib
 from functools import partial
 from typing import Dict, Mapping, Optional
 
-from ...core.config.monitor_config import MonitorConfig
+from ...core.config import MonitorConfig
 from ...core.judge.attachments import STATE, THRESHOLDS, TICKS, SavedMonitor, thresholds_tree
 from ...core.judge.saved_state import SavedSignal
 from ...core.messages.dialect import Message as Mapped
 from ...core.nodes import AlertSystem
 from ...core.nodes.node import DIAGNOSTICS, base_name
 from ...core.nodes.outlets import Event, alert_message, array_message
-from ...core.port.middleware import Middleware, Severity
-from ...core.values.elements import ARRAY_TYPE, STATUS_TYPE
-from ...core.values.errors import ConfigError, MessageError, ServiceError
-from ...core.values.model import Level, Transition
+from ...core.port import Middleware, Severity
+from ...core.values import ARRAY_TYPE, STATUS_TYPE, ConfigError, Level, MessageError, ServiceError, Transition
 from ...runtime.threads import StepThread
 from .black_box import PART, BlackBox, Recording
 from .capture import Capture, is_pattern

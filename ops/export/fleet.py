@@ -13,8 +13,8 @@ import re
 from typing import Dict, Mapping, NamedTuple, Optional, Sequence
 from urllib.parse import urlsplit
 
-from ...core.config.monitor_config import MonitorConfig
-from ...core.values.errors import ConfigError
+from ...core.config import MonitorConfig
+from ...core.values import ConfigError
 from .grafana import export_dashboard
 from .prometheus import EXPECTED_S, FILES, duration, export_fleet_rules, filled
 

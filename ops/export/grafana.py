@@ -8,10 +8,9 @@ from __future__ import annotations
 import json
 from typing import Any, Dict, List, Mapping
 
-from ...core.config.monitor_config import MonitorConfig
-from ...core.config.signal_config import LINK, SignalConfig
+from ...core.config import LINK, MonitorConfig, SignalConfig
 from ...core.judge.wording import judged_unit
-from ...core.values.formatting import duration_text
+from ...core.values import duration_text
 from .prometheus import FILES
 
 _SIGNALS_Y, _ROW_HEIGHT = 20, 8

@@ -10,8 +10,7 @@ import re
 from pathlib import Path
 from typing import Mapping, Optional, Sequence
 
-from ...core.values.errors import ConfigError
-from ...core.values.formatting import duration_text
+from ...core.values import ConfigError, duration_text
 
 FILES = Path(__file__).parent / "files"
 """The templates."""

@@ -9,13 +9,11 @@ from __future__ import annotations
 from typing import Any, Dict, Iterable, Iterator, Mapping, NamedTuple, Tuple
 from xml.sax.saxutils import escape, quoteattr
 
-from ...core.config.monitor_config import find_section, sections
+from ...core.config import find_section, sections
 from ...core.nodes import Aggregator, AlertSystem, BatterySensor
 from ...core.nodes.aggregator import has_inputs
-from ...core.port.local import LocalBus
-from ...core.port.middleware import NodeInfo
-from ...core.values.errors import ConfigError
-from ...core.values.version import package_version
+from ...core.port import LocalBus, NodeInfo
+from ...core.values import ConfigError, package_version
 from ..configuration import OpsConfig
 
 Permissions = Mapping[Tuple[str, str], Iterable[str]]

@@ -12,7 +12,7 @@ import json
 from functools import partial
 from typing import Any, Callable, Dict, List, Optional, Sequence
 
-from ...core.values.model import Level
+from ...core.values import Level
 from ...runtime.times import utc_text
 from .sender import Notification
 from .webhook import Webhook

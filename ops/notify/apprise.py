@@ -6,7 +6,7 @@ import importlib
 import logging
 from typing import Any, Dict, List, Set
 
-from ...core.values.model import Level
+from ...core.values import Level
 from ...runtime.libraries import missing_text
 from .sender import DeliveryError, Notification, Sender
 

@@ -9,8 +9,7 @@ from collections import Counter
 from functools import partial
 from typing import Any, Callable, Optional, TypeVar
 
-from ...core.values.errors import ServiceError
-from ...core.values.model import Level
+from ...core.values import Level, ServiceError
 from ...runtime.backoff import Backoff
 from ...runtime.threads import StepThread
 from ..configuration import TargetSettings

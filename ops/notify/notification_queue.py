@@ -43,9 +43,8 @@ from typing import (
     Union,
 )
 
-from ...core.config.signal_config import template_name
-from ...core.values.model import Level, Transition
-from ...core.values.patterns import matches_pattern
+from ...core.config import template_name
+from ...core.values import Level, Transition, matches_pattern
 from ..configuration import TargetSettings
 from ..store.active_silences import Silences
 from ..store.present_state import alert_json

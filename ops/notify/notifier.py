@@ -6,7 +6,7 @@ import time
 from sqlite3 import Connection
 from typing import Callable, Collection, Mapping, Optional, Sequence, Type
 
-from ...core.values.model import Transition
+from ...core.values import Transition
 from ..configuration import TargetSettings
 from ..store.active_silences import Silences
 from ..store.database import Job

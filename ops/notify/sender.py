@@ -14,9 +14,7 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 from typing import Any, Callable, Mapping, Optional, Sequence, Tuple
 
-from ...core.values.errors import ServiceError
-from ...core.values.formatting import count_text, with_hint
-from ...core.values.model import Level
+from ...core.values import Level, ServiceError, count_text, with_hint
 from ...runtime.times import utc_text
 from ..configuration import TargetSettings, is_http, shown
 

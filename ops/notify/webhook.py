@@ -18,8 +18,7 @@ import urllib.request
 from typing import Dict, NamedTuple, Optional, Sequence, Tuple
 from urllib.parse import SplitResult, unquote, urlsplit, urlunsplit
 
-from ...core.values.formatting import duration_text, printable
-from ...core.values.version import package_version
+from ...core.values import duration_text, package_version, printable
 from .sender import DeliveryError, Notification, Sender
 
 _RETRIED = (408, 429)  # temporary: Request Timeout, Too Many Requests

@@ -7,7 +7,7 @@ import sys
 from functools import lru_cache
 from typing import Any, Dict, List
 
-from ...core.config.signal_config import SignalConfig
+from ...core.config import SignalConfig
 
 __all__ = ["plot_bounds", "plot_script", "plot_style", "read_text"]
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 from typing import Any, Dict, List, Mapping, Optional, Set, Tuple
 
-from ...core.config.signal_config import SignalConfig
-from ...core.values.formatting import printable, with_degree_sign
-from ...core.values.model import Level, Status
+from ...core.config import SignalConfig
+from ...core.values import Level, Status, printable, with_degree_sign
 
 MOST_LEVELS = 5000  # most changes of level in a plot
 

@@ -17,9 +17,7 @@ from string import Template
 from typing import Any, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Tuple, Union
 
 from ...core.judge.wording import bounds_text, judged_unit
-from ...core.values.formatting import duration_text, printable, with_degree_sign, with_hint
-from ...core.values.model import Level, Transition
-from ...core.values.version import package_version
+from ...core.values import Level, Transition, duration_text, package_version, printable, with_degree_sign, with_hint
 from ...runtime.times import local_time
 from ..plot import plot_bounds, plot_script, plot_style, read_text
 from ..store.rows import StoredTransition

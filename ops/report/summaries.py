@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from typing import Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
-from ...core.config.signal_config import SignalConfig
+from ...core.config import SignalConfig
 from ...core.judge.wording import judged_unit
-from ...core.values.formatting import number_text, with_unit
-from ...core.values.model import Level
+from ...core.values import Level, number_text, with_unit
 
 SHARES = (*(level.name for level in Level), "unknown")
 """Heads of the columns with shares of time."""

@@ -7,9 +7,7 @@ import threading
 from sqlite3 import Connection
 from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, TypeVar
 
-from ...core.values.errors import ServiceError
-from ...core.values.formatting import printable
-from ...core.values.model import Level, Transition
+from ...core.values import Level, ServiceError, Transition, printable
 from .history import History
 from .matchers import Matcher
 from .silences import (

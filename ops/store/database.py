@@ -21,9 +21,7 @@ from dataclasses import dataclass
 from sqlite3 import Connection
 from typing import Any, Callable, Deque, Generic, List, Optional, TypeVar
 
-from ...core.values.errors import ConfigError, ServiceError
-from ...core.values.faults import Faults
-from ...core.values.model import Level
+from ...core.values import ConfigError, Faults, Level, ServiceError
 from ...runtime.backoff import Backoff
 from ...runtime.threads import MonotonicEvent, StepThread
 from ..configuration import HistorySettings

@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Iterator, Optional, Union
 from urllib.parse import quote
 
-from ...core.values.errors import ConfigError
+from ...core.values import ConfigError
 from ...runtime.threads import StepThread
 from ...runtime.times import local_time
 from . import schema

@@ -16,10 +16,7 @@ from typing import Any, Callable, Deque, Dict, Iterable, Iterator, List, Mapping
 
 from ...core.judge.sample_summary import PERIOD_S, SampleSummary
 from ...core.judge.saved_state import SavedSignal
-from ...core.values.errors import ServiceError
-from ...core.values.faults import Faults
-from ...core.values.formatting import printable
-from ...core.values.model import Transition
+from ...core.values import Faults, ServiceError, Transition, printable
 from ..configuration import HistorySettings
 from .database import PART, Database, Job
 from .database_file import is_file_error

@@ -6,8 +6,7 @@ import re
 from functools import lru_cache
 from typing import List, NamedTuple, Sequence, Tuple
 
-from ...core.values.errors import ConfigError
-from ...core.values.patterns import matches_pattern
+from ...core.values import ConfigError, matches_pattern
 
 MOST_MATCHERS = 20
 

@@ -8,8 +8,7 @@ from __future__ import annotations
 from sqlite3 import Connection
 from typing import List, NamedTuple
 
-from ...core.values.errors import ConfigError
-from ...core.values.formatting import printable
+from ...core.values import ConfigError, printable
 from .rows import records
 
 MOST_TEXT = 1000

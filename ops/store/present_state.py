@@ -9,9 +9,7 @@ from sqlite3 import Connection
 from typing import Callable, Dict, Mapping, Tuple
 
 from ...core.nodes.outlets import json_line
-from ...core.values.formatting import printable
-from ...core.values.model import Level, Transition
-from ...core.values.version import package_version
+from ...core.values import Level, Transition, package_version, printable
 from .rows import select
 
 _DELETE_STATE = "DELETE FROM signal_states WHERE robot = ? AND signal = ?"

@@ -6,8 +6,7 @@ import math
 from sqlite3 import Connection
 from typing import Any, Dict, Iterator, List, NamedTuple, Optional, Sequence, Tuple
 
-from ...core.values.model import Level
-from ...core.values.patterns import matches_pattern
+from ...core.values import Level, matches_pattern
 from .rows import TRANSITION_COLUMNS, Rows, StoredTransition, Values, records, select, unpack_samples
 
 _PAGE = 500

@@ -13,7 +13,7 @@ from itertools import islice
 from sqlite3 import Connection
 from typing import Callable, List, Optional, Tuple
 
-from ...core.config.signal_config import template_name
+from ...core.config import template_name
 from .samples import SampleUpkeep
 
 _MAX_ROWS = 200  # per call and table

@@ -28,10 +28,9 @@ from typing import (
     get_type_hints,
 )
 
-from ...core.config.schema import row_reader
+from ...core.config import row_reader
 from ...core.judge.continuity import MAX_EVIDENCE
-from ...core.values.formatting import datum_text, printable
-from ...core.values.model import Level, Transition
+from ...core.values import Level, Transition, datum_text, printable
 
 T = TypeVar("T")
 Values = Union[Sequence[Any], Mapping[str, Any]]

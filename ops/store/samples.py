@@ -9,9 +9,9 @@ from __future__ import annotations
 from sqlite3 import Connection
 from typing import Any, Dict, Iterable, Iterator, List, NamedTuple, Optional, Sequence, Tuple, get_type_hints
 
-from ...core.config.schema import LATEST_S
+from ...core.config import LATEST_S
 from ...core.judge.sample_summary import PERIOD_S
-from ...core.values.model import Level
+from ...core.values import Level
 from ...runtime.times import iso_time
 from .queries import pattern_condition
 from .rows import Rows, records, select

@@ -10,7 +10,7 @@ from contextlib import closing, contextmanager
 from sqlite3 import Connection
 from typing import Iterator, List, Mapping, Optional, Sequence, Type
 
-from ...core.values.errors import ConfigError
+from ...core.values import ConfigError
 
 APPLICATION_ID = 0x524F4248
 """Identifies the file as a history, in the SQLite header: "ROBH"."""

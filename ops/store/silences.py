@@ -20,10 +20,7 @@ from typing import (
     Tuple,
 )
 
-from ...core.values.errors import ConfigError
-from ...core.values.formatting import duration_text, printable
-from ...core.values.model import Level
-from ...core.values.patterns import matches_pattern
+from ...core.values import ConfigError, Level, duration_text, matches_pattern, printable
 from ...runtime.times import iso_time, local_time
 from .matchers import Matcher, matchers_text, parse_matchers
 from .queries import number_range

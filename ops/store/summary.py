@@ -15,11 +15,10 @@ from dataclasses import dataclass, field
 from sqlite3 import Connection
 from typing import Any, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
 
-from ...core.config.signal_config import LINK, template_name
+from ...core.config import LINK, template_name
 from ...core.judge.saved_state import Downtime, SavedState
 from ...core.judge.sources import is_source
-from ...core.values.model import Level
-from ...core.values.patterns import matches_pattern
+from ...core.values import Level, matches_pattern
 from .queries import pattern_condition
 from .rows import AFFECTED, select
 

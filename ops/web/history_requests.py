@@ -8,11 +8,8 @@ from itertools import islice
 from sqlite3 import Connection
 from typing import Any, Dict, List, Optional, Sequence, Union
 
-from ...core.config.kept_settings import read_kept, settings_of
-from ...core.config.schema import REQUIRED, Time, declared
-from ...core.config.signal_config import template_name
-from ...core.values.errors import ConfigError
-from ...core.values.model import Level
+from ...core.config import REQUIRED, Time, declared, read_kept, settings_of, template_name
+from ...core.values import ConfigError, Level
 from ...runtime.http_answers import ApiError
 from ...runtime.times import iso_time
 from ..store import queries, samples

@@ -25,14 +25,11 @@ from typing import (
 
 from aiohttp import web
 
-from ...core.config.schema import read_record, read_texts
+from ...core.config import read_record, read_texts
 from ...core.messages.raw_messages import json_text
 from ...core.nodes import AlertSystem
 from ...core.nodes.outlets import Event
-from ...core.values.errors import ConfigError, ServiceError
-from ...core.values.faults import Fault
-from ...core.values.model import Level, Transition
-from ...core.values.version import package_version
+from ...core.values import ConfigError, Fault, Level, ServiceError, Transition, package_version
 from ...runtime.event_loops import ThreadPool
 from ...runtime.http_answers import API_HEADERS, ApiError, json_response
 from ...runtime.times import iso_time

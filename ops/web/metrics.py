@@ -12,9 +12,7 @@ from typing import Callable, Counter, Dict, Iterator, List, Mapping, NamedTuple,
 
 from ...core.judge.wording import Judgement
 from ...core.nodes import AlertSystem
-from ...core.values.formatting import printable
-from ...core.values.model import Level, Transition
-from ...core.values.version import package_version
+from ...core.values import Level, Transition, package_version, printable
 
 CONTENT_TYPE = "text/plain; version=0.0.4; charset=utf-8"
 _BY_SIGNAL = ("robot", "signal")

@@ -7,15 +7,14 @@ import threading
 import time
 from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
-from ...core.config.signal_config import OF_ARRIVALS
+from ...core.config import OF_ARRIVALS
 from ...core.judge import wording
 from ...core.judge.element_signals import config_of
 from ...core.judge.monitor import Monitor
 from ...core.judge.quality import number_of
 from ...core.judge.wording import Judgement
 from ...core.nodes import AlertSystem
-from ...core.values.faults import Fault, summary_of
-from ...core.values.model import Level
+from ...core.values import Fault, Level, summary_of
 from ...runtime.times import iso_time
 from ..plot import plot_bounds
 

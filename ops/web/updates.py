@@ -11,7 +11,7 @@ from typing import Any, Awaitable, Callable, Collection, Dict, Iterator, Mapping
 
 from aiohttp import web
 
-from ...core.values.errors import ServiceError
+from ...core.values import ServiceError
 from ...runtime.http_answers import API_HEADERS, ApiError, json_bytes
 from .state import Samples
 

@@ -15,9 +15,8 @@ from __future__ import annotations
 import functools
 from typing import Any, Awaitable, Dict, Mapping, Optional
 
-from ...core.port.middleware import Severity
-from ...core.values.errors import LinkError
-from ...core.values.formatting import printable
+from ...core.port import Severity
+from ...core.values import LinkError, printable
 from ...runtime.bridge.connection import LONGEST_TEXT, BridgeConnection
 from ...runtime.bridge.websocket import Wire
 from ...runtime.event_loops import run_in_daemon_thread

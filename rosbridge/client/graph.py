@@ -11,10 +11,20 @@ import contextlib
 import secrets
 from typing import Any, Callable, Collection, Dict, List, Mapping, Optional, Set, Union
 
-from ...core.port.graph import NOT_COUNTED, Counts, GraphCallback, Unread, Wanted, count, is_pattern, matching, state_of
-from ...core.port.mapping_node import MappingNode
-from ...core.port.middleware import NodeInfo
-from ...core.values.errors import LinkError, ServiceError
+from ...core.port import (
+    NOT_COUNTED,
+    Counts,
+    GraphCallback,
+    MappingNode,
+    NodeInfo,
+    Unread,
+    Wanted,
+    count,
+    is_pattern,
+    matching,
+    state_of,
+)
+from ...core.values import LinkError, ServiceError
 from ...runtime.sockets import ignore_result
 from .connection import ServerConnection
 from .topics import Call, names_of

@@ -7,10 +7,8 @@ import concurrent.futures
 from typing import Any, Callable, Collection, List, Mapping, Optional
 
 from ...core.messages.raw_messages import RawFormat
-from ...core.port.graph import GraphCallback, Wanted
-from ...core.port.hints import Answer
-from ...core.port.middleware import Callback, NodeInfo
-from ...core.values.errors import LinkError, ServiceError
+from ...core.port import Answer, Callback, GraphCallback, NodeInfo, Wanted
+from ...core.values import LinkError, ServiceError
 from ...runtime.bridge.node import BridgeClient, BridgeNode, KnownTopic
 from .connection import ServerConnection
 from .graph import GraphReader, list_nodes

@@ -8,10 +8,8 @@ from ...core.messages.dialect import Message
 from ...core.messages.fixed_fields import Getter
 from ...core.messages.raw_messages import RawFormat
 from ...core.messages.serialized import SerializedType
-from ...core.port.mapping_node import MappingSubscription, RawSubscription
-from ...core.values.errors import ConfigError
-from ...core.values.field_path import ABSENT
-from ...core.values.names import canonical_type
+from ...core.port import MappingSubscription, RawSubscription
+from ...core.values import ABSENT, ConfigError, canonical_type
 from ...runtime.bridge.receivers import BridgeReceiver
 
 

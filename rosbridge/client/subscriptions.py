@@ -15,8 +15,7 @@ from operator import attrgetter
 from typing import Any, Callable, Collection, Dict, Mapping, Optional, Tuple
 
 from ...core.messages.raw_messages import RawFormat, json_format, ros1_format, ros2_format
-from ...core.values.errors import LinkError, ServiceError
-from ...core.values.names import canonical_type, split_type_name
+from ...core.values import LinkError, ServiceError, canonical_type, split_type_name
 from .receivers import Receiver
 from .topics import Call, find_definition
 

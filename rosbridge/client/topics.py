@@ -18,9 +18,8 @@ from typing import (
     Tuple,
 )
 
-from ...core.port.hints import Answer, explain, similar_topic
-from ...core.values.errors import LinkError, MessageError, ServiceError
-from ...core.values.names import canonical_type
+from ...core.port import Answer, explain, similar_topic
+from ...core.values import LinkError, MessageError, ServiceError, canonical_type
 from ...runtime.bridge.node import KnownTopic
 
 Call = Callable[[str, Mapping[str, Any], float], Awaitable[Mapping[str, Any]]]

@@ -16,8 +16,7 @@ import struct
 from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple, Union
 
 from ...core.messages.raw_messages import json_text
-from ...core.values.errors import MessageError
-from ...core.values.formatting import describe
+from ...core.values import MessageError, describe
 from ...runtime.libraries import missing_text
 from .limits import DEFAULT_LIMITS, Limits, ProtocolError
 

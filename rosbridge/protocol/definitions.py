@@ -14,8 +14,7 @@ from typing import Any, Callable, Optional
 from ...core.messages.definitions import NUMBERS, ROS1_KINDS, SEQUENCE, Definitions, Field, parse_msg
 from ...core.messages.dialect import Message
 from ...core.messages.standard_messages import SERVICES, definition
-from ...core.values.errors import MessageError
-from ...core.values.names import canonical_type
+from ...core.values import MessageError, canonical_type
 
 Serializer = Callable[[Message], bytes]
 """Serializes a complete message as ROS 1 does."""

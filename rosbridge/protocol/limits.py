@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple, Union
 
-from ...core.values.errors import MessageError
+from ...core.values import MessageError
 
 Id = Union[str, int, None]
 """Identifies an operation; None if the peer gave no id."""

@@ -10,9 +10,8 @@ import re
 from dataclasses import dataclass
 from typing import Any, Dict, List, Mapping, Optional, Type, Union
 
-from ...core.config.schema import REQUIRED, declared, read_record
-from ...core.values.errors import MessageError
-from ...core.values.formatting import describe
+from ...core.config import REQUIRED, declared, read_record
+from ...core.values import MessageError, describe
 from .limits import Id, ProtocolError
 
 COMPRESSIONS = ("none", "png", "cbor", "cbor-raw")

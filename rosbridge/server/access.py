@@ -23,7 +23,7 @@ from urllib.parse import urlsplit
 
 from aiohttp import web
 
-from ...core.values.formatting import describe
+from ...core.values import describe
 from ...runtime.http_answers import json_error, json_response
 from ...runtime.origins import is_own_origin
 

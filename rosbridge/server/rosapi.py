@@ -9,11 +9,10 @@ from __future__ import annotations
 import json
 from typing import Any, Callable, Dict, List, Mapping, Tuple
 
-from ...core.config.parameters import flatten
+from ...core.config import flatten
 from ...core.messages.definitions import Definitions, Field
-from ...core.port.middleware import Graph, NodeInfo
-from ...core.values.errors import ServiceError
-from ...core.values.names import canonical_type
+from ...core.port import Graph, NodeInfo
+from ...core.values import ServiceError, canonical_type
 from ..protocol.definitions import parse, service_definition
 from .sending import wall_stamp
 from .served_node import ServedNode

@@ -13,7 +13,7 @@ import time
 from typing import Dict, Optional, Union
 
 from ...core.messages.dialect import Message
-from ...core.values.errors import MessageError
+from ...core.values import MessageError
 from ...runtime.bounded_queue import BoundedQueue
 from ..protocol import Wire, encode
 from ..protocol.definitions import Serializer

@@ -13,9 +13,8 @@ import time
 from typing import Any, Callable, Dict, Mapping, Optional, Tuple, TypeVar
 
 from ...core.messages.standard_messages import definition
-from ...core.port.middleware import Graph, NodeInfo, ServedMiddleware
-from ...core.values.errors import ConfigError, ServiceError
-from ...core.values.names import resolve_name
+from ...core.port import Graph, NodeInfo, ServedMiddleware
+from ...core.values import ConfigError, ServiceError, resolve_name
 from ...runtime.bounded_queue import BoundedQueue
 from ...runtime.event_loops import ThreadPool
 from ..protocol import DEFAULT_LIMITS, Limits

@@ -21,11 +21,8 @@ from typing import Any, Awaitable, Callable, Dict, Mapping, Optional, Sequence
 
 from aiohttp import WSCloseCode, WSMsgType, web
 
-from ...core.port.local import LogLine
-from ...core.port.log_limit import LimitedLog
-from ...core.port.middleware import ServedMiddleware, Severity
-from ...core.values.errors import ConfigError, MessageError, ServiceError
-from ...core.values.formatting import printable
+from ...core.port import LimitedLog, LogLine, ServedMiddleware, Severity
+from ...core.values import ConfigError, MessageError, ServiceError, printable
 from ...runtime.event_loops import LoopThread
 from ...runtime.http_answers import json_error
 from ...runtime.sockets import FloodError, Incoming, limit_reads

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from typing import Any, Dict, Mapping, Optional, Protocol
 
-from ...core.values.errors import MessageError, ServiceError
+from ...core.values import MessageError, ServiceError
 from ..calls import PendingCalls
 from ..protocol.operations import Arguments
 from . import rosapi

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from typing import Any, Dict, Mapping, Optional, Set
 
-from ...core.values.errors import ConfigError, MessageError, ServiceError
+from ...core.values import ConfigError, MessageError, ServiceError
 from ..protocol import CBOR_COMPRESSIONS, CBOR_PROBLEM, Id, Wire, decode, encode, operations, read_operation
 from .access import matches
 from .rosapi import SERVICES

@@ -8,10 +8,8 @@ from dataclasses import dataclass
 from typing import Callable, Collection, Dict, List, Optional, Protocol, Sequence, Set, Tuple, Union
 
 from ...core.messages.dialect import Message
-from ...core.port.local import LogLine
-from ...core.port.middleware import Severity, Subscription
-from ...core.values.errors import MessageError, ServiceError
-from ...core.values.names import canonical_type
+from ...core.port import LogLine, Severity, Subscription
+from ...core.values import MessageError, ServiceError, canonical_type
 from ...runtime.bounded_queue import BoundedQueue
 from ..protocol.definitions import Serializer, serializer
 from ..protocol.operations import COMPRESSIONS, Subscribe

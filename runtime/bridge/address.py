@@ -6,7 +6,7 @@ import re
 from typing import Optional, Tuple
 from urllib.parse import urlsplit
 
-from ...core.values.errors import ConfigError
+from ...core.values import ConfigError
 
 _SHOWN_CHARS = 100
 _HTTP_SCHEMES = {"ws": "http", "wss": "https", "foxglove": "http", "foxglove+tls": "https"}

@@ -9,8 +9,7 @@ from typing import Mapping, NamedTuple, Optional, Type
 
 import aiohttp
 
-from ...core.values.errors import LinkError
-from ...core.values.formatting import printable
+from ...core.values import LinkError, printable
 from .address import shown_address
 
 _LONGEST_REASON = 100

@@ -22,10 +22,8 @@ from typing import Any, Awaitable, Callable, ClassVar, List, Optional, Sequence,
 
 import aiohttp
 
-from ...core.port.log_limit import LimitedLog
-from ...core.port.middleware import Severity
-from ...core.values.errors import MessageError
-from ...core.values.formatting import printable
+from ...core.port import LimitedLog, Severity
+from ...core.values import MessageError, printable
 from ..backoff import Backoff
 from ..sockets import FloodError, Incoming, within
 from .address import host_and_port, shown_address

@@ -25,11 +25,20 @@ from typing import (
 )
 
 from ...core.messages.dialect import Message
-from ...core.port.local import LocalBus, LogLine
-from ...core.port.mapping_node import CLOCK, CLOCK_TYPE, MappingNode
-from ...core.port.middleware import Callback, Middleware, NodeInfo, RawCallback, Severity
-from ...core.port.timers import ClockTimer
-from ...core.values.names import full_name
+from ...core.port import (
+    CLOCK,
+    CLOCK_TYPE,
+    Callback,
+    ClockTimer,
+    LocalBus,
+    LogLine,
+    MappingNode,
+    Middleware,
+    NodeInfo,
+    RawCallback,
+    Severity,
+)
+from ...core.values import full_name
 from .cause import Cause
 from .connection import BridgeConnection
 from .receivers import BridgeReceiver

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from ...core.port.mapping_node import LoggedSubscription
-from ...core.values.model import Level
+from ...core.port import LoggedSubscription
+from ...core.values import Level
 
 
 class BridgeReceiver(LoggedSubscription):
