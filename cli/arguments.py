@@ -3,7 +3,7 @@
 A command is a module `<name>_command.py` with two functions:
 
     def add_arguments(parser: Parser) -> None: ...      # the description, arguments and options
-    def run(arguments: argparse.Namespace, interrupts: Interrupts) -> Optional[int]: ...      # the exit code, None: 0
+    def run(arguments: argparse.Namespace, interrupts: Interrupts) -> Optional[int]: ...      # exit code; None means 0
 
 It is imported when it is used, and imports libraries that may be missing only in `run`.
 """

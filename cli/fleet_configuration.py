@@ -36,8 +36,8 @@ _LARGEST_CA_BYTES = 4_000_000
 class Options:
     """Settings of a robot that may be common to several: `defaults` of fleet.yaml, options of the command line.
 
-    None: not given. Empty: the defaults of alert_system, no namespace, the environment variable with a token, the
-    certificate authorities of the system.
+    A field is None if it was not given. Empty fields mean the defaults of alert_system, no namespace, the environment
+    variable with a token, and the certificate authorities of the system.
     """
 
     thresholds: Optional[str] = declared(None, "path of a thresholds.yaml", is_path=True)

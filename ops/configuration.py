@@ -135,7 +135,7 @@ _LEFT_OUT: Mapping[str, Tuple[str, ...]] = {
 
 @dataclass(frozen=True)
 class ServerOptions:
-    """What the section `server` sets. None, or empty: as configured elsewhere."""
+    """What the section `server` sets. What is None or empty is as configured elsewhere."""
 
     port: Optional[int] = declared(None, "port, 0 for a free one (left out: as configured elsewhere)", 0, 65535)
     address: str = declared("", "address; others than 127.0.0.1 require a token (empty: as configured elsewhere)")
@@ -166,12 +166,12 @@ class OpsConfig:
 
     history: Optional[HistorySettings] = None
     notify: Tuple[TargetSettings, ...] = ()  # in the order of the file
-    server: Optional[ServerOptions] = None  # None: as configured elsewhere
+    server: Optional[ServerOptions] = None  # None if it is configured elsewhere
     black_box: Optional[BlackBoxSettings] = None
 
     @property
     def summary(self) -> str:
-        """What is configured, in one line; empty: nothing."""
+        """What is configured, in one line; empty if nothing is."""
         parts = [] if self.history is None else [f"history in {self.history.file}"]
         if self.black_box is not None:
             parts.append(f"black box in {self.black_box.folder}")
@@ -184,29 +184,29 @@ class OpsConfig:
 def read_ops(file: YamlFile) -> OpsConfig:
     """Reads an `ops.yaml`. Relative paths in it are relative to its folder.
 
-    Raises ConfigError, which names file, line, key, what was expected and what was found; `others`: further mistakes.
+    Raises ConfigError, which names file, line, key, what was expected and what was given; `others` has further ones.
     """
     tree, folder = file.tree, os.path.dirname(os.path.abspath(file.file))
     problems = Problems()
     read_parameters(tree, (), (), SECTIONS, problems)
-    found: Dict[str, Any] = {}
+    sections: Dict[str, Any] = {}
     schemas = {"history": HistorySettings, "black_box": BlackBoxSettings, "server": ServerOptions}
     for name in SECTIONS:
         if name in tree:
             with problems:
-                found[name] = (
+                sections[name] = (
                     _read_targets(tree[name], folder)
                     if name == "notify"
                     else read_section(schemas[name], tree[name], (name,), folder)
                 )
     with file.located():
         problems.raise_if_any()
-    return OpsConfig(**found)
+    return OpsConfig(**sections)
 
 
-def _read_targets(found: object, folder: str) -> Tuple[TargetSettings, ...]:
+def _read_targets(value: object, folder: str) -> Tuple[TargetSettings, ...]:
     path = ("notify",)
-    tree = require_mapping(found, path)
+    tree = require_mapping(value, path)
     if len(tree) > MOST_TARGETS:
         raise ConfigError(f"expected at most {MOST_TARGETS} targets, got {len(tree)}", path)
     problems = Problems()

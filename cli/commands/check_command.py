@@ -132,8 +132,8 @@ def _check_thresholds(file: YamlFile, problems: Problems, remarks: List[ConfigEr
             config = read_monitor(section)
             for name, signal in config.signals.items():
                 path = (*section.path, "signals", name)
-                found = (ConfigError(f"remark: {remark}", (*path, key)) for key, remark in remarks_of(signal))
-                remarks += map(file.locate, found)
+                errors = (ConfigError(f"remark: {remark}", (*path, key)) for key, remark in remarks_of(signal))
+                remarks += map(file.locate, errors)
     for name, start in _OTHERS.items():
         for section in by_node[name]:
             with problems, file.located(section.path):
@@ -229,8 +229,8 @@ def _check_fleet(file: YamlFile, problems: Problems, remarks: List[ConfigError])
         parts.append(f"{len(pushing):,} without url, for export fleet only (connect needs one): {shown}")
     thresholds = dict.fromkeys(entry.thresholds for entry in entries if entry.thresholds)
     for name in thresholds:
-        _, found, errors = _check_file(name)
-        remarks += found
+        _, further, errors = _check_file(name)
+        remarks += further
         for error in errors:
             problems.add(error)
     if thresholds:

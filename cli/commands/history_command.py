@@ -113,8 +113,8 @@ def run(arguments: argparse.Namespace, interrupts: Interrupts) -> None:
 def _transitions(connection: sqlite3.Connection, arguments: argparse.Namespace) -> Listing:
     level = arguments.level
     since_s, robot, signal = arguments.since_s or 0.0, arguments.robot, arguments.signal
-    found = queries.transitions(connection, since_s=arguments.since_s, robot=robot, signal=signal, level=level)
-    noted = (NotedAlert(each, notes_of(connection, each.id)) for each in found)
+    alerts = queries.transitions(connection, since_s=arguments.since_s, robot=robot, signal=signal, level=level)
+    noted = (NotedAlert(each, notes_of(connection, each.id)) for each in alerts)
     silences = [] if level is not None else silence_events(connection, time.time(), since_s, robot, signal)
     others = [] if level is not None or signal is not None else queries.monitor_events(connection, since_s, robot)
 
@@ -139,12 +139,12 @@ def _summaries(connection: sqlite3.Connection, arguments: argparse.Namespace) ->
     """Returns the summaries, and when they end, in s since 1970. Without any, one line on stderr says why."""
     ends = select(connection, "runs", (float,), "SELECT max(coalesce(stopped_s, alive_s)) AS end_s FROM runs")
     end_s = ends[0][0] if ends else time.time()
-    found = summarize(connection, end_s, since_s=arguments.since_s, robot=arguments.robot, signal=arguments.signal)
-    if not found and arguments.robot is None and arguments.signal is None:
+    summaries = summarize(connection, end_s, since_s=arguments.since_s, robot=arguments.robot, signal=arguments.signal)
+    if not summaries and arguments.robot is None and arguments.signal is None:
         sys.stderr.write(f"the monitor did not run in this time; it last ran at {time_text(end_s)}\n")
-    elif not found:
+    elif not summaries:
         sys.stderr.write("no signal matches\n")
-    return found, end_s
+    return summaries, end_s
 
 
 def _write_report(connection: sqlite3.Connection, arguments: argparse.Namespace, file: str) -> None:
@@ -177,8 +177,8 @@ def _summary(connection: sqlite3.Connection, arguments: argparse.Namespace) -> L
 
 
 def _samples(connection: sqlite3.Connection, arguments: argparse.Namespace) -> Listing:
-    found = stored_samples.read(connection, robot=arguments.robot, signal=arguments.signal, since_s=arguments.since_s)
-    chosen = (each for each in found if arguments.level in (None, each.level))
+    samples = stored_samples.read(connection, robot=arguments.robot, signal=arguments.signal, since_s=arguments.since_s)
+    chosen = (each for each in samples if arguments.level in (None, each.level))
     return Listing(
         json=map(samples_fields, chosen),
         head=SAMPLES_FIELDS,

@@ -236,8 +236,8 @@ def _ros_robot(ros: str, interrupts: Interrupts) -> Iterator[_Robot]:
         def look(known: Container[str]) -> Tuple[List[Topic], Graph]:
             graph = node.graph()
             new = {
-                topic: canonical_type(found)
-                for topic, found in graph.topics.items()
+                topic: canonical_type(type_name)
+                for topic, type_name in graph.topics.items()
                 if topic not in known and not topic.startswith(f"/{name}/")  # its own
             }
             topics = [

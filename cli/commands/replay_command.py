@@ -64,8 +64,11 @@ def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
     """Judges recordings, and shows the alerts; returns the exit code.
 
     It is `ALERTS` if there were alerts to fail on (with `--against`: if the alerts differ), or a signal was not judged.
-    Raises ConfigError: a configuration or an argument cannot be used, or none of its signals is recorded.
-    Raises RecordingError: a recording cannot be read. Raises OutputError: the report cannot be written.
+
+    Raises:
+        ConfigError: a configuration or an argument cannot be used, or none of its signals is recorded.
+        RecordingError: a recording cannot be read.
+        OutputError: the report cannot be written.
     """
     try:
         with Recordings(arguments.recordings) as recordings:
@@ -170,9 +173,9 @@ class _Replay:
 
     def _summaries(self) -> List[SignalSummary]:
         """Returns the summaries; those of one signal follow each other, so that configurations can be compared."""
-        found = self._judge.summaries
-        names = list(dict.fromkeys(summary.config.name for summary in found))
-        return sorted(found, key=lambda summary: names.index(summary.config.name))
+        summaries = self._judge.summaries
+        names = list(dict.fromkeys(summary.config.name for summary in summaries))
+        return sorted(summaries, key=lambda summary: names.index(summary.config.name))
 
     # While the recordings are played
 

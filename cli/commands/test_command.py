@@ -68,15 +68,15 @@ def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
         return max(_run_file(file) for file in arguments.files)
     if isinstance(arguments.from_alert, str):
         path, number = arguments.from_alert, arguments.number
-        found = black_box_alerts(path)
-        if number is None and len(found) > 1:
-            sys.stderr.write(f"{printable(path)}: has {len(found)} alerts; choose one with --number N:\n")
-            for place, each in enumerate(found, 1):
+        alerts = black_box_alerts(path)
+        if number is None and len(alerts) > 1:
+            sys.stderr.write(f"{printable(path)}: has {len(alerts)} alerts; choose one with --number N:\n")
+            for place, each in enumerate(alerts, 1):
                 sys.stderr.write(f"{place:>5}  {printable(each.transition.text)}\n")
             return ExitCode.USAGE
-        if number is not None and not 1 <= number <= len(found):
-            raise ConfigError(f"--number {number}: expected 1 to {len(found)}", file=path)
-        alert = found[(number or 1) - 1]
+        if number is not None and not 1 <= number <= len(alerts):
+            raise ConfigError(f"--number {number}: expected 1 to {len(alerts)}", file=path)
+        alert = alerts[(number or 1) - 1]
     else:
         with reading_history(history_file(arguments.history, arguments.ops)) as connection:
             alert = history_alert(connection, arguments.from_alert)
@@ -95,10 +95,10 @@ def _in_black_box(alert: PastAlert, ops: Optional[str]) -> Optional[PastAlert]:
     if not os.path.isfile(path):
         return None
     try:
-        found = black_box_alerts(path)
+        alerts = black_box_alerts(path)
     except (ConfigError, ServiceError):
         return None
-    for each in found:
+    for each in alerts:
         is_same = (each.signal, each.transition.to_level) == (alert.signal, alert.transition.to_level)
         if is_same and abs(each.wall_s - alert.wall_s) <= TICK_PERIOD_S:
             return each._replace(title=alert.title, transition=alert.transition)

@@ -115,7 +115,7 @@ def summary_row(summary: SignalSummary, **figures: str) -> SummaryRow:
 
 
 def entry_fields(entry: Union[NotedAlert, SilenceEvent], **more: object) -> Dict[str, Any]:
-    """Returns an entry as the fields of a JSON object; `more`: further fields of an alert."""
+    """Returns an entry as the fields of a JSON object; `more` are further fields of an alert."""
     if isinstance(entry, NotedAlert):
         alert = entry.transition
         notes = [{"time": iso_time(note.wall_s), "author": note.author, "text": note.text} for note in entry.notes]

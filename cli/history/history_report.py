@@ -120,8 +120,8 @@ def _alerts(
     shown: List[ReportedAlert] = []
     changes, alerts = 0, set()
     names = {"robot": arguments.robot, "signal": arguments.signal}
-    found = queries.transitions(connection, since_s=start_s, level=arguments.level, **names)
-    for transition in found:
+    transitions = queries.transitions(connection, since_s=start_s, level=arguments.level, **names)
+    for transition in transitions:
         if transition.repeat:
             continue
         changes += 1
@@ -142,12 +142,10 @@ def _events(
         *queries.monitor_events(connection, start_s, arguments.robot),
         *silence_events(connection, end_s, start_s, arguments.robot, arguments.signal),
     )
-    found = [(event.wall_s, event_text(event)) for event in events]
+    rows = [(event.wall_s, event_text(event)) for event in events]
     for gap in queries.gaps(connection, start_s):
-        found.append((gap.from_s, f"no monitor ran for {duration_text(gap.to_s - gap.from_s)}"))
-    found.sort(key=lambda event: event[0])
-    if len(found) > MOST_EVENTS:
-        problems.append(
-            f"only the first {MOST_EVENTS:,} of {len(found):,} events of the monitor and silences are shown"
-        )
-    return found[:MOST_EVENTS]
+        rows.append((gap.from_s, f"no monitor ran for {duration_text(gap.to_s - gap.from_s)}"))
+    rows.sort(key=lambda event: event[0])
+    if len(rows) > MOST_EVENTS:
+        problems.append(f"only the first {MOST_EVENTS:,} of {len(rows):,} events of the monitor and silences are shown")
+    return rows[:MOST_EVENTS]

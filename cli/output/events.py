@@ -22,7 +22,7 @@ class Entry(NamedTuple):
     event: Union[LogLine, Transition]
     """What happened."""
     silenced: Optional[str] = None
-    """Reason and end of the silence of the transition's signal; None: it is not silenced."""
+    """Reason and end of the silence of the transition's signal; None if it is not silenced."""
 
 
 class Events:

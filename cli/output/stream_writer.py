@@ -54,7 +54,7 @@ class StreamWriter(Generic[Item]):
 
     @property
     def problem(self) -> str:
-        """Why the stream is not written at present; empty: it is."""
+        """Why the stream is not written at present; empty if it is."""
         if self._error:
             return f"the output cannot be written: {self._error}"
         return "the output is not read: the oldest lines are dropped" if self._items.dropped or self._abandoned else ""

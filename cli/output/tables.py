@@ -81,7 +81,7 @@ class View(NamedTuple):
     columns: int
     """How many columns are shown where there is no room for all."""
     rows: Sequence[Tuple[int, Sequence[Union[str, Text]]]]
-    """Rank and cells of each, in the order in which they are shown. There may be none: then nothing is watched."""
+    """Rank and cells of each, in the order in which they are shown. There are none if nothing is watched."""
     further: Sequence[int] = ()
     """The ranks of what has no row."""
 

@@ -55,7 +55,7 @@ _MOST_STEPS = 120_000
 _WIDTH = 100
 
 Samples = Sequence[Tuple[float, float]]
-"""Time in s and value in the signal's unit, oldest first; NaN: bad."""
+"""Time in s and value in the signal's unit, oldest first; NaN if the sample was bad."""
 
 
 class PastAlert(NamedTuple):
@@ -104,18 +104,18 @@ def needed_settings(signals: Mapping[str, SignalConfig], signal: str, robot: str
     wanted = [signal]
     if signal == LINK:  # a configuration has at least one signal
         wanted += [name for name in signals if name != LINK][:1]
-    found: Dict[str, SignalConfig] = {}
+    needed: Dict[str, SignalConfig] = {}
     while wanted:
         name = template_name(wanted.pop())
-        if name == LINK or name in found:
+        if name == LINK or name in needed:
             continue
         if name not in signals:
             raise ConfigError(f"{FROM_ALERT}: {printable(name)} is not in the configuration of {robot}")
-        found[name] = signals[name]
+        needed[name] = signals[name]
         wanted += depends_on(signals[name])
-    if signal in found and found[signal].is_template:
+    if signal in needed and needed[signal].is_template:
         raise ConfigError(f"{FROM_ALERT}: {printable(signal)} has no samples itself, only its elements have")
-    return {name: settings_of(each) for name, each in found.items()}
+    return {name: settings_of(each) for name, each in needed.items()}
 
 
 def needed_before_s(signal: SignalConfig) -> int:

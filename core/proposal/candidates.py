@@ -114,7 +114,7 @@ class Topic(NamedTuple):
     type_name: str
     """`package/Type`."""
     definitions: Optional[Definitions]
-    """The types in its definition; None: it is not known, so that only arrivals can be watched."""
+    """The types in its definition; None if that is not known, so that only arrivals can be watched."""
 
 
 class Names:
@@ -364,7 +364,7 @@ def _is_bulk(type_name: str, fields: Sequence[Tuple[str, Field, str]]) -> bool:
     return type_name in _CLOUDS or any(field.kind in _EIGHT_BITS and field.size == SEQUENCE for _, field, _ in fields)
 
 
-def _is_names(found: Tuple[str, Field, str]) -> bool:
+def _is_names(entry: Tuple[str, Field, str]) -> bool:
     """Returns whether a field has the names of the elements of arrays beside it, as in a JointState."""
-    path, field, _ = found
+    path, field, _ = entry
     return path in NAME_ARRAYS and field.kind in TEXTS and field.size is not None

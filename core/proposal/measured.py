@@ -98,7 +98,7 @@ class Measured:
         self.add(now_s, self._monitor.latest_good if self.config.statistic == "last" else self._monitor.judged)
 
     def add(self, now_s: float, value: Optional[float]) -> None:
-        """Adds a sample; None: it is not valid, or its statistic is not defined yet. Times must not decrease."""
+        """Adds a sample; None if it is not valid or its statistic not yet defined. Times must not decrease."""
         self._arrive(now_s)
         if value is None or not math.isfinite(value):
             self.bad_samples += self.config.statistic == "last"  # others are also undefined at the start

@@ -98,10 +98,10 @@ def _signals(
     elif signal.kind in ("elements", "frames"):
         if measured.is_cut:
             yield candidate.copy(kind="elements", left_out=[_MORE_ELEMENTS])
-        for element, found in measured.elements.items():
+        for element, element_measured in measured.elements.items():
             given = {**signal.given, "field": element_path(signal.given["field"], element)}
             name = candidates.names.of(signal.name, element)
-            yield _suggested(candidate.copy(name=name, given=given, measured=found), longest_s)
+            yield _suggested(candidate.copy(name=name, given=given, measured=element_measured), longest_s)
     elif measured.samples:
         yield _suggested(signal, longest_s)
     elif signal.kind == "given":
@@ -171,18 +171,18 @@ def _suggested(signal: Signal, longest_s: Mapping[str, float]) -> Signal:
 
 def _check(signal: Signal) -> None:
     """Drops proposed keys that contradict others; keys that were given stay."""
-    found, signal.proposed = signal.proposed, {}
+    proposed, signal.proposed = signal.proposed, {}
     has_bounds = any(key in signal.given for key in BOUNDS)
-    for key in filter(found.__contains__, ORDER):
+    for key in filter(proposed.__contains__, ORDER):
         if key in signal.given or (key in _OF_BOUNDS and has_bounds):
-            signal.seen[key] = found[key]
+            signal.seen[key] = proposed[key]
             continue
         try:
-            read_signal(signal.name, {**signal.settings, key: found[key].value})
+            read_signal(signal.name, {**signal.settings, key: proposed[key].value})
         except ConfigError as error:
             signal.left_out.append(f"no {key}: {error.problem}")
         else:
-            signal.proposed[key] = found[key]
+            signal.proposed[key] = proposed[key]
     if has_bounds and all(reason.startswith("no bounds") for reason in signal.left_out):
         signal.left_out = []  # there are bounds
 

@@ -103,7 +103,7 @@ def suggest(signal: Signal, longest_excursion_s: Optional[float] = None) -> None
     """Derives the settings of a signal.
 
     `longest_excursion_s` is the longest time for which a healthy value was beyond a bound that this function suggested
-    before; None: not known yet. Rules replace bounds that follow from what was seen.
+    before; None if that is not known yet. Rules replace bounds that follow from what was seen.
     """
     if signal.measured.config.statistic == "frequency_hz":
         _add_rate_bounds(signal)

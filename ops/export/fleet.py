@@ -62,8 +62,8 @@ def require_receiver(url: str) -> str:
         valid = False  # a port above 65535
     if not valid:
         has_secret = any(each in url for each in "@?#")
-        found = "without user, password and query" if has_secret else f"got {url[:100]!r}"
-        raise ConfigError(f"expected the URL of a receiver in full, such as https://centre:9090/api/v1/write, {found}")
+        detail = "without user, password and query" if has_secret else f"got {url[:100]!r}"
+        raise ConfigError(f"expected the URL of a receiver in full, such as https://centre:9090/api/v1/write, {detail}")
     return url
 
 

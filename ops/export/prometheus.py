@@ -36,7 +36,7 @@ def filled(name: str, fields: Mapping[str, str]) -> str:
 
 
 def export_rules(*, robots: Sequence[str] = (), interval_s: float = 15.0) -> str:
-    """Returns the rules for robots of these names (empty: all), which Prometheus scrapes every `interval_s`.
+    """Returns the rules for robots of these names (all if empty), which Prometheus scrapes every `interval_s`.
 
     Raises ConfigError if Prometheus cannot evaluate rules at this interval.
     """

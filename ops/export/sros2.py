@@ -50,7 +50,8 @@ class Robot(NamedTuple):
 def export_policy(tree: Mapping[str, Any], robot: Robot, enclave: str = "") -> str:
     """Returns the policy in XML for the thresholds.yaml `tree`; raises ConfigError as the nodes do.
 
-    All nodes share one enclave, because one launch file starts them; empty: `health_monitor` in the namespace.
+    All nodes share one enclave, because one launch file starts them: `health_monitor` in the namespace if `enclave` is
+    empty.
     """
     path = enclave or "/".join(["", *filter(None, [robot.namespace.strip("/")]), "health_monitor"])
     made_by = f"robot-health export sros2, version {package_version()}"
@@ -70,24 +71,24 @@ def export_policy(tree: Mapping[str, Any], robot: Robot, enclave: str = "") -> s
 
 def permissions_of(tree: Mapping[str, Any], robot: Robot) -> Dict[str, Permissions]:
     """Returns what each node needs, by its full name."""
-    found: Dict[str, Permissions] = {}
+    permissions: Dict[str, Permissions] = {}
     for name, info in _used(tree, robot).items():
-        found[name] = {
+        permissions[name] = {
             ("topic", "publish"): {*info.publishes, *RCLPY_PUBLISHES, f"{name}/{PROBE}"},
             ("topic", "subscribe"): {*info.subscribes, *RCLPY_SUBSCRIBES, f"{name}/{PROBE}"},
             ("service", "reply"): {*info.services, *(f"{name}/{service}" for service in RCLPY_SERVES)},
         }
-    alert_system = next(name for name in found if name.endswith("/alert_system"))
+    alert_system = next(name for name in permissions if name.endswith("/alert_system"))
     if robot.ops.black_box is not None:
-        subscribed = found[alert_system]["topic", "subscribe"]
-        found[alert_system] = {
-            **found[alert_system],
+        subscribed = permissions[alert_system]["topic", "subscribe"]
+        permissions[alert_system] = {
+            **permissions[alert_system],
             ("topic", "subscribe"): {*subscribed, *robot.ops.black_box.topics},
         }
     if robot.ops.server is not None:
         namespace = alert_system.rpartition("/")[0]
-        found[f"{namespace}/{BRIDGE}"] = _bridge(robot.ops, f"{namespace}/{BRIDGE}", alert_system)
-    return found
+        permissions[f"{namespace}/{BRIDGE}"] = _bridge(robot.ops, f"{namespace}/{BRIDGE}", alert_system)
+    return permissions
 
 
 def _used(tree: Mapping[str, Any], robot: Robot) -> Mapping[str, NodeInfo]:

@@ -28,13 +28,13 @@ def plot_bounds(config: SignalConfig) -> List[Dict[str, Any]]:
 
     The robots of a fleet share the list, which must not be changed.
     """
-    found = []
+    bounds = []
     for name, bound in config.bounds.items():
         level, _, side = name.partition("_")
         clears = bound + config.hysteresis if side == "below" else bound - config.hysteresis
         clears = min(max(clears, -sys.float_info.max), sys.float_info.max)  # JSON has no infinity
-        found.append({"level": level.upper(), "side": side, "value": bound, "clears": clears})
-    return found
+        bounds.append({"level": level.upper(), "side": side, "value": bound, "clears": clears})
+    return bounds
 
 
 def read_text(package: str, name: str) -> str:

@@ -28,7 +28,7 @@ class PlottedSignal:
         # Width of a bucket; the last sample of the span belongs to the last one.
         self.width_s = max(span_s, 1e-6) / buckets * (1.0 + 1e-9)
         self.levels: List[Tuple[float, str]] = []
-        """Begin of each announced level, OK from the first sample on; empty: unknown."""
+        """Begin of each announced level, OK from the first sample on; empty if they are unknown."""
         self._buckets = buckets
         self._ranges: Dict[int, Tuple[float, float]] = {}
         """Smallest and largest value of each bucket that has any, by its number."""

@@ -186,7 +186,7 @@ def _link(text: str, place: Optional[str], data: str = "") -> str:
 
 
 def _length(name: str) -> str:
-    """Returns the class of a cell with a name that may be broken into lines; empty: it stays on one."""
+    """Returns the class of a cell with a name that may be broken into lines; empty if it stays on one."""
     return " long" if len(name) > _LONGEST_UNBROKEN else ""
 
 

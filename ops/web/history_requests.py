@@ -116,7 +116,7 @@ class EndOfSilence:
 def past_alerts(connection: Connection, wall_s: float, query: Query) -> Json:
     """Returns the answer of `/api/history`."""
     since_s = _seconds(query.since)
-    found = queries.transitions(
+    transitions = queries.transitions(
         connection,
         robot=query.robot,
         signal=query.signal,
@@ -127,7 +127,7 @@ def past_alerts(connection: Connection, wall_s: float, query: Query) -> Json:
         open_only=query.open,
         newest_first=True,
     )
-    alerts = [_alert(connection, transition) for transition in found]
+    alerts = [_alert(connection, transition) for transition in transitions]
     gaps = queries.gaps(connection, since_s or 0.0)[-_MOST:]
     return {
         "alerts": alerts[: query.limit],
@@ -182,16 +182,16 @@ def _thresholds_at(connection: Connection, alert: StoredTransition) -> Json:
 def past_samples(connection: Connection, wall_s: float, query: SamplesQuery) -> Json:
     """Returns the answer of `/api/history/samples`."""
     since_s, until_s, seconds = _seconds(query.from_), _seconds(query.to), query.seconds
-    found: Sequence[StoredSamples]
+    stored: Sequence[StoredSamples]
     if seconds is None:
         every = samples.read(connection, robot=query.robot, signal=query.signal, since_s=since_s, until_s=until_s)
-        found, most = [*islice(every, _MOST_SAMPLES + 1)], _MOST_SAMPLES + 1
+        stored, most = [*islice(every, _MOST_SAMPLES + 1)], _MOST_SAMPLES + 1
     else:
         most = samples.MOST_COARSE
         end_s = wall_s if until_s is None else until_s
         begin_s = end_s - seconds * most if since_s is None else since_s
-        found = samples.read_coarse(connection, query.robot, query.signal, begin_s, end_s, float(seconds))
-    return {"samples": [samples_fields(each) for each in found[:_MOST_SAMPLES]], "more": len(found) >= most}
+        stored = samples.read_coarse(connection, query.robot, query.signal, begin_s, end_s, float(seconds))
+    return {"samples": [samples_fields(each) for each in stored[:_MOST_SAMPLES]], "more": len(stored) >= most}
 
 
 def past_levels(connection: Connection, wall_s: float) -> Json:

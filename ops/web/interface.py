@@ -100,7 +100,7 @@ class WebInterface:
             history: has the past alerts, and the wall clock.
             silences: those of the history.
             threads: whether robots are judged in other threads than the server's loop (ROS).
-            black_boxes: folder with the recordings of alerts; None: nothing is recorded.
+            black_boxes: folder with the recordings of alerts; None if nothing is recorded.
             notifications_waiting: returns how many are not delivered yet.
             process_faults: returns the faults of the monitor that belong to no robot, by part.
         """
@@ -203,10 +203,10 @@ class WebInterface:
         def answer(asked: Asked) -> bytes:
             wall_s = history.wall_s()
             try:
-                found = history.read(lambda connection: read(connection, wall_s, asked))
+                result = history.read(lambda connection: read(connection, wall_s, asked))
             except ConfigError as error:  # the file was replaced or damaged: not the fault of the request
                 raise ServiceError(error.problem) from None
-            return json_text(found, in_pieces=True).encode("ascii")
+            return json_text(result, in_pieces=True).encode("ascii")
 
         return self._route(schema, answer, self._past.run)
 

@@ -89,7 +89,7 @@ class RobotMetrics(NamedTuple):
 
     labels: str  # of its series, without those of a signal
     signals: Mapping[str, Sequence[Optional[float]]]  # by labels: the values in the order of `_OF_SIGNALS`
-    link_up: Optional[bool]  # None: it is not watched over a link
+    link_up: Optional[bool]  # None if it is not watched over a link
     tick_s: float  # the last tick, in s since 1970
 
 

@@ -76,7 +76,7 @@ class Samples(NamedTuple):
     """Samples of one robot's signals."""
 
     event: Json  # as the event `samples` of `/api/events`
-    last_s: Mapping[str, float]  # time of the newest sample, on the monitor's clock; -inf: there is none
+    last_s: Mapping[str, float]  # time of the newest sample, on the monitor's clock; -inf if there is none
     now_s: float  # when they were read, on the same clock
     offset_s: float  # wall time minus the monitor's clock
 
@@ -124,7 +124,7 @@ class RobotReader:
             return self.alert_system.read(read)
 
     def samples(self, before: Optional[Samples] = None) -> Samples:
-        """Returns the samples of the windows: those since `before`, an earlier result; None: all."""
+        """Returns the samples of the windows: those since `before`, an earlier result, or all if it is None."""
 
         def read(monitor: Monitor, now_s: float) -> Samples:
             self._follow_clock(now_s)
@@ -132,14 +132,14 @@ class RobotReader:
             full = before is None or before.offset_s != self._offset_s or now_s < before.now_s
             since_s: Mapping[str, float] = {} if before is None or full else before.last_s
             configs = monitor.configs()
-            found = {name: monitor.shown_samples(name, MOST_SAMPLES, since_s.get(name, -math.inf)) for name in configs}
+            shown = {name: monitor.shown_samples(name, MOST_SAMPLES, since_s.get(name, -math.inf)) for name in configs}
             event = {
                 "robot": self.robot,
                 "full": full,
-                "signals": {name: self._shown(new) for name, new in found.items() if new or full},
+                "signals": {name: self._shown(new) for name, new in shown.items() if new or full},
                 "window_s": {name: config.window_s for name, config in configs.items()},
             }
-            last_s = {name: new[-1][0] if new else since_s.get(name, -math.inf) for name, new in found.items()}
+            last_s = {name: new[-1][0] if new else since_s.get(name, -math.inf) for name, new in shown.items()}
             return Samples(event, last_s, now_s, self._offset_s)
 
         with self._lock:

@@ -102,9 +102,9 @@ class Updates:
         """Takes what reads.
 
         Args:
-            read_state: returns the state without samples; takes the one before, None: there is none, and the robots
-                that pages show with their samples.
-            read_samples: returns a robot's samples since an earlier result; None: there is no such robot.
+            read_state: returns the state without samples; takes the one before, which is None if there is none, and the
+                robots that pages show with their samples.
+            read_samples: returns a robot's samples since an earlier result; None if there is no such robot.
         """
         self._read_state = read_state
         self._read_samples = read_samples

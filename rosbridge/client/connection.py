@@ -102,10 +102,10 @@ class ServerConnection(BridgeConnection):
 
     def _receive_serialized(self, data: bytes) -> bool:
         """Passes a serialized message on; returns False if it is none."""
-        found = serialized_publication(data) if self.subscriptions.has_bytes else None
-        if found is not None:
-            self.subscriptions.deliver_bytes(*found)
-        return found is not None
+        publication = serialized_publication(data) if self.subscriptions.has_bytes else None
+        if publication is not None:
+            self.subscriptions.deliver_bytes(*publication)
+        return publication is not None
 
     def _receive_undecoded(self, data: Wire) -> bool:
         """Counts the arrival of a large message; returns False if it has to be decoded."""

@@ -75,7 +75,7 @@ class CaptureReceiver(_Limited, RawSubscription):
     needs_format = True
 
     def takes_bytes(self, raw_format: RawFormat) -> bool:
-        """Returns True: any format."""
+        """Returns True, because any format is recorded."""
         return True
 
     def deliver_bytes(self, data: bytes) -> None:

@@ -87,7 +87,7 @@ class Subscriptions:
         return tuple(self._topics)
 
     def add(self, receiver: Receiver) -> None:
-        """Subscribes to the topic of a receiver; its type may be empty: the server is then asked for it."""
+        """Subscribes to the topic of a receiver; the server is asked for the type if that is empty."""
         with self._lock:
             known = self._topics.setdefault(receiver.topic, _Topic(receiver.topic))
             others = known.receivers
@@ -210,8 +210,8 @@ class Subscriptions:
         type_name = topic.type_name
         definition: Optional[str] = None
         try:
-            found = (await self._call("/rosapi/topic_type", {"topic": topic.name}, _ASK_TIMEOUT_S)).get("type")
-            type_name = found if isinstance(found, str) and split_type_name(found) else type_name
+            answer = (await self._call("/rosapi/topic_type", {"topic": topic.name}, _ASK_TIMEOUT_S)).get("type")
+            type_name = answer if isinstance(answer, str) and split_type_name(answer) else type_name
             if type_name and topic.needs_format:
                 definition = await find_definition(self._call, type_name)
         except LinkError:

@@ -39,7 +39,7 @@ _SLOT_OF_RCLPY = "check_fields"
 async def list_topics(call: Call) -> List[KnownTopic]:
     """Returns the topics that the server knows.
 
-    Raises ServiceError: it has no rosapi, or did not answer. LinkError: the connection is down.
+    Raises ServiceError if it has no rosapi or did not answer, LinkError if the connection is down.
     """
     try:
         values = await call("/rosapi/topics_and_raw_types", {}, _TIMEOUT_S)
@@ -56,7 +56,7 @@ async def find_types(call: Call) -> Mapping[str, str]:
 
 
 async def find_definition(call: Call, type_name: str) -> str:
-    """Returns the definition of a type in .msg, with those that it contains, without constants; empty: unknown.
+    """Returns the definition of a type in .msg, with those that it contains, without constants; empty if unknown.
 
     Raises as `list_topics`.
     """
@@ -89,7 +89,7 @@ class PublisherLookup:
         """Asks nothing yet."""
         self._call = call
         self._questions: Dict[Tuple[str, str], Answer] = {}
-        """What is answered, by topic and configured type (empty: any)."""
+        """What is answered, by topic and configured type, which is empty if any type is meant."""
         self._task: Optional[asyncio.Task[None]] = None
         self._publishers: Dict[str, Sequence[str]] = {}
         """The nodes that published each topic when it had publishers last."""
@@ -158,9 +158,9 @@ def _known(values: Mapping[str, Any], texts: List[Any]) -> List[KnownTopic]:
     names, types = values.get("topics"), values.get("types")
     if not isinstance(names, list) or not isinstance(types, list):
         return []
-    found = []
+    topics = []
     for at, (name, type_name) in enumerate(zip(names[:_MOST_TOPICS], types)):
         if isinstance(name, str) and isinstance(type_name, str) and name:
             text = texts[at] if at < len(texts) and isinstance(texts[at], str) else ""
-            found.append(KnownTopic(name, canonical_type(type_name), text))
-    return found
+            topics.append(KnownTopic(name, canonical_type(type_name), text))
+    return topics

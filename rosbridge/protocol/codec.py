@@ -183,11 +183,11 @@ class _CborDecoder:
         """Reads a map of exactly these keys, in any order; raises ProtocolError or KeyError for another item."""
         if self.argument(_MAP) != len(read):
             raise ProtocolError("a map of another length")
-        found = {}
+        values = {}
         while read:
             name = self.key()
-            found[name] = read.pop(name)()
-        return found
+            values[name] = read.pop(name)()
+        return values
 
     def _container(self, kind: int, length: int, levels: int) -> Any:
         if levels == 0:

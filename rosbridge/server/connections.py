@@ -115,7 +115,7 @@ class HttpConnection(web.RequestHandler):
         self._connections = connections
         self._tcp: Optional[asyncio.Transport] = None
         self._early: Optional[List[bytes]] = []
-        """What came before aiohttp knew of the connection; None: it does."""
+        """What came before aiohttp knew of the connection; None once it does."""
         self._received = 0
         """Bytes since it began to wait."""
         self.on_resume: Callable[[], None] = lambda: None

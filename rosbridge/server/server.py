@@ -68,7 +68,7 @@ class Server:
             port: 0 picks a free one.
             access: what clients may do; they may only read if it is None.
             limits: limits for one client and for all of them.
-            threads: whether the middleware calls back from its own threads (ROS); False: it runs in the server's loop.
+            threads: whether the middleware calls back from its own threads (ROS), not in the server's loop.
             ssl_context: serve TLS (`wss://`) with it.
             parameters: returns the parameters that clients may read, per node; None for those of `middleware`.
             routes: returns HTTP routes. Host, origin and a wrong token are checked here; a handler that needs a token

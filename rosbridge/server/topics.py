@@ -62,7 +62,7 @@ class Topic:
         self.type_name = ""
         """The type, empty if it is not known yet."""
         self.serialize: Optional[Serializer] = None
-        """Makes raw bytes of a message if the middleware gives none; None: not possible."""
+        """Makes raw bytes of a message if the middleware gives none; None if that is not possible."""
         self.clients: Dict[Receiver, Flow] = {}
         """How each client receives the messages."""
         self.sources: Dict[bool, Subscription] = {}
