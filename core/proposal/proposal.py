@@ -50,7 +50,7 @@ def propose(candidates: Candidates, longest_s: Optional[Mapping[str, float]] = N
     """Returns what is proposed of candidates that were listened to.
 
     `longest_s` has the longest healthy excursion, as `suggest` takes it, of every signal that raised an alert in a
-    replay. None: nothing is replayed, so that no forecast is proposed.
+    replay. If it is None, nothing is replayed, so that no forecast is proposed.
     """
     proposed = Proposed([], dict(candidates.not_watched), dict(candidates.fields))
     every = sorted(candidates.signals.values(), key=lambda each: "" if each.kind == "given" else each.topic)

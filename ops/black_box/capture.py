@@ -89,7 +89,7 @@ class Capture:
         self._add = add
         self.is_simulated = middleware.waiting_for_clock() or abs(middleware.now_s() - middleware.steady_s()) > 1.0
         """Whether the node's time is that of /clock, which may stand still: then messages have steady time."""
-        self.found: Mapping[str, str] = {}
+        self.topic_types: Mapping[str, str] = {}
         """The types of the robot's topics by name, for the patterns; set by another thread."""
         self._config: Optional[MonitorConfig] = None
         self._followed: Optional[Mapping[str, str]] = None
@@ -107,11 +107,11 @@ class Capture:
 
         A topic is left out if its silence matters to a signal: it may be STALE, or its statistic counts messages.
         """
-        found: List[Message] = []
+        messages: List[Message] = []
         left = _MOST_QUIET
         resolved = self.resolved
         known_for_s: Dict[str, float] = {}
-        """How long the latest message of a topic with signals is as good as repeated; 0: it counts as an arrival."""
+        """How long the latest message of a topic with signals is as good as repeated; 0 if it counts as an arrival."""
         for signal in {} if self._config is None else self._config.signals.values():
             known_s = (signal.stale_after_s or math.inf) if signal.statistic == "last" else 0.0
             name = resolved.get(signal.topic, "")
@@ -121,14 +121,14 @@ class Capture:
                 time_s, name, raw_format, data = topic.latest
                 if _QUIET_S < now_s - time_s < known_for_s.get(topic.resolved, math.inf) and len(data) <= left:
                     left -= len(data)
-                    found.append((now_s, name, raw_format, data))
-        return found
+                    messages.append((now_s, name, raw_format, data))
+        return messages
 
     def follow(self, config: MonitorConfig) -> None:
         """Subscribes to what is to be recorded by now, and ends the rest. Does nothing if nothing has changed."""
-        if config is self._config and self.found == self._followed:
+        if config is self._config and self.topic_types == self._followed:
             return
-        self._config, self._followed = config, self.found
+        self._config, self._followed = config, self.topic_types
         types: Dict[str, str] = {}
         for name, signal in config.signals.items():
             if name != LINK and canonical_type(signal.type) not in LARGE_TYPES:

@@ -36,7 +36,7 @@ class _File(NamedTuple):
 
 
 def find_file(folder: str, name: str) -> Optional[str]:
-    """Returns the path of a complete recording, whatever a client sent as its name; None: there is none."""
+    """Returns the path of a complete recording, whatever a client sent as its name; None if there is none."""
     path = os.path.join(folder, name)
     is_there = _OWN_NAME.fullmatch(name) and os.path.isfile(path) and not os.path.islink(path)
     return path if is_there else None

@@ -75,12 +75,14 @@ class RecordingFile:
             except OSError:
                 pass
 
-    def _register(self, topic: str, found: RawFormat) -> int:
-        if found not in self._schemas:
-            schema = found.schema.encode("utf-8")
-            self._schemas[found] = self._writer.register_schema(found.schema_name, found.schema_encoding, schema)
-        number: int = self._writer.register_channel(topic, found.message_encoding, self._schemas[found])
-        self._channels[topic, found] = number
+    def _register(self, topic: str, raw_format: RawFormat) -> int:
+        if raw_format not in self._schemas:
+            schema = raw_format.schema.encode("utf-8")
+            self._schemas[raw_format] = self._writer.register_schema(
+                raw_format.schema_name, raw_format.schema_encoding, schema
+            )
+        number: int = self._writer.register_channel(topic, raw_format.message_encoding, self._schemas[raw_format])
+        self._channels[topic, raw_format] = number
         return number
 
 

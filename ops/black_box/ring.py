@@ -188,8 +188,8 @@ class Reader:
         """Number of the first message that no longer belongs to the recording; None while it goes on."""
 
     def read(self, most_bytes: int) -> List[Message]:
-        """Returns the next messages, at most so many bytes and at least one; empty: there are none now."""
-        found: List[Message] = []
+        """Returns the next messages, at most so many bytes and at least one; empty if there are none now."""
+        messages: List[Message] = []
         size, robot = 0, self._robot
         with robot.ring.lock:
             end = robot.end if self.end is None else self.end
@@ -197,10 +197,10 @@ class Reader:
             self.lost += gone
             self.position += gone
             while self.position < end and size < most_bytes:
-                found.append(robot.messages[self.position - robot.first])
-                size += _bytes(found[-1])
+                messages.append(robot.messages[self.position - robot.first])
+                size += _bytes(messages[-1])
                 self.position += 1
-        return found
+        return messages
 
     @property
     def is_complete(self) -> bool:

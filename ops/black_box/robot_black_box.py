@@ -64,7 +64,7 @@ class RobotBlackBox:
             self._topics_thread.start()
 
     def of_alert(self, transition: Transition) -> str:
-        """Returns the name of the file that records a transition, which begins with it or goes on; empty: none.
+        """Returns the name of the file that records a transition, which begins with it or goes on; empty if none does.
 
         Call it before the transition is stored and announced. Never raises.
         """
@@ -197,16 +197,16 @@ class RobotBlackBox:
 
     def _record(self, type_name: str, message: Mapped, steady_s: float) -> None:
         try:
-            data, found = self._middleware.serialize(type_name, message)
+            data, raw_format = self._middleware.serialize(type_name, message)
         except (ConfigError, MessageError) as error:
             self._middleware.log(Severity.WARN, f"black box: {self._topics[type_name]} is not recorded: {error}")
             return
-        self._ring.add((steady_s, self._topics[type_name], found, data))
+        self._ring.add((steady_s, self._topics[type_name], raw_format, data))
 
     def _look_for_topics(self) -> float:
         """Looks for the topics that patterns select, in a thread; returns the time until the next look, in s."""
         with contextlib.suppress(ServiceError, RuntimeError):  # it does not answer, or its topics are changing
-            self._capture.found = self._middleware.topic_types()
+            self._capture.topic_types = self._middleware.topic_types()
         return _TOPICS_PERIOD_S
 
 

@@ -230,7 +230,7 @@ class NotificationQueue:
                 self._drop_superseded(connection, name)
 
     def take(self, connection: Connection, target: str) -> Optional[Taken]:
-        """Returns the next notification for a target and counts the attempt; None: nothing is to be sent now."""
+        """Returns the next notification for a target and counts the attempt; None if nothing is to be sent now."""
         self._silences.look(connection)
         self.wait_s.pop(target, None)
         settings = self.targets[target]
@@ -247,7 +247,7 @@ class NotificationQueue:
         """Yields the next row, as long as the one before was deleted."""
         for _ in range(_MOST_SKIPPED):
             rows = _read(connection, "notifications", Waiting, _HEAD, (target.name,))
-            if not rows.found:
+            if not rows.raw:
                 return
             yield rows
 
@@ -271,7 +271,7 @@ class NotificationQueue:
     ) -> List[Tuple[int, Notification]]:
         """Returns what rows mean, one part per alert, and counts the attempt; deletes those that mean nothing."""
         parts: List[Tuple[int, Notification]] = []
-        done = {row[0] for row in rows.found}
+        done = {row[0] for row in rows.raw}
         if target.group_wait_s:
             for row in rows:
                 if row.attempts:  # it may have arrived, whatever comes after it
@@ -371,7 +371,7 @@ class NotificationQueue:
             yield _no_longer_watched(row.transition_json), row.at_s
 
     def _decide(self, connection: Connection, target: TargetSettings, row: Waiting) -> Optional[Notification]:
-        """Returns what a row means for a target now; None: nothing."""
+        """Returns what a row means for a target now; None if it means nothing."""
         known = _known_at(connection, target.name, row.fingerprint).get(row.fingerprint)
         before = None if known is None else known.notification
         transition = row.transition_json
@@ -422,12 +422,12 @@ class NotificationQueue:
             self.dropped[target] = 0
 
 
-def is_transition(found: Mapping[str, Any]) -> bool:
+def is_transition(fields: Mapping[str, Any]) -> bool:
     """Whether a JSON object is a transition with all that the queue and the targets need."""
     return (
-        all(isinstance(found.get(name), kind) for name, kind in _TYPES.items())
-        and all(found[name] in Level.__members__ for name in ("from_level", "to_level"))
-        and all(abs(found[name]) < math.inf for name in ("now_s", "since_s"))
+        all(isinstance(fields.get(name), kind) for name, kind in _TYPES.items())
+        and all(fields[name] in Level.__members__ for name in ("from_level", "to_level"))
+        and all(abs(fields[name]) < math.inf for name in ("now_s", "since_s"))
     )
 
 

@@ -66,12 +66,12 @@ class Notification:
     def annotations(self) -> Mapping[str, str]:
         """What there is beside the line: the black box, what to do, and a link to the alert's page."""
         advice = str(self.transition.get("what_to_do", ""))
-        found = {
+        parts = {
             "black_box": self.transition.get("black_box"),
             "runbook_url" if is_http(advice) else "what_to_do": advice,
             "link": self.transition.get("link"),
         }
-        return {name: str(value) for name, value in found.items() if value}
+        return {name: str(value) for name, value in parts.items() if value}
 
     def as_json(self) -> str:
         """Formats the transition as `--json` does, but for `text`, and with `notification`, `time` (UTC) and `test`.
@@ -117,7 +117,7 @@ class DeliveryError(ServiceError):
         text: str,
         *,
         is_refused: bool = False,  # the target rejects this notification; another attempt will probably fail as well
-        may_have_arrived: bool = True,  # False: the target certainly did not receive it
+        may_have_arrived: bool = True,  # False if the target certainly did not receive it
         retry_after_s: float = 0.0,  # the target requests this wait, in s
     ) -> None:
         """Stores what failed and why."""
@@ -143,7 +143,7 @@ class Sender(ABC):
         self.place = settings.url_file or "".join(settings.command[:1]) or shown(settings.url)
         """Where the target is, without secrets: scheme and host; before a file has been read, its name."""
         self.warning = ""
-        """One line that is no failure, if other users may read the file; empty: they may not, as far as is known."""
+        """One line that is no failure, if other users may read the file; empty if they may not, as far as is known."""
 
     @abstractmethod
     def send(self, notification: Notification) -> str:
@@ -176,11 +176,11 @@ class Sender(ABC):
         if len(contents) > _LONGEST:
             raise self._unusable(f"expected at most {_LONGEST} bytes, got more")
         lines = [line.strip() for line in contents.decode("utf-8", "replace").splitlines()]
-        found = tuple(line for line in lines if line and not line.startswith("#"))
-        if not found:
+        addresses = tuple(line for line in lines if line and not line.startswith("#"))
+        if not addresses:
             raise self._unusable("expected an address, got an empty file")
-        self.place = ", ".join(dict.fromkeys(shown(line) for line in found))
-        return found
+        self.place = ", ".join(dict.fromkeys(shown(line) for line in addresses))
+        return addresses
 
     def http_address(self) -> str:
         """Returns the address of HTTP; raises DeliveryError if the file cannot be read, or holds something else."""

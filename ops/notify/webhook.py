@@ -34,8 +34,8 @@ class Answer(NamedTuple):
     status: int
     reason: str  # the server's name of the status; printable. It may repeat a secret of the address
     text: str  # beginning of the body of a response other than 2xx, on one line; printable
-    date_s: Optional[float]  # the server's clock, in s since 1970; None: not stated
-    retry_after_s: float  # wait that the server requests, in s; 0: none
+    date_s: Optional[float]  # the server's clock, in s since 1970; None if it does not state it
+    retry_after_s: float  # wait that the server requests, in s; 0 if it requests none
 
 
 class Webhook(Sender):

@@ -58,7 +58,7 @@ class Silences:
         self._causes[robot] = causes
 
     def silence_of(self, robot: str, signal: str) -> Optional[Silence]:
-        """Returns the silence of an alert, else of its cause; of several the one that ends last. None: not silenced."""
+        """Returns the silence of an alert, else of its cause, or None; of several the one that ends last."""
         silence, causes, seen = self._silence_of(robot, signal), self._causes.get(robot, {}), {signal}
         while silence is None and causes.get(signal, signal) not in seen:
             signal = causes[signal]

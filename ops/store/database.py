@@ -79,7 +79,7 @@ class Database:
     ) -> None:
         """Starts the thread, which opens the file. The arguments are those of `History`."""
         self.file = None if settings is None else settings.file
-        """Path of the file; None: the history is in memory."""
+        """Path of the file; None if the history is in memory."""
         self.wall_s = wall_time_s
         self.faults = Faults() if faults is None else faults
         """What is wrong with the history."""
@@ -116,7 +116,7 @@ class Database:
 
     @property
     def busy_s(self) -> float:
-        """For how long the present transaction has lasted, in s; 0: there is none."""
+        """For how long the present transaction has lasted, in s; 0 if there is none."""
         since_s = self._busy_since_s
         return 0.0 if since_s is None else time.monotonic() - since_s
 

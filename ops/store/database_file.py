@@ -80,7 +80,7 @@ class DatabaseFile:
         self._given_path = path
         self.path = os.path.realpath(path)
         self.problem = ""
-        """Why the latest flush to the disk failed; empty: it did not."""
+        """Why the latest flush to the disk failed; empty if it did not."""
         self._log_bytes = log_bytes
         self._flush_began_s: Optional[float] = None
         _require_history_or_nothing(self.path)
@@ -114,7 +114,7 @@ class DatabaseFile:
 
     @property
     def flushing_s(self) -> float:
-        """For how long the flush that is under way has lasted, in s; 0: none is."""
+        """For how long the flush that is under way has lasted, in s; 0 if none is."""
         began_s = self._flush_began_s
         return 0.0 if began_s is None else time.monotonic() - began_s
 
@@ -285,14 +285,14 @@ def _lock(path: str) -> int:
 
 def _identity(path: str) -> object:
     """Returns what changes when the file or its log is replaced or deleted."""
-    found = []
+    identity = []
     for name in (path, f"{path}-wal"):
         try:
             status = os.stat(name)
-            found.append((status.st_dev, status.st_ino))
+            identity.append((status.st_dev, status.st_ino))
         except OSError:
-            found.append((0, 0))
-    return found
+            identity.append((0, 0))
+    return identity
 
 
 def _log_bytes(path: str) -> int:

@@ -60,16 +60,16 @@ class History(Database):
         """Opens the history, in its own thread. Whatever is wrong with the file is a fault, and the monitor goes on.
 
         Args:
-            settings: the file and what to keep; None: a history in memory, with the same tables.
+            settings: the file and what to keep; None for a history in memory, with the same tables.
             wall_time_s: seconds since 1970.
-            faults: receives what is wrong with it; None: not reported.
+            faults: receives what is wrong with it; None if it is not to be reported.
         """
         super().__init__(settings, wall_time_s, faults)
         self.keeps_samples = settings is None or settings.samples
         """Whether samples are stored."""
         self._samples_lock = threading.Lock()
         self._open_samples: Optional[Deque[StoredSamples]] = None
-        """Those that wait for the writer; None: none."""
+        """Those that wait for the writer; None if there are none."""
         self.on_record: List[OnRecord] = []
         """Called inside the transaction that stores a transition, in the writer's thread.
 

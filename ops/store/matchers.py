@@ -22,7 +22,7 @@ class Matcher(NamedTuple):
     label: str
     """`robot` or `signal`."""
     equal: bool
-    """False: `!=`."""
+    """Whether the label must match the pattern; for `!=` it must not."""
     pattern: str
     """`*` stands for any text, `?` for any character."""
 

@@ -42,8 +42,8 @@ def add_note(connection: Connection, alert: int, text: str, author: str, now_s: 
     """
     note = Note(alert, now_s, _one_line(author), _one_line(text))
     if not 0 < len(note.text) <= MOST_TEXT:
-        found = f"{len(note.text)}" if note.text else "none"
-        raise ConfigError(f"expected a note of 1 to {MOST_TEXT} characters, got {found}")
+        length = f"{len(note.text)}" if note.text else "none"
+        raise ConfigError(f"expected a note of 1 to {MOST_TEXT} characters, got {length}")
     if len(note.author) > MOST_AUTHOR:
         raise ConfigError(f"expected an author of at most {MOST_AUTHOR} characters, got {len(note.author)}")
     if connection.execute("SELECT 1 FROM transitions WHERE id = ?", (alert,)).fetchone() is None:
@@ -57,8 +57,8 @@ def add_note(connection: Connection, alert: int, text: str, author: str, now_s: 
 def notes_of(connection: Connection, alert: int) -> List[Note]:
     """Returns the notes on an alert, oldest first."""
     tail = "WHERE transition_id = ? ORDER BY wall_s LIMIT ?"
-    found = records(connection, "notes", Note, tail, (alert, MOST_NOTES))
-    return [note._replace(author=printable(note.author), text=printable(note.text)) for note in found]
+    notes = records(connection, "notes", Note, tail, (alert, MOST_NOTES))
+    return [note._replace(author=printable(note.author), text=printable(note.text)) for note in notes]
 
 
 def _one_line(text: str) -> str:

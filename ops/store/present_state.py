@@ -97,7 +97,7 @@ def alert_of(connection: Connection, transition: Transition) -> int:
 
 
 def note_transition(connection: Connection, number: int, alert: int, transition: Transition, wall_s: float) -> None:
-    """Stores that a transition with this number opens, changes or ends an alert (`alert_of`, 0: this one)."""
+    """Stores that a transition with this number opens, changes or ends an alert (`alert_of`; 0 if it is this one)."""
     name = printable(transition.robot), printable(transition.signal)
     is_ok = transition.to_level is Level.OK
     if is_ok or not (alert or transition.repeat):

@@ -62,13 +62,13 @@ def transitions(
         page = min(_PAGE, left)
         rows = _transitions(connection, where, {**values, "first": first, "last": last, "page": page})
         yield from rows
-        if len(rows.found) < page:
+        if len(rows.raw) < page:
             break
         left -= _PAGE
         if newest_first:
-            last = rows.found[-1][0] - 1
+            last = rows.raw[-1][0] - 1
         else:
-            first = rows.found[-1][0] + 1
+            first = rows.raw[-1][0] + 1
 
 
 def _transitions(connection: Connection, where: str, values: Values) -> Rows[StoredTransition]:
@@ -113,7 +113,7 @@ def read_states(connection: Connection, robot: str) -> Dict[str, Any]:
     rows = select(connection, "signal_states", (str, dict), query, (robot,))
     states: Dict[str, Any] = dict(rows)
     query = "SELECT to_level FROM transitions WHERE robot = ? AND signal = ? AND NOT repeat ORDER BY id DESC LIMIT 1"
-    for name in [row[0] for row in rows.found if isinstance(row[0], str) and row[0] not in states]:
+    for name in [row[0] for row in rows.raw if isinstance(row[0], str) and row[0] not in states]:
         levels = select(connection, "transitions", (Level,), query, (robot, name))
         states[name] = {"announced": {"level": levels[0][0].name}} if levels else None
     return states
@@ -134,7 +134,7 @@ def not_ok_at(connection: Connection, alert: StoredTransition, limit: int) -> Li
 
 
 def evidence(connection: Connection, transition_id: int) -> Sequence[Tuple[float, float]]:
-    """Returns the samples of the window at a transition: wall time in s since 1970, value (NaN: not a number)."""
+    """Returns the samples of the window at a transition: wall time in s since 1970, value (NaN if it was no number)."""
     query = "SELECT samples FROM evidence WHERE transition_id = ?"
     row = connection.execute(query, (transition_id,)).fetchone()
     return [] if row is None else unpack_samples(row[0])
@@ -154,7 +154,7 @@ def gaps(connection: Connection, since_s: float = 0.0) -> List[Gap]:
 def configuration(connection: Connection, robot: str, at_s: float) -> Optional[Dict[str, Any]]:
     """Returns the configuration of a robot that was in force at a time in s since 1970, else its first one.
 
-    It is what `Continuity.record_configuration` has stored; None: there is none.
+    It is what `Continuity.record_configuration` has stored; None if there is none.
     """
     query = """
         SELECT configuration_changes.id, text FROM configuration_changes JOIN configurations USING (hash)

@@ -53,18 +53,18 @@ class Recurrence:
 def parse_recurrence(text: str, zone: str = "") -> Recurrence:
     """Reads a rule: days from `mon` to `sun`, as lists and ranges, which may wrap, and times; no days are all days.
 
-    `zone` is the name of a time zone; empty: that of this machine.
+    `zone` is the name of a time zone, that of this machine if it is empty.
 
     Raises:
         ConfigError: it is not of this form, a day, a time or the zone does not exist, or the zone cannot be read.
     """
-    found = _RULE.match(" ".join(text.lower().split()))
-    if found is None:
+    match = _RULE.match(" ".join(text.lower().split()))
+    if match is None:
         raise ConfigError(f'expected days and times such as "mon-fri 22:00-06:00", got {text[:60]!r}')
     zone = zone or machine_zone()
     zone_of(zone)
-    days = frozenset(range(7)) if found["days"] is None else _days(found["days"])
-    return Recurrence(found[0], zone, days, _time(found["begin"]), _time(found["end"]))
+    days = frozenset(range(7)) if match["days"] is None else _days(match["days"])
+    return Recurrence(match[0], zone, days, _time(match["begin"]), _time(match["end"]))
 
 
 def machine_zone() -> str:
@@ -100,15 +100,15 @@ def zone_of(name: str) -> tzinfo:
 
 
 def _days(text: str) -> FrozenSet[int]:
-    found = set()
+    days = set()
     for part in text.split(","):
         first, is_range, last = part.partition("-")
         for name in (first, last) if is_range else (first,):
             if name not in DAYS:
                 raise ConfigError(f"expected days from mon to sun, got {name[:60]!r}")
         begin, end = DAYS.index(first), DAYS.index(last if is_range else first)
-        found |= {day % 7 for day in range(begin, end + 1 if end >= begin else end + 8)}
-    return frozenset(found)
+        days |= {day % 7 for day in range(begin, end + 1 if end >= begin else end + 8)}
+    return frozenset(days)
 
 
 def _time(text: str) -> time:

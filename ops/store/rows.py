@@ -51,7 +51,7 @@ class CheckedConnection(Connection):
 
     @property
     def skipped_text(self) -> str:
-        """One line about the rows that were skipped; empty: none were."""
+        """One line about the rows that were skipped; empty if none were."""
         if not self.skipped:
             return ""
         count = len(self.skipped)
@@ -68,7 +68,7 @@ def skip(connection: Connection, table: str, row: object) -> None:
 class Rows(List[T]):
     """The rows of a query without those that were skipped."""
 
-    found: Sequence[Sequence[Any]] = ()
+    raw: Sequence[Sequence[Any]] = ()
     """All of them, as the query returned them."""
 
 
@@ -87,13 +87,13 @@ def select(
     cursor = connection.execute(query, values)
     read = row_reader([column[0] for column in cursor.description], types)
     rows: Rows[Any] = Rows()
-    rows.found = cursor.fetchall()
-    for row in rows.found:
-        found = read(row)
-        if found is None:
+    rows.raw = cursor.fetchall()
+    for row in rows.raw:
+        fields = read(row)
+        if fields is None:
             skip(connection, table, row[0])
         else:
-            rows.append(make(found))
+            rows.append(make(fields))
     return rows
 
 
@@ -103,7 +103,7 @@ def records(
     """Returns rows of a table as a NamedTuple whose fields are its `columns`, as `select`; `tail` follows the table."""
     types = get_type_hints(record)
     query = f"SELECT {columns or ', '.join(types)} FROM {table} {tail}"
-    return select(connection, table, types.values(), query, values, lambda found: record(*found))
+    return select(connection, table, types.values(), query, values, lambda fields: record(*fields))
 
 
 class StoredTransition(NamedTuple):
@@ -127,7 +127,7 @@ class StoredTransition(NamedTuple):
     fingerprint: str
     text: str
     statistics: Mapping[str, Any]
-    """None: not finite."""
+    """A value is None if it was not finite."""
     repeat: bool
     hint: str
     black_box: str
@@ -157,7 +157,7 @@ TRANSITION_COLUMNS = f"id, {', '.join(_GIVEN)}, coalesce(alert_id, id), {AFFECTE
 """The columns of a transition, in the order of the fields of `StoredTransition`."""
 
 INSERT_TRANSITION = f"INSERT INTO transitions ({', '.join(_GIVEN)}, alert_id) VALUES ({', '.join('?' * 18)})"
-"""Stores what `transition_row` returns; the last value is the transition that began the alert (None: this one)."""
+"""Stores what `transition_row` returns; the last value is the transition that began the alert (None if it is new)."""
 
 
 def transition_row(transition: Transition, wall_s: float) -> Tuple[Any, ...]:

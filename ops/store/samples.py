@@ -152,9 +152,9 @@ def read(
             values = (after_s, LATEST_S if until_s is None else until_s)
             rows = _rows(connection, series, "start_s > ? AND start_s < ?", values, _PAGE)
             yield from (each for each in rows if since_s is None or each.start_s + each.seconds > since_s)
-            if not rows.found:
+            if not rows.raw:
                 break
-            after_s = rows.found[-1][2]
+            after_s = rows.raw[-1][2]
 
 
 def read_coarse(
@@ -249,9 +249,9 @@ class SampleUpkeep:
         """Merges the oldest hour that is fine and before a time; returns how many rows that was."""
         where = f"start_s >= ? AND start_s < ? AND seconds < {MERGED_S}"
         rows = _rows(self._connection, series, where, (self._merged_until_s, before_s), int(_STEP_S / PERIOD_S))
-        if not rows.found:
+        if not rows.raw:
             return 0
-        begin_s = rows.found[0][2] // MERGED_S * MERGED_S
+        begin_s = rows.raw[0][2] // MERGED_S * MERGED_S
         end_s = min(begin_s + _STEP_S, before_s)
         merged = [
             each._replace(start_s=each.start_s // MERGED_S * MERGED_S, seconds=MERGED_S)
@@ -260,7 +260,7 @@ class SampleUpkeep:
         ]
         self._connection.execute(f"DELETE FROM samples WHERE {_OF_SIGNAL} AND {where}", (*series, begin_s, end_s))
         self._connection.executemany(_STORE, merged)
-        return len(rows.found)
+        return len(rows.raw)
 
 
 def _series(connection: Connection, robot: Optional[str] = None, signal: Optional[str] = None) -> List[_Series]:

@@ -273,7 +273,7 @@ def require_known(connection: Connection) -> None:
 
 
 def version_of(connection: Connection) -> int:
-    """Returns the version of the tables; 0: there are none. Changes nothing.
+    """Returns the version of the tables; 0 if there are none. Changes nothing.
 
     Raises:
         UnusableFileError: the file is no history, or from a newer version.

@@ -56,17 +56,17 @@ class Silence(NamedTuple):
     author: str
     created_s: float
     until_s: Optional[float] = None
-    """When it expires; None: without a time limit."""
+    """When it expires; None if it has no time limit."""
     until_resolved: bool = False
     """Whether it ends when the alerts that were open at its begin have resolved."""
     ended_s: Optional[float] = None
-    """When it was ended, or its last alert resolved; None: not yet."""
+    """When it was ended, or its last alert resolved; None if that is still to come."""
     ended_by: str = ""
-    """Who ended it; empty: it was not ended, or this is unknown."""
+    """Who ended it; empty if it was not ended, or if this is unknown."""
     ended_reason: str = ""
     """Why it was ended."""
     every: str = ""
-    """When it is in force, while it is active; empty: all the time."""
+    """When it is in force, while it is active; empty if it is all the time."""
     timezone: str = ""
     """The time zone of `every`."""
     open_alerts: str = ""
@@ -80,7 +80,7 @@ class Silence(NamedTuple):
 
     @property
     def rule(self) -> Optional[Recurrence]:
-        """When it is in force; None: all the time."""
+        """When it is in force; None if it is all the time."""
         return parse_recurrence(self.every, self.timezone) if self.every else None
 
     def is_active(self, now_s: float) -> bool:
@@ -130,10 +130,10 @@ def parse_duration_s(text: str) -> float:
     Raises:
         ConfigError: it is not of this form, is 0, or is longer than a year.
     """
-    found = _DURATION.match(text) if text else None
-    if found is None:
+    match = _DURATION.match(text) if text else None
+    if match is None:
         raise ConfigError(f"expected a duration such as 30m, 1h30m or 7d, got {text[:60]!r}")
-    seconds = float(sum(int(count) * unit_s for count, unit_s in zip(found.groups("0"), _UNITS_S)))
+    seconds = float(sum(int(count) * unit_s for count, unit_s in zip(match.groups("0"), _UNITS_S)))
     _check_duration(seconds)
     return seconds
 
@@ -172,9 +172,9 @@ def add_silence(
         connection: the database.
         matchers: which alerts.
         now_s: in s since 1970.
-        for_s: how long, in s; None: without a time limit.
+        for_s: how long, in s; None if there is no time limit.
         until_resolved: only for the alerts that are open now, until they resolve. With `for_s`: whichever comes first.
-        every: when it is in force each week; None: all the time.
+        every: when it is in force each week; None if it is all the time.
         reason: why; as `author` one line of at most 200 characters.
         author: who.
 

@@ -155,8 +155,8 @@ def summarize(
 ) -> List[SignalSummary]:
     """Returns a summary per robot and signal, and per topic that was silent, sorted by their names.
 
-    It reaches from `since_s` (None: when the robot was first watched) to `now_s`, in s since 1970. In `robot` and
-    `signal`, `*` and `?` work as in file names.
+    It reaches from `since_s` to `now_s`, in s since 1970; if `since_s` is None, from when the robot was first watched.
+    In `robot` and `signal`, `*` and `?` work as in file names.
     """
     watched = _watched(connection, robot)
     links_up: Dict[str, _Spans] = {name: [(-math.inf, math.inf)] for name in watched}
@@ -179,17 +179,17 @@ def summarize(
             causes.update(((name, effect), signal_name) for effect in affected.split("\n"))
             signal_of(name, signal_name).apply(wall_s, from_level, to_level, lasted_s)
     summaries = []
-    for (name, signal_name), found in sorted(signals.items()):
-        if found.duration_s > 0.0 and (signal is None or matches_pattern(signal_name, signal)):
+    for (name, signal_name), summary in sorted(signals.items()):
+        if summary.duration_s > 0.0 and (signal is None or matches_pattern(signal_name, signal)):
             # An element without a state has ended (forget_after_s): what came after is not known.
             without_state_s = math.inf if signal_name == template_name(signal_name) else 0.0
-            found.advance(now_s, without_state_s if found.lasting_s is None else found.lasting_s)
-            found.levels = [each for each in found.levels if each[0] < now_s]
-            was_ok = found.times.keys() <= {Level.OK}
+            summary.advance(now_s, without_state_s if summary.lasting_s is None else summary.lasting_s)
+            summary.levels = [each for each in summary.levels if each[0] < now_s]
+            was_ok = summary.times.keys() <= {Level.OK}
             if was_ok:
-                found.cause = causes.get((name, signal_name), "")
+                summary.cause = causes.get((name, signal_name), "")
             if not (was_ok and is_source(signal_name)):  # topics are shown while they are silent
-                summaries.append(found)
+                summaries.append(summary)
     return summaries
 
 
@@ -251,9 +251,9 @@ def _transitions(connection: Connection, robot: Optional[str]) -> Iterator[Seque
         SELECT id, wall_s, robot, signal, from_level, to_level, now_s - since_s, {AFFECTED} FROM transitions
         WHERE id > :id AND NOT repeat AND {pattern_condition(connection, "robot")} ORDER BY id LIMIT {_PAGE}
     """
-    found: Sequence[Sequence[Any]] = ((0,),)
-    while found:
-        rows = select(connection, "transitions", _TYPES, query, {"id": found[-1][0], "robot": robot})
+    page: Sequence[Sequence[Any]] = ((0,),)
+    while page:
+        rows = select(connection, "transitions", _TYPES, query, {"id": page[-1][0], "robot": robot})
         for _, *row in rows:
             yield row
-        found = rows.found
+        page = rows.raw

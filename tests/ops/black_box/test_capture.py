@@ -29,7 +29,7 @@ class Robot:
         self.add(topics)
         self.node: LocalMiddleware = self.bus.node("alert_system", use_sim_time=use_sim_time)
         self.capture = Capture(self.node, named, self.note, ("/diagnostics",))
-        self.capture.found = self.node.topic_types()
+        self.capture.topic_types = self.node.topic_types()
 
     def add(self, topics: Mapping[str, str]) -> None:
         self.types.update(topics)
@@ -75,7 +75,7 @@ def test_a_topic_that_appears_later_is_recorded_from_then_on() -> None:
     robot = Robot({"/a": FLOAT}, ["*"])
     assert robot.recorded() == ["/a"]
     robot.add({"/b": FLOAT})
-    robot.capture.found = robot.node.topic_types()
+    robot.capture.topic_types = robot.node.topic_types()
     assert robot.recorded() == ["/a", "/b"]
     assert robot.recorded() == ["/a", "/b"]
 
@@ -122,14 +122,14 @@ def test_a_robot_that_lists_topics_of_impossible_types_costs_some_lines_and_boun
     """For a minute, 5,000 new names every 5 s; a topic that a signal watches is recorded all the same."""
     robot = Robot({"/z": FLOAT}, ["*"])
     for number in range(12):
-        robot.capture.found = {f"/t{number}/n{each}": "no\ntype" for each in range(5_000)}
+        robot.capture.topic_types = {f"/t{number}/n{each}": "no\ntype" for each in range(5_000)}
         assert robot.recorded(one={"topic": "/z"}) == ["/z"]
         assert len(robot.capture._topics) == capture._MOST_MATCHING + 1
         robot.bus.run_until(robot.bus.now_s + 5.0)
     texts = [line.text for line in robot.bus.log_lines]
     assert len(texts) == 10
     assert all(text.startswith("black box: /t0/n") and "\n" not in text for text in texts)
-    robot.capture.found = {}
+    robot.capture.topic_types = {}
     robot.recorded()
     assert [name for name, _ in robot.capture._topics] == ["/none"]
 
