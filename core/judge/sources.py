@@ -156,7 +156,7 @@ class Source(Alert):
         super().exchange(state)
         self.was_silent = self.was_silent or state.is_saved
         silence = state.section("silence")
-        self.speaks = silence.flag("speaks", self.speaks)
+        self.speaks = silence.flag("speaks", self.is_silent and self.speaks)
         silence.text("head", "" if self.head is None else self.head.name)
         is_silent = silence.flag("is_silent", self.is_silent)
         silent_since_s = state.since_s("silent", self.staleness.counts_from_s if self.is_silent else None)
