@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import threading
 import time
 from collections import deque
@@ -38,7 +39,8 @@ MAX_WAITING_SAMPLES = 50_000
 LOST_PART = "history queue"
 """The part whose fault counts transitions that were not stored."""
 
-# At most 1,000 are stored with an alert: a driver may rename itself.
+_MOST_EVIDENT = 1_000  # signals per robot whose latest samples are known: a driver may rename itself
+# At most 1,000 are stored with an alert, likewise.
 _STORE_EFFECT = """
     INSERT OR IGNORE INTO effects (transition_id, signal)
     SELECT alert_id, ? FROM open_alerts WHERE robot = ? AND signal = ?
@@ -145,6 +147,7 @@ class RobotHistory:
         self.keeps_samples = history.keeps_samples
         self._lock = threading.Lock()
         self._open_save: Optional[Dict[str, str]] = None
+        self._evidence_until_s: Dict[str, float] = {}
 
     def restore(self) -> Mapping[str, SavedSignal]:
         """Returns the last stored state of each signal, by name; empty if the history cannot be read."""
@@ -169,7 +172,7 @@ class RobotHistory:
             history, signal = self._history, transition.signal
             wall_s, state = self.wall_s(), {signal: json.dumps(saved)}
             row = transition_row(transition, wall_s)
-            samples = pack_samples(evidence)
+            samples = pack_samples(evidence, self._evidence_until_s.get(signal, -math.inf))
 
             def insert(connection: Connection) -> None:
                 history.store(connection, row, samples, transition, wall_s)
@@ -181,6 +184,11 @@ class RobotHistory:
                 is_waiting = history.submit(job)
                 if is_waiting:
                     self._open_save = None  # later states go behind this transition
+                    if evidence:
+                        self._evidence_until_s.pop(signal, None)  # the newest are at the end
+                        self._evidence_until_s[signal] = evidence[-1][0]
+                    if len(self._evidence_until_s) > _MOST_EVIDENT:
+                        del self._evidence_until_s[next(iter(self._evidence_until_s))]
             if not is_waiting:
                 history.note_lost()
                 self._save(state)

@@ -6,10 +6,13 @@ import math
 from sqlite3 import Connection
 from typing import Any, Dict, Iterator, List, NamedTuple, Optional, Sequence, Tuple
 
+from ...core.judge.continuity import MAX_EVIDENCE
 from ...core.values import Level, matches_pattern
 from .rows import TRANSITION_COLUMNS, Rows, StoredTransition, Values, records, select, unpack_samples
+from .schema import INDEX_STEP, INDEXED
 
 _PAGE = 500
+_ROUNDING_S = 0.001  # of the times of samples
 
 
 class Gap(NamedTuple):
@@ -84,9 +87,9 @@ def number_range(connection: Connection, since_s: Optional[float]) -> Tuple[int,
         return 1, 0
     if since_s is not None:
         # The plus makes SQLite use the index, not walk through the rows until one fits.
-        query = "SELECT min(+id) FROM transitions WHERE wall_s >= ?"
-        (newer,) = connection.execute(query, (since_s,)).fetchone()
-        first = last if newer is None else newer
+        query = f"SELECT min(+id) FROM transitions WHERE {INDEXED} AND wall_s >= ?"
+        (indexed,) = connection.execute(query, (since_s,)).fetchone()
+        first = max(first, (last if indexed is None else indexed) - INDEX_STEP)
     return first, last
 
 
@@ -134,10 +137,30 @@ def not_ok_at(connection: Connection, alert: StoredTransition, limit: int) -> Li
 
 
 def evidence(connection: Connection, transition_id: int) -> Sequence[Tuple[float, float]]:
-    """Returns the samples of the window at a transition: wall time in s since 1970, value (NaN if it was no number)."""
-    query = "SELECT samples FROM evidence WHERE transition_id = ?"
-    row = connection.execute(query, (transition_id,)).fetchone()
-    return [] if row is None else unpack_samples(row[0])
+    """Returns the samples of the window at a transition: wall time in s since 1970, value (NaN if it was no number).
+
+    Samples that earlier transitions of the signal have, too, are stored with the earliest only.
+    """
+    query = "SELECT robot, signal, samples FROM transitions JOIN evidence ON transition_id = id WHERE"
+    latest = connection.execute(f"{query} id = ?", (transition_id,)).fetchone()
+    window = None if latest is None else unpack_samples(latest[2])
+    if window is None:
+        return []
+    first_s = window.first_s
+    first, _ = number_range(connection, first_s - _ROUNDING_S)  # the window's samples were not stored before its begin
+    query = f"{query} id BETWEEN ? AND ? AND robot = ? AND signal = ? ORDER BY id DESC LIMIT ?"
+    rows = connection.execute(query, (first, transition_id, *latest[:2], MAX_EVIDENCE))
+    samples: List[Tuple[float, float]] = []
+    for _, _, packed in rows:
+        part = unpack_samples(packed)
+        if part is None:
+            break
+        end_s = samples[0][0] if samples else math.inf
+        samples[:0] = [sample for sample in part.samples if first_s - _ROUNDING_S <= sample[0] < end_s]
+        if part.is_complete or (part.samples and part.samples[0][0] <= first_s):
+            break
+    rows.close()
+    return samples
 
 
 def gaps(connection: Connection, since_s: float = 0.0) -> List[Gap]:

@@ -15,6 +15,7 @@ from typing import Callable, List, Optional, Tuple
 
 from ...core.config import template_name
 from .samples import SampleUpkeep
+from .schema import INDEX_STEP, INDEXED
 
 _MAX_ROWS = 200  # per call and table
 _MAX_PAGES = 1000  # given back to the file system per call
@@ -111,8 +112,11 @@ class Retention:
         `now_s` is in s since 1970. Returns whether there may be more. Call inside a transaction.
         """
         before_s = now_s - keep_s
-        query = f"SELECT id, robot, signal FROM transitions WHERE wall_s < ? {_NOT_OPEN} ORDER BY wall_s LIMIT ?"
-        deleted = self._delete(self._connection.execute(query, (before_s, _MAX_ROWS)).fetchall())
+        query = f"SELECT max(+id) FROM transitions WHERE {INDEXED} AND wall_s < ?"
+        (indexed,) = self._connection.execute(query, (before_s,)).fetchone()
+        query = f"SELECT id, robot, signal FROM transitions WHERE id < ? AND wall_s < ? {_NOT_OPEN} ORDER BY id LIMIT ?"
+        values = ((indexed or 0) + INDEX_STEP, before_s, _MAX_ROWS)
+        deleted = self._delete(self._connection.execute(query, values).fetchall())
         for table, is_old, is_past, _ in _OTHERS:
             deleted += self._delete_others(table, f"{is_old} AND {is_past}", run_id, before_s)
         return self._samples.merge_old(before_s, now_s) or deleted > 0

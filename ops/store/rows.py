@@ -170,25 +170,46 @@ def transition_row(transition: Transition, wall_s: float) -> Tuple[Any, ...]:
     return (wall_s, *(printable(value) if isinstance(value, str) else value for value in row.values()), None)
 
 
-def pack_samples(samples: Sequence[Tuple[float, Any]]) -> bytes:
+def pack_samples(samples: Sequence[Tuple[float, Any]], stored_until_s: float = -math.inf) -> bytes:
     """Packs samples (wall time in s, value), 12 bytes each; of more than `MAX_EVIDENCE`, the newest.
 
-    The format: the time of the first sample in s since 1970 as float64, the seconds since then as float32 for each
-    sample, the values as float64; little-endian. A value that is not a number is NaN.
+    The format: the time of the window's first sample in s since 1970 as float64, the seconds since then as float32 for
+    each sample, the values as float64; little-endian. A value that is not a number is NaN. Samples up to
+    `stored_until_s` are left out, because an earlier transition has them.
     """
     samples = samples[-MAX_EVIDENCE:]
-    times = [_number(time_s) - samples[0][0] for time_s, _ in samples]
+    if not samples:
+        return b""
+    first_s, last_s = samples[0][0], samples[-1][0]
+    if last_s >= stored_until_s:  # otherwise the wall clock was set back
+        samples = [sample for sample in samples if sample[0] > stored_until_s]
+    times = [_number(time_s) - first_s for time_s, _ in samples]
     values = [_number(value) for _, value in samples]
-    return struct.pack(f"<d{len(samples)}f{len(samples)}d", samples[0][0], *times, *values) if samples else b""
+    return struct.pack(f"<d{len(samples)}f{len(samples)}d", first_s, *times, *values)
 
 
-def unpack_samples(packed: object) -> Sequence[Tuple[float, float]]:
-    """Returns the samples of `pack_samples`; empty if there are none, or it is not of this form."""
+class UnpackedSamples(NamedTuple):
+    """The samples of `pack_samples`."""
+
+    first_s: float
+    """Time of the window's first sample, in s since 1970."""
+    samples: List[Tuple[float, float]]
+    """Wall time in s and value."""
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether no samples were left out."""
+        return bool(self.samples) and self.samples[0][0] <= self.first_s
+
+
+def unpack_samples(packed: bytes) -> Optional[UnpackedSamples]:
+    """Returns the samples of `pack_samples`; None if there are none, or it is not of this form."""
     if not isinstance(packed, bytes) or len(packed) % 12 != 8:
-        return []
+        return None
     count = len(packed) // 12
     first_s, *numbers = struct.unpack(f"<d{count}f{count}d", packed)
-    return [(first_s + time_s, value) for time_s, value in zip(numbers[:count], numbers[count:])]
+    samples = [(first_s + time_s, value) for time_s, value in zip(numbers[:count], numbers[count:])]
+    return UnpackedSamples(first_s, samples)
 
 
 def _number(value: Any) -> float:

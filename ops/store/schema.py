@@ -21,9 +21,13 @@ SCHEMA_VERSION = 1
 MIGRATIONS: Mapping[int, Sequence[str]] = {}
 """By version: the statements that turn its tables into those of the next version; see `migrate`."""
 
+INDEX_STEP = 16
+INDEXED = f"id % {INDEX_STEP} = 0"
+"""The transitions that are in the index by time: each one takes a page that an alert has to write."""
+
 # There is no index by robot and signal: each alert would write a page of it at another place of the disk, and so would
 # each deleted one; together more than everything else.
-_TABLES = """
+_TABLES = f"""
 -- Runs of the monitor. Between alive_s (or stopped_s) of one and started_s of the next is a gap.
 CREATE TABLE runs (
     id INTEGER PRIMARY KEY AUTOINCREMENT,
@@ -62,7 +66,7 @@ CREATE TABLE transitions (
     alert_id INTEGER,                    -- the transition that began the alert; NULL: this one
     cause TEXT NOT NULL                  -- name of the alert whose effect the signal was
 );
-CREATE INDEX transitions_by_time ON transitions(wall_s);
+CREATE INDEX transitions_by_time ON transitions(wall_s) WHERE {INDEXED};
 -- The samples of the window at the time of a transition; see rows.py.
 CREATE TABLE evidence (
     transition_id INTEGER PRIMARY KEY REFERENCES transitions(id),

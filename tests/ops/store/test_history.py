@@ -50,6 +50,20 @@ def test_a_transition_is_committed_when_record_returns(history: History) -> None
         assert queries.evidence(connection, stored.id) == [(999_999.0, 15.0)]
 
 
+def test_samples_that_several_transitions_have_are_stored_once(history: History) -> None:
+    robot = history.of_robot("r1")
+    first, second = [(1.0, 15.0), (2.0, 14.0)], [(2.0, 14.0), (3.0, 13.0)]
+    robot.record(low_battery(), {"level": 1}, first)
+    robot.record(low_battery(2.0), {"level": 1}, second)
+    robot.record(low_battery(3.0), {"level": 1}, [])
+    assert history.file is not None
+    with reading(history.file) as connection:
+        found = [queries.evidence(connection, stored.id) for stored in queries.transitions(connection)]
+        assert found == [first, second, []]
+        sizes = connection.execute("SELECT length(samples) FROM evidence ORDER BY transition_id").fetchall()
+        assert sizes == [(32,), (20,), (0,)]
+
+
 def test_a_restarted_monitor_finds_the_latest_state_of_each_signal(tmp_path: Path) -> None:
     settings = HistorySettings(str(tmp_path / "history.db"))
     first = History(settings)
@@ -184,6 +198,7 @@ def test_a_driver_that_renames_itself_leaves_nothing_in_memory(history: History)
     for table in ("signal_states", "open_alerts"):
         query = f"SELECT count(*) FROM mirrored_{table}"
         assert history.run(lambda connection, query=query: connection.execute(query).fetchone()) == (0,)  # type: ignore[misc]
+    assert len(robot._evidence_until_s) <= 1_000
 
 
 def test_only_the_first_caller_waits_while_the_disk_hangs(history: History, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sqlite3
 from typing import Any, Dict, List, Optional
 
@@ -100,6 +101,31 @@ def test_one_transition_and_its_evidence(connection: sqlite3.Connection) -> None
     assert queries.transition(connection, 99) is None
     assert queries.evidence(connection, 2) == [(1.0, 2.0)]
     assert queries.evidence(connection, 1) == []
+
+
+def test_samples_that_are_stored_with_earlier_transitions_are_found(connection: sqlite3.Connection) -> None:
+    connection.execute("DELETE FROM transitions")
+    insert = INSERT_TRANSITION.replace("(wall_s", "(id, wall_s").replace("(?", "(?, ?")
+    windows = {
+        1: [(10.0, 0.0), (12.0, 1.0)],
+        2: [(10.0, 0.0), (12.0, 1.0), (13.0, 2.0)],
+        3: [(12.0, 1.0), (13.0, 2.0)],  # the window has moved on, without a new sample
+        5: [(12.0, 1.0), (13.0, 2.0), (14.0, 3.0)],
+    }
+    until_s = -math.inf
+    for number, samples in windows.items():
+        row = transition_row(transition(number, signal="a"), 100.0)
+        connection.execute(insert, (number, *row))
+        connection.execute("INSERT INTO evidence VALUES (?, ?)", (number, pack_samples(samples, until_s)))
+        until_s = samples[-1][0]
+    connection.execute(insert, (4, *transition_row(transition(4, signal="b"), 100.0)))
+    connection.execute("INSERT INTO evidence VALUES (4, ?)", (pack_samples([(13.5, 9.0)]),))
+    sizes = connection.execute("SELECT length(samples) FROM evidence ORDER BY transition_id").fetchall()
+    assert sizes == [(32,), (20,), (8,), (20,), (20,)]
+    for number, samples in windows.items():
+        assert queries.evidence(connection, number) == samples
+    connection.execute("DELETE FROM transitions WHERE id = 1")
+    assert queries.evidence(connection, 2) == [(13.0, 2.0)]
 
 
 def test_monitor_events_are_starts_stops_resets_and_configurations(connection: sqlite3.Connection) -> None:

@@ -6,7 +6,7 @@ import math
 import shutil
 import sqlite3
 from pathlib import Path
-from typing import Any, Iterator, Sequence, Tuple
+from typing import Any, Iterator, List, Sequence, Tuple
 
 import pytest
 from harness.filled_history import fill_history, read_everything
@@ -25,9 +25,12 @@ from robot_health_monitor.ops.store.rows import (
 )
 
 
-def packed_and_unpacked(samples: Sequence[Tuple[float, Any]]) -> Sequence[Tuple[float, float]]:
+def packed_and_unpacked(samples: Sequence[Tuple[float, Any]]) -> List[Tuple[float, float]]:
     """Returns the samples as they are read again."""
-    return unpack_samples(pack_samples(samples))
+    unpacked = unpack_samples(pack_samples(samples))
+    assert unpacked is not None
+    assert unpacked.is_complete
+    return unpacked.samples
 
 
 def test_samples_survive_packing() -> None:
@@ -37,7 +40,7 @@ def test_samples_survive_packing() -> None:
 
 def test_no_samples_take_no_space() -> None:
     assert pack_samples([]) == b""
-    assert unpack_samples(b"") == []
+    assert unpack_samples(b"") is None
 
 
 def test_a_value_that_is_no_number_becomes_nan() -> None:
@@ -49,9 +52,23 @@ def test_only_the_newest_300_samples_are_kept() -> None:
     assert [value for _, value in packed_and_unpacked([(float(n), n) for n in range(301)])] == list(range(1, 301))
 
 
+def test_samples_that_an_earlier_transition_has_are_left_out() -> None:
+    samples = [(10.0, 1.0), (11.0, 2.0), (12.0, 3.0)]
+    assert unpack_samples(pack_samples(samples, 11.0)) == (10.0, [(12.0, 3.0)])
+    assert unpack_samples(pack_samples(samples, 12.0)) == (10.0, [])
+    assert len(pack_samples(samples, 12.0)) == 8
+
+
+def test_all_samples_are_stored_after_the_wall_clock_was_set_back() -> None:
+    assert packed_and_unpacked([(10.0, 1.0), (11.0, 2.0)]) == [(10.0, 1.0), (11.0, 2.0)]
+    unpacked = unpack_samples(pack_samples([(10.0, 1.0), (11.0, 2.0)], 500.0))
+    assert unpacked is not None
+    assert unpacked.is_complete
+
+
 @pytest.mark.parametrize("packed", [None, "text", 5, 2.5, b"odd", b"1" * 9])
-def test_what_is_not_packed_samples_has_none(packed: Any) -> None:
-    assert unpack_samples(packed) == []
+def test_what_is_not_packed_samples_is_none(packed: Any) -> None:
+    assert unpack_samples(packed) is None
 
 
 ODD = ("'text'", "9e999", "9223372036854775807", "x'ff00'", "CAST(x'ff' AS TEXT)")
