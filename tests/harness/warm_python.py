@@ -23,7 +23,9 @@ import socket
 import subprocess
 import sys
 import termios
+import threading
 import time
+import weakref
 from pathlib import Path
 from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 
@@ -39,6 +41,8 @@ class ForkedProgram:
     def __init__(self, status: int) -> None:
         """Waits for its process number, the first line of `status`; the second one will be its exit code."""
         self._status = open(status, "rb", buffering=0)
+        weakref.finalize(self, self._status.close)  # not when it has ended: other threads may wait for it, too
+        self._reading = threading.Lock()
         self.pid = int(self._status.readline())
         self.returncode: Optional[int] = None
 
@@ -65,8 +69,9 @@ class ForkedProgram:
 
     def _exit_code(self, timeout_s: Optional[float]) -> Optional[int]:
         if self.returncode is None and select.select([self._status], [], [], timeout_s)[0]:
-            with self._status:
-                self.returncode = int(self._status.readline())
+            with self._reading:
+                if self.returncode is None:
+                    self.returncode = int(self._status.readline())
         return self.returncode
 
 
