@@ -1058,15 +1058,17 @@ def test_a_profile_of_metrics_that_does_not_exist_is_an_error() -> None:
 
 def test_a_black_box_is_downloaded(tmp_path: Path) -> None:
     content = bytes(range(256)) * 1000
-    (tmp_path / "atlas_1.mcap").write_bytes(content)
+    (tmp_path / "atlas_20261123T014559.123Z_fan.mcap").write_bytes(content)
 
     async def use(site: Site) -> None:
-        address = f"{site.url}/api/black_box/atlas_1.mcap"
+        address = f"{site.url}/api/black_box/atlas_20261123T014559.123Z_fan.mcap"
         async with site.session.get(address) as response:
             assert response.status == 401
         async with site.session.get(address, headers=BEARER) as response:
             assert (response.status, await response.read()) == (200, content)
-            assert response.headers["Content-Disposition"] == 'attachment; filename="atlas_1.mcap"'
+            assert (
+                response.headers["Content-Disposition"] == 'attachment; filename="atlas_20261123T014559.123Z_fan.mcap"'
+            )
             assert response.headers["Content-Type"] == "application/octet-stream"
             assert response.headers["Cache-Control"] == "no-store"
 
