@@ -57,6 +57,8 @@ class Notifier:
         ]
         for delivery in self._deliveries:
             delivery.start()
+        if self._queue.targets:
+            history.keep_lines()
         history.on_record.append(self._note)
         history.on_second.append(self._follow)
         history.put(self._follow)

@@ -8,9 +8,12 @@ from __future__ import annotations
 from sqlite3 import Connection
 from typing import Callable, Dict, Mapping, Tuple
 
+from ...core.config import template_name
 from ...core.nodes.outlets import json_line
 from ...core.values import Level, Transition, package_version, printable
-from .rows import select
+from .queries import configuration
+from .queries import transition as stored_transition
+from .rows import StoredTransition, select
 
 _DELETE_STATE = "DELETE FROM signal_states WHERE robot = ? AND signal = ?"
 # Not REPLACE, which would change the indexes, too.
@@ -80,6 +83,28 @@ def alert_json(transition: Transition, alert_id: int, **further: object) -> str:
     return json_line(transition, alert_id=alert_id, **further)
 
 
+def keep_lines(connection: Connection) -> None:
+    """Stores the JSON of each open alert, which only notifications need: it takes most of the space.
+
+    That of an alert which began without notifications is made from its transition.
+    """
+    query = "SELECT robot, signal, transition_id FROM open_alerts WHERE transition_json = ''"
+    for robot, signal, number in connection.execute(query).fetchall():
+        stored = stored_transition(connection, number)
+        if stored is not None:
+            update = "UPDATE open_alerts SET transition_json = ? WHERE robot = ? AND signal = ?"
+            connection.execute(update, (_past_alert_json(connection, stored), robot, signal))
+
+
+def _past_alert_json(connection: Connection, stored: StoredTransition) -> str:
+    """Formats a stored transition as `alert_json`, with what to do by the configuration in force then."""
+    kept = configuration(connection, stored.robot, stored.wall_s) or {}
+    settings = kept.get(stored.signal) or kept.get(template_name(stored.signal))
+    advice = settings.get("what_to_do") if isinstance(settings, dict) else None
+    further = {"what_to_do": printable(advice)} if isinstance(advice, str) else {}
+    return json_line(stored, alert_id=stored.alert_id, **further)
+
+
 def write_states(connection: Connection, robot: str, states: Mapping[str, str]) -> None:
     """Stores the states of signals of a robot in JSON; `{}` deletes one."""
     for signal, state in states.items():
@@ -96,13 +121,19 @@ def alert_of(connection: Connection, transition: Transition) -> int:
     return 0 if row is None or transition.from_level is Level.OK else int(row[0])
 
 
-def note_transition(connection: Connection, number: int, alert: int, transition: Transition, wall_s: float) -> None:
-    """Stores that a transition with this number opens, changes or ends an alert (`alert_of`; 0 if it is this one)."""
+def note_transition(
+    connection: Connection, number: int, alert: int, transition: Transition, wall_s: float, *, keeps_line: bool
+) -> None:
+    """Stores that a transition with this number opens, changes or ends an alert (`alert_of`; 0 if it is this one).
+
+    `keeps_line` says whether its JSON is stored, for notifications; see `keep_lines`.
+    """
     name = printable(transition.robot), printable(transition.signal)
     is_ok = transition.to_level is Level.OK
     if is_ok or not (alert or transition.repeat):
         connection.execute("DELETE FROM open_alerts WHERE robot = ? AND signal = ?", name)
     if not (is_ok or transition.repeat):
-        alert_id, line = alert or number, alert_json(transition, alert or number)
+        alert_id = alert or number
+        line = alert_json(transition, alert_id) if keeps_line else ""
         row = (*name, alert_id, number, int(transition.to_level), wall_s, wall_s, transition.fingerprint, line)
         connection.execute(_STORE_ALERT, row)

@@ -36,14 +36,14 @@ def test_an_alert_keeps_its_number_and_its_begin_until_it_begins_again() -> None
     )
     for number, (before, after, expected) in enumerate(steps, 7):
         event = transition(number, after, from_level=before)
-        note_transition(connection, number, alert_of(connection, event), event, 1000.0 + number)
+        note_transition(connection, number, alert_of(connection, event), event, 1000.0 + number, keeps_line=True)
         assert connection.execute(query).fetchone() == expected
 
 
 def test_an_open_alert_has_the_json_that_notifications_need() -> None:
     connection = schema.in_memory()
     status = Status("fan", Level.WARN, "", "r1", {}, what_to_do="clean it")
-    note_transition(connection, 5, 0, transition(signal="fan", value=15.0, status=status), 1000.0)
+    note_transition(connection, 5, 0, transition(signal="fan", value=15.0, status=status), 1000.0, keeps_line=True)
     line = json.loads(connection.execute("SELECT transition_json FROM open_alerts").fetchone()[0])
     expected = {"signal": "fan", "alert_id": 5, "to_level": "WARN", "value": 15.0, "what_to_do": "clean it"}
     assert {name: line[name] for name in expected} == expected
