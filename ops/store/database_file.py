@@ -124,7 +124,7 @@ class DatabaseFile:
 
     def copy_log(self) -> None:
         """Copies the log into the file, and empties it if no reader uses it."""
-        # A connection of its own: the writer goes on while all but the last few pages are copied.
+        # A second connection: the writer goes on while all but the last few pages are copied.
         uri = f"file:{quote(self.path)}?mode=rw"
         with contextlib.closing(sqlite3.connect(uri, uri=True, timeout=_READERS_S, isolation_level=None)) as connection:
             for mode in ("PASSIVE", "TRUNCATE"):

@@ -105,7 +105,7 @@ def test_a_topic_whose_type_was_left_out_can_be_subscribed_to_with_its_type(ros:
 
 
 def test_a_publisher_of_another_type_is_one_error_line(ros: Any) -> None:
-    """Each subscription of a topic takes the messages of its own type."""
+    """Each subscription of a topic takes the messages of the type that it names."""
     untyped, typed, other = Recorder(), Recorder(), Recorder()
     node = ros.node("alert_system")
     node.subscribe("in", FLOAT32, typed, field="data")
