@@ -14,7 +14,7 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any, Dict, Iterable, List, Mapping, Optional, Sequence
+from typing import Any, Iterable, Mapping, Sequence
 
 import nox
 
@@ -162,7 +162,7 @@ def search_path() -> str:
     return os.pathsep.join(dict.fromkeys(folders))
 
 
-def sourced(distro: str) -> Optional[Dict[str, str]]:
+def sourced(distro: str) -> dict[str, str] | None:
     """Returns the environment of a ROS distribution: sourced in this shell, else in /opt/ros; None if not installed."""
     if os.environ.get("ROS_DISTRO") == distro:
         return {name: value for name, value in os.environ.items() if name in ROS_VARIABLES}
@@ -231,7 +231,7 @@ def install_packages(session: nox.Session, wanted: Sequence[Sequence[str]]) -> N
         session.skip(f"not installed; as root: apt-get install {' '.join(missing)}")
 
 
-def missing_packages(packages: Iterable[str]) -> List[str]:
+def missing_packages(packages: Iterable[str]) -> list[str]:
     """Returns those of Debian's packages that are not installed."""
     if not shutil.which("dpkg-query"):
         return list(packages)
@@ -427,7 +427,7 @@ def fuzz(session: nox.Session) -> None:
     session.run("python", "-m", "pytest", "-q", "tests/core/test_silence_model.py", env=timelines)
 
 
-def target(name: str, ros: Optional[Mapping[str, str]]) -> Dict[str, object]:
+def target(name: str, ros: Mapping[str, str] | None) -> dict[str, object]:
     """Returns the interpreter and the variables with which the benchmarks start nodes."""
     folder = ROOT / ".venv" / name / "bin"
     variables = {name: value for name, value in os.environ.items() if name not in ROS_VARIABLES}
@@ -456,7 +456,7 @@ def use_shared(session: nox.Session) -> None:
     session.env["SHARED_PYTHON"] = str(ROOT / ".venv" / f"python-{session.python}".replace(".", "-") / "bin" / "python")
 
 
-def isolate(session: nox.Session, ros: Optional[Mapping[str, str]]) -> None:
+def isolate(session: nox.Session, ros: Mapping[str, str] | None) -> None:
     """Gives a session the variables of one ROS only.
 
     Plugins of pytest that come with a ROS were written for its own pytest, and stop a newer one.
@@ -464,7 +464,7 @@ def isolate(session: nox.Session, ros: Optional[Mapping[str, str]]) -> None:
     session.env.update({**dict.fromkeys(ROS_VARIABLES), **(ros or {}), "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"})
 
 
-def set_up(session: nox.Session, ros: Optional[Mapping[str, str]], *requirements: str) -> None:
+def set_up(session: nox.Session, ros: Mapping[str, str] | None, *requirements: str) -> None:
     """Gives a session the variables of one ROS only, and installs what the tests need."""
     renew(session, (ros or {}).get("ROS_DISTRO", "no ROS"))
     isolate(session, ros)

@@ -14,11 +14,11 @@ import importlib
 import json
 import os
 import sys
-from typing import Any, Dict, Iterator, List
+from typing import Any, Iterator
 
 from benchmarks.table import PAGE, Row, changed_files, table, version, write_page
 
-PARTS: Dict[str, str] = {
+PARTS: dict[str, str] = {
     "observe": "observe.rows", "messages": "ros_nodes.compare", "signals": "ros_nodes.compare",
     "statuses": "ros_nodes.compare", "black_box": "ros_nodes.compare", "host": "host.rows",
     "footprint": "ros_nodes.footprint", "graph": "ros_nodes.graph", "rosbridge": "rosbridge.rows",
@@ -62,7 +62,7 @@ def main() -> int:
         parser.error("--write takes no part: all tables are of one version")
     if arguments.write and changed_files():
         parser.error(f"--write: commit first, the page names the commit:\n{changed_files()}")
-    measured: Dict[str, List[Row]] = {}
+    measured: dict[str, list[Row]] = {}
     for part in asked:
         print(f"measuring {part} ...", file=sys.stderr, flush=True)
         measured[part] = list(measure(part))

@@ -10,7 +10,7 @@ import random
 import statistics
 import warnings
 from itertools import chain
-from typing import Iterator, List, NamedTuple, Sequence, Tuple
+from typing import Iterator, NamedTuple, Sequence
 
 from benchmarks.table import Row
 from robot_health_monitor.core import Level, Monitor, Sample, load_config
@@ -27,7 +27,7 @@ EVERY_S, LEAST_S = 30, 120
 class Judged(NamedTuple):
     """What a forecast said during one discharge."""
 
-    errors: List[float]
+    errors: list[float]
     """Relative errors of `time_to_bound_s`."""
     unstated: int
     """Looks at which there was no `time_to_bound_s`."""
@@ -76,7 +76,7 @@ def judge(values: Sequence[float], bound: float, window_s: float) -> Judged:
     signal = {"statistic": "forecast", "window_s": window_s, "forecast_s": FORECAST_S, "for_s": 60.0}
     monitor = Monitor(load_config({"signals": {"cell": {**signal, "warn_below": bound}}}))
     reached_s = next(second for second, value in enumerate(values) if value < bound)
-    errors: List[float] = []
+    errors: list[float] = []
     unstated, left_s = 0, 0.0
     for second, value in enumerate(values[:reached_s]):
         for transition in monitor.observe(Sample("cell", value, float(second))):
@@ -92,7 +92,7 @@ def judge(values: Sequence[float], bound: float, window_s: float) -> Judged:
     return Judged(errors, unstated, left_s)
 
 
-def _discharge(chance: random.Random, constant: bool) -> Tuple[List[float], List[float]]:
+def _discharge(chance: random.Random, constant: bool) -> tuple[list[float], list[float]]:
     """Returns charge in % and voltage of a cell from full to empty, one value per second.
 
     The current stays, or changes every 30 to 300 s, as that of a robot that drives and waits.

@@ -16,7 +16,7 @@ import sys
 import tempfile
 import time
 from pathlib import Path
-from typing import Dict, Iterator, List, Optional, Sequence, Tuple
+from typing import Iterator, Sequence
 
 from harness.reserved import free_port
 
@@ -74,9 +74,9 @@ def rows(rounds: int = 3) -> Iterator[Row]:
     yield within(what, CONNECT, max(delays_ms), 1000.0, "ms", remark)
 
 
-def _cpu_us(robots: Process, processes: Dict[str, Process], rounds: int) -> Dict[str, List[float]]:
+def _cpu_us(robots: Process, processes: dict[str, Process], rounds: int) -> dict[str, list[float]]:
     """Returns the CPU time per message of each contestant in each slice, in us."""
-    cpu_us: Dict[str, List[float]] = {name: [] for name in processes}
+    cpu_us: dict[str, list[float]] = {name: [] for name in processes}
     for _ in range(rounds):
         begin_s = {name: process.cpu_s() for name, process in processes.items()}
         sent = int(robots.ask(f"send {SLICE_S}"))
@@ -88,8 +88,8 @@ def _cpu_us(robots: Process, processes: Dict[str, Process], rounds: int) -> Dict
 
 @contextlib.contextmanager
 def _running(
-    count: int, contestants: Sequence[str], port: Optional[int] = None
-) -> Iterator[Tuple[Process, Dict[str, Process]]]:
+    count: int, contestants: Sequence[str], port: int | None = None
+) -> Iterator[tuple[Process, dict[str, Process]]]:
     """Starts robots and contestants, and lets them warm up; with a port, `connect` serves there and keeps a history."""
     signal = {"type": "std_msgs/Float32", "warn_below": 20.0, "startup_grace_s": 1000.0, "stale_after_s": 1000.0}
     thresholds = alert_system({f"signal_{number}": signal for number in range(SIGNALS)})
@@ -98,7 +98,7 @@ def _running(
         write_yaml(folder, thresholds=thresholds, ops={"history": {"file": str(folder / "history.db")}})
         robots = stack.enter_context(peer("robots"))
         server = f"127.0.0.1:{robots.reply()}"
-        processes: Dict[str, Process] = {}
+        processes: dict[str, Process] = {}
         for name in contestants:
             scheme, path = ADDRESSES[name]
             url, variables = f"{scheme}://{server}/{path}", {**os.environ, "PYTHONPATH": str(ROOT)}

@@ -13,7 +13,7 @@ import subprocess
 import sys
 import time
 from functools import partial
-from typing import Any, Callable, Dict, Iterator, List
+from typing import Any, Callable, Iterator
 
 from benchmarks.table import Row, beside, in_turn, within
 from robot_health_monitor.core.sensors import configuration
@@ -35,7 +35,7 @@ SOURCES = "battery_sensor's sources"
 
 def rows(rounds: int = 60) -> Iterator[Row]:
     """Measures and yields the rows of the table."""
-    section: Dict[str, Dict[str, Any]] = {f"m_{name}": {"source": name} for name in METRICS}
+    section: dict[str, dict[str, Any]] = {f"m_{name}": {"source": name} for name in METRICS}
     section["core"] = {"source": "cpu_percent", "core": 0}
     with contextlib.ExitStack() as running:
         for number in range(10):
@@ -48,8 +48,8 @@ def rows(rounds: int = 60) -> Iterator[Row]:
         running.callback(calls.close)
         tree = {"host": section, **{metric: {"source": "none"} for metric in configuration.METRICS}}
         sources = configuration.read_sources(tree, computer=Computer(background=calls))
-        opened: List[str] = []
-        files: List[str] = []
+        opened: list[str] = []
+        files: list[str] = []
         now_s = 0.0
 
         def note(event: str, arguments: Any) -> None:
@@ -65,7 +65,7 @@ def rows(rounds: int = 60) -> Iterator[Row]:
                     source.read(now_s)
             files[:] = opened
 
-        def existing() -> List[str]:
+        def existing() -> list[str]:
             return [path for path in files if os.path.isfile(path)]
 
         sys.addaudithook(note)  # it costs both contestants the same
@@ -86,7 +86,7 @@ def _cpu_us(function: Callable[[], None]) -> float:
     return 1e6 * (time.process_time() - begin_s)
 
 
-def _read_bare(files: List[str]) -> None:
+def _read_bare(files: list[str]) -> None:
     """Reads files whole, lists the processes, and asks for the space of the disk."""
     os.listdir("/proc")
     os.statvfs("/")

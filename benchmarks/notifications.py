@@ -20,7 +20,7 @@ import time
 from asyncio.subprocess import DEVNULL, PIPE
 from contextlib import AsyncExitStack
 from pathlib import Path
-from typing import Any, Awaitable, Callable, Dict, Iterator, List, Mapping
+from typing import Any, Awaitable, Callable, Iterator, Mapping
 
 import aiohttp
 from aiohttp import web
@@ -93,7 +93,7 @@ def _disk(file: Path) -> Callable[[], Awaitable[object]]:
     return measure
 
 
-async def _measure(count: int, folder: Path) -> Dict[str, List[float]]:
+async def _measure(count: int, folder: Path) -> dict[str, list[float]]:
     """Returns the times in s, by contestant."""
 
     async def chat(request: web.Request) -> web.Response:
@@ -110,7 +110,7 @@ async def _measure(count: int, folder: Path) -> Dict[str, List[float]]:
         # At the same time: a client that waits for the others does not answer pings.
         runs = await asyncio.gather(*(_run(stack, folder / str(at), ops) for at, ops in enumerate(operations.values())))
         contestants = {**dict(zip(operations, runs)), DISK: _disk(folder / "disk.db")}
-        times_s: Dict[str, List[float]] = {name: [] for name in contestants}
+        times_s: dict[str, list[float]] = {name: [] for name in contestants}
         for _ in range(count):
             for name, measure in contestants.items():
                 await asyncio.sleep(PAUSE_S)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import random
 import statistics
 import time
-from typing import Any, Callable, Dict, Iterator, Mapping
+from typing import Any, Callable, Iterator, Mapping
 
 from benchmarks.table import Row, in_turn, median_ratio
 from robot_health_monitor.core import Monitor, Sample, load_config
@@ -87,7 +87,7 @@ def _river(window: int) -> Callable[[float], None]:
 
 def rows(rounds: int = 25) -> Iterator[Row]:
     """Measures and yields the rows of the table."""
-    contestants: Dict[str, Callable[[], float]] = {}
+    contestants: dict[str, Callable[[], float]] = {}
     for window in WINDOWS:
         contestants[f"{RIVER} {window}"] = _timed(_river(window))
         contestants.update((f"{name} {window}", _timed(_monitor(name, window))) for name in FEATURES)

@@ -26,7 +26,7 @@ import os
 import struct
 import sys
 import time
-from typing import Any, Awaitable, Callable, Dict, List, Set, Tuple, Union
+from typing import Any, Awaitable, Callable
 
 import aiohttp
 import cbor2
@@ -81,7 +81,7 @@ async def _server() -> None:
 
 
 async def _floor() -> None:
-    sockets: List[web.WebSocketResponse] = []
+    sockets: list[web.WebSocketResponse] = []
 
     async def accept(request: web.Request) -> web.WebSocketResponse:
         websocket = web.WebSocketResponse(compress=False)
@@ -154,7 +154,7 @@ async def _clients(port: str, count: str, topic: str = "") -> None:
     async def fewest(_: str) -> int:
         return min(counts)
 
-    kept: List[Any] = []  # a connection ends with the last reference to it
+    kept: list[Any] = []  # a connection ends with the last reference to it
     for index in range(len(counts)):
         reader, writer = await asyncio.open_connection("127.0.0.1", int(port))
         writer.write(request.encode() + subscription)
@@ -171,7 +171,7 @@ _FLOAT32 = {
 _CHANNELS = [{"id": number, "topic": f"/signal_{number}", **_FLOAT32} for number in range(SIGNALS)]
 
 
-def _encoded(contestant: str, signal: int, value: float) -> Union[str, bytes]:
+def _encoded(contestant: str, signal: int, value: float) -> str | bytes:
     """Returns a message as a contestant gets it."""
     if contestant == "foxglove":  # channels are subscribed to in their order; 256: the header of CDR, little endian
         return struct.pack("<BIQIf", 1, signal, 0, 256, value)
@@ -186,9 +186,9 @@ async def _robots() -> None:
     on each connection, evenly spread; the answer is how many messages each contestant was sent. In each second, the
     first signal of another robot is below its bound once; `low` is answered with when that was, in s, by robot.
     """
-    latest: Dict[Tuple[str, str], web.WebSocketResponse] = {}
-    contestants: Set[str] = set()
-    low_s: Dict[str, float] = {}
+    latest: dict[tuple[str, str], web.WebSocketResponse] = {}
+    contestants: set[str] = set()
+    low_s: dict[str, float] = {}
 
     async def accept(request: web.Request) -> web.WebSocketResponse:
         contestant = request.match_info["contestant"]
@@ -247,7 +247,7 @@ async def _bare(url: str, robots: str) -> None:
 
 
 async def _alerts(url: str) -> None:
-    seen_s: Dict[str, float] = {}
+    seen_s: dict[str, float] = {}
 
     async def reply(_: str) -> str:
         return json.dumps(seen_s)

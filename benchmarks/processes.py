@@ -18,7 +18,7 @@ import tempfile
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Awaitable, Callable, Dict, Iterator, Mapping, Optional, Sequence
+from typing import Any, Awaitable, Callable, Iterator, Mapping, Sequence
 
 import yaml
 from harness.reserved import free_port
@@ -30,7 +30,7 @@ class Process:
     """A process that is measured from outside; it ends with the block `with`."""
 
     def __init__(
-        self, command: Sequence[object], variables: Optional[Mapping[str, str]] = None, *, answers: bool = False
+        self, command: Sequence[object], variables: Mapping[str, str] | None = None, *, answers: bool = False
     ) -> None:
         """Starts it. Its output goes to a file, except the `stdout` of one that answers lines."""
         self._log = tempfile.TemporaryFile("w+")
@@ -120,12 +120,12 @@ class Target:
 
     name: str
     python: str
-    variables: Dict[str, str]
+    variables: dict[str, str]
     package: str
     """`ros1` or `ros2`."""
 
     def node(
-        self, executable: str, namespace: str, remap: str = "", parameters: Optional[Path] = None, first: str = ""
+        self, executable: str, namespace: str, remap: str = "", parameters: Path | None = None, first: str = ""
     ) -> Process:
         """Starts one of this project's executables, with a `remap` (`old:=new`) and the file of its configuration.
 
@@ -151,7 +151,7 @@ class Target:
 
 
 @contextlib.contextmanager
-def target(package: str, python: str, variables: Dict[str, str]) -> Iterator[Target]:
+def target(package: str, python: str, variables: dict[str, str]) -> Iterator[Target]:
     """Prepares ROS 1 with a master on a free port, or ROS 2 in a random domain, on this machine only."""
     compile_source(python)
     path = os.pathsep.join(filter(None, [str(ROOT), variables.get("PYTHONPATH", "")]))
@@ -170,7 +170,7 @@ def target(package: str, python: str, variables: Dict[str, str]) -> Iterator[Tar
         yield Target("ROS 1", python, variables, package)
 
 
-def alert_system(signals: Mapping[str, Any], **others: object) -> Dict[str, Any]:
+def alert_system(signals: Mapping[str, Any], **others: object) -> dict[str, Any]:
     """Returns the tree of a thresholds.yaml."""
     return {"alert_system": {"ros__parameters": {**others, "signals": signals}}}
 

@@ -18,7 +18,7 @@ import sys
 import tempfile
 import time
 from pathlib import Path
-from typing import Any, Iterator, List, Mapping, Sequence
+from typing import Any, Iterator, Mapping, Sequence
 
 from rosbags import rosbag1, rosbag2
 from rosbags.highlevel import AnyReader
@@ -64,7 +64,7 @@ def rows(rounds: int = 5) -> Iterator[Row]:
         yield _memory(what, REPLAY, memory_mb)
 
 
-def _run(contestant: str, path: Path, *arguments: str) -> List[float]:
+def _run(contestant: str, path: Path, *arguments: str) -> list[float]:
     """Returns the CPU time in s and the memory in MB of one contestant."""
     command = [sys.executable, "-m", "benchmarks.recordings", contestant, str(path), *arguments]
     done = subprocess.run(command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, check=False)

@@ -16,7 +16,7 @@ import statistics
 import tempfile
 import time
 from pathlib import Path
-from typing import Any, Dict, Iterator, List, Mapping, NamedTuple, Optional
+from typing import Any, Iterator, Mapping, NamedTuple
 
 from benchmarks.processes import Process, Target, alert_system, write_yaml
 from benchmarks.ros_peers import BARE, GRAPH, STATUSES, WATCHED, topics_below
@@ -42,7 +42,7 @@ class _Question(NamedTuple):
     """What is compared with what."""
 
     what: str
-    signals: Optional[Mapping[str, Any]]
+    signals: Mapping[str, Any] | None
     """None: those of the default configuration."""
     required: Mapping[str, Mapping[str, float]]
     """By middleware: the largest ratio to each bare peer."""
@@ -114,9 +114,9 @@ def compare(target: Target, part: str, rounds: int = 20) -> Iterator[Row]:
 
 def _measure(
     target: Target, question: _Question, peer: str, rounds: int, slice_s: float = 3.0
-) -> Dict[str, List[float]]:
+) -> dict[str, list[float]]:
     """Returns the CPU time per message in each slice but the first, which fills the windows; in us."""
-    cost_us: Dict[str, List[float]] = {BARE: [], WATCHED: []}
+    cost_us: dict[str, list[float]] = {BARE: [], WATCHED: []}
     with contextlib.ExitStack() as running:
         folder = Path(running.enter_context(tempfile.TemporaryDirectory()))
         file = ROOT / "config" / "thresholds.yaml"
@@ -174,7 +174,7 @@ def footprint(target: Target, part: str = "", measure_s: float = 40.0) -> Iterat
         yield row if name == COMPOSED else row._replace(required=None)
 
 
-def _percent(processes: Mapping[str, Process], seconds: float) -> Dict[str, float]:
+def _percent(processes: Mapping[str, Process], seconds: float) -> dict[str, float]:
     """Returns the CPU time per second of each process during the next seconds, in %."""
     begin_s, used_s = time.monotonic(), {name: process.cpu_s() for name, process in processes.items()}
     time.sleep(seconds)
@@ -188,7 +188,7 @@ def graph(target: Target, part: str = "", rounds: int = 5) -> Iterator[Row]:
     Two alert_systems run side by side: one watches ten nodes, ten topics' publishers and a pattern of subscribers, the
     other a topic. What the first takes more is the graph's.
     """
-    signals: Dict[str, Any] = {f"node_{at}": {"node": f"/robot/node_{at}"} for at in range(10)}
+    signals: dict[str, Any] = {f"node_{at}": {"node": f"/robot/node_{at}"} for at in range(10)}
     signals.update((f"topic_{at}", {"publishers": f"/robot/topic_{at}_0"}) for at in range(10))
     signals["heard"] = {"subscribers": "/robot/topic_1*_1", "error_below": 0}
     level = {"topic": "/level", "stale_after_s": 0.0}

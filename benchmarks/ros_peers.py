@@ -16,7 +16,7 @@ import os
 import random
 import sys
 import time
-from typing import Any, Callable, Dict, Iterator, List
+from typing import Any, Callable, Iterator
 
 BARE, WATCHED = "/bare", "/watched"
 """Topics of the two contestants, or the prefixes of their topics."""
@@ -26,7 +26,7 @@ STATUSES = 200
 """Statuses of a message on /diagnostics."""
 
 
-def topics_below(name: str, count: int) -> List[str]:
+def topics_below(name: str, count: int) -> list[str]:
     """Returns the topics of a contestant: its name, or a number of topics below it."""
     return [name] if count == 1 else [f"{name}/t{number}" for number in range(count)]
 
@@ -57,7 +57,7 @@ class _Ros1:
     def stamp(self) -> Any:
         return self._rospy.Time.now()
 
-    def add_node(self, name: str, publishes: List[str], subscribes: str, cls: Any) -> None:
+    def add_node(self, name: str, publishes: list[str], subscribes: str, cls: Any) -> None:
         import rosgraph
 
         master, type_name, uri = rosgraph.Master(f"/robot/{name}"), "std_msgs/Float32", self._rospy.get_node_uri()
@@ -81,7 +81,7 @@ class _Ros2:
         self._rclpy = rclpy
         rclpy.init()
         self._node = Node(f"peer_{role}")
-        self._kept: List[Any] = []
+        self._kept: list[Any] = []
 
     def subscribe(self, topic: str, cls: Any, callback: Callable[[Any], object], *, raw: bool = False) -> None:
         self._node.create_subscription(cls, topic, callback, 10, raw=raw)
@@ -98,7 +98,7 @@ class _Ros2:
     def stamp(self) -> Any:
         return self._node.get_clock().now().to_msg()
 
-    def add_node(self, name: str, publishes: List[str], subscribes: str, cls: Any) -> None:
+    def add_node(self, name: str, publishes: list[str], subscribes: str, cls: Any) -> None:
         from rclpy.node import Node
         from rclpy.parameter import Parameter
 
@@ -125,7 +125,7 @@ class _Ros2:
             pass
 
 
-def _count_messages(ros: Any, topics: List[str], cls: Any, *, events: bool = True, raw: bool = False) -> None:
+def _count_messages(ros: Any, topics: list[str], cls: Any, *, events: bool = True, raw: bool = False) -> None:
     received = 0
 
     def count(message: object) -> None:
@@ -206,7 +206,7 @@ def main() -> None:
             message.status.append(status)
         return message
 
-    roles: Dict[str, Callable[[], None]] = {
+    roles: dict[str, Callable[[], None]] = {
         "empty": ros.spin,
         "exercise": lambda: _exercise(ros, Float32),
         "robot": lambda: _robot(ros, Float32),

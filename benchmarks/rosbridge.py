@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import time
-from typing import Callable, Dict, Iterator
+from typing import Callable, Iterator
 
 from benchmarks.processes import Process, peer
 from benchmarks.table import Row, beside, in_turn
@@ -30,7 +30,7 @@ def rows(rounds: int = 3) -> Iterator[Row]:
 
 def _broadcast(clients: int, rate_hz: float, rounds: int) -> Iterator[Row]:
     lost = dict.fromkeys(CONTESTANTS.values(), 0.0)
-    contestants: Dict[str, Callable[[], float]] = {}
+    contestants: dict[str, Callable[[], float]] = {}
     with contextlib.ExitStack() as running:
         for role, contestant in CONTESTANTS.items():
             server = running.enter_context(peer(role))

@@ -8,7 +8,7 @@ import re
 import statistics
 import subprocess
 from pathlib import Path
-from typing import Callable, Dict, Iterable, Iterator, List, Mapping, NamedTuple, Optional, Sequence
+from typing import Callable, Iterable, Iterator, Mapping, NamedTuple, Sequence
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "reference" / "benchmarks.md"
@@ -24,9 +24,9 @@ class Row(NamedTuple):
     """What was measured: the monitor or a peer."""
     figure: str = ""
     """The median, with its unit; empty where it could not be measured."""
-    ratio: Optional[float] = None
+    ratio: float | None = None
     """Ratio to the contestant or the limit that is named in `remark`, both from this run."""
-    required: Optional[float] = None
+    required: float | None = None
     """Largest `ratio` that meets the requirement; None: for comparison only."""
     remark: str = ""
     """What the ratio refers to, or why there is no figure."""
@@ -51,7 +51,7 @@ def beside(
     what: str,
     figures: Mapping[str, Sequence[float]],
     unit: str,
-    required: Optional[float] = None,
+    required: float | None = None,
     remark: str = "",
     digits: int = 0,
 ) -> Iterator[Row]:
@@ -63,9 +63,9 @@ def beside(
         yield row if name == peer else row._replace(ratio=ratio, required=required, remark=f"to {peer}{remark}")
 
 
-def in_turn(contestants: Mapping[str, Callable[[], float]], rounds: int) -> Dict[str, List[float]]:
+def in_turn(contestants: Mapping[str, Callable[[], float]], rounds: int) -> dict[str, list[float]]:
     """Measures contestants one after the other, round after round; returns all figures but those of the first round."""
-    figures: Dict[str, List[float]] = {name: [] for name in contestants}
+    figures: dict[str, list[float]] = {name: [] for name in contestants}
     for number in range(rounds + 1):
         for name, measure in contestants.items():
             figure = measure()
@@ -81,7 +81,7 @@ def median_ratio(numerators: Sequence[float], denominators: Sequence[float]) -> 
 
 def table(rows: Iterable[Row]) -> str:
     """Returns the rows as a Markdown table whose columns are aligned."""
-    cells: List[Sequence[str]] = [_HEADINGS]
+    cells: list[Sequence[str]] = [_HEADINGS]
     for row in rows:
         ratio = "" if row.ratio is None else f"{row.ratio:.2f}"
         required = "" if row.required is None else f"<= {row.required:.2f}"

@@ -10,7 +10,7 @@ import contextlib
 import statistics
 import time
 import urllib.request
-from typing import Callable, Dict, Iterator
+from typing import Callable, Iterator
 
 from benchmarks.peers import SIGNALS
 from benchmarks.processes import Process, peer
@@ -39,7 +39,7 @@ def rows(rounds: int = 3) -> Iterator[Row]:
             time.sleep(0.5)  # the clients have gone
             return used_ms
 
-        contestants: Dict[str, Callable[[], float]] = {
+        contestants: dict[str, Callable[[], float]] = {
             BARE: lambda: _used_ms(bare),
             PLAIN: lambda: _used_ms(server),
             "pages": with_clients,

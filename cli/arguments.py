@@ -15,7 +15,7 @@ import importlib
 import sys
 import textwrap
 from pathlib import Path
-from typing import Any, Callable, Collection, Mapping, NoReturn, Optional, Sequence, Tuple
+from typing import Any, Callable, Collection, Mapping, NoReturn, Sequence
 
 from ..core.values import is_namespace, package_version
 from ..runtime.tokens import TOKEN_VARIABLE
@@ -78,7 +78,7 @@ class Parser(argparse.ArgumentParser):
         """Reports an error in one line; argparse itself prints the usage as well."""
         self.exit(ExitCode.USAGE, f"{self.prog}: {message}; see {self.prog} --help\n")
 
-    def exit(self, status: int = 0, message: Optional[str] = None) -> NoReturn:
+    def exit(self, status: int = 0, message: str | None = None) -> NoReturn:
         """Ends the process; arguments may hold control characters."""
         if message:
             from ..core.values.formatting import printable
@@ -96,7 +96,7 @@ class _RejectToken(argparse.Action):
         )
 
 
-def parse(argv: Optional[Sequence[str]] = None) -> argparse.Namespace:
+def parse(argv: Sequence[str] | None = None) -> argparse.Namespace:
     """Parses arguments, by default those of the process; `command` is the name of the command, `run` its function.
 
     Raises:
@@ -119,7 +119,7 @@ def complete_parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _parser(used: Collection[str]) -> Tuple[Parser, Any]:
+def _parser(used: Collection[str]) -> tuple[Parser, Any]:
     """Returns the parser, and argparse's action with those of the commands; only the `used` ones have arguments."""
     parser = Parser(
         prog="robot-health",
@@ -261,7 +261,7 @@ def duration(text: str) -> float:
         raise argparse.ArgumentTypeError(str(error)) from None
 
 
-def find_installed(name: str) -> Optional[Path]:
+def find_installed(name: str) -> Path | None:
     """Returns the path of `config/thresholds.yaml` or another installed file, None if it is not installed.
 
     The source tree has it beside the package; pip, colcon and catkin install it in

@@ -6,7 +6,7 @@ import asyncio
 import time
 from contextlib import nullcontext
 from functools import partial
-from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence
+from typing import Any, Callable, Mapping, Sequence
 
 from ..core.config import (
     MonitorConfig,
@@ -23,7 +23,7 @@ from ..core.nodes.outlets import Outlet
 from ..core.port import NOTHING_CHANGED, LocalBus, LocalMiddleware, LogLine
 from ..core.sensors.computer import Computer
 from ..core.sensors.configuration import METRICS
-from ..core.values import ConfigError, Problems
+from ..core.values import Clock, ConfigError, JsonObject, Problems
 from ..runtime.event_loops import run_in_daemon_thread
 from ..runtime.threads import DetachedCalls
 
@@ -40,14 +40,14 @@ class EmbeddedMonitor:
 
     def __init__(
         self,
-        file: Optional[YamlFile] = None,
+        file: YamlFile | None = None,
         *,
         robot: str = "",
         source: str = "",
-        clock: Callable[[], float] = time.monotonic,
-        wall_time_s: Callable[[], float] = time.time,
-        on_log: Optional[Callable[[LogLine], None]] = None,
-        outlet: Optional[Outlet] = None,
+        clock: Clock = time.monotonic,
+        wall_time_s: Clock = time.time,
+        on_log: Callable[[LogLine], None] | None = None,
+        outlet: Outlet | None = None,
         start_alert_system: Callable[..., AlertSystem] = AlertSystem,
     ) -> None:
         """Starts the nodes; their timers run in `run`, or in `bus.run_due`. ConfigError names file and line.
@@ -57,8 +57,8 @@ class EmbeddedMonitor:
         are kept in `bus.log_lines`; without `outlet`, transitions and notices are logged.
         """
         self.bus = LocalBus(on_log=on_log, wall_time_s=wall_time_s, clock=clock)
-        self._nodes: List[Any] = []
-        self._middlewares: Dict[str, LocalMiddleware] = {}
+        self._nodes: list[Any] = []
+        self._middlewares: dict[str, LocalMiddleware] = {}
         self._file = file
         self._sections = _NO_SECTIONS if file is None else sections_of_nodes(file)
         self._robot = robot
@@ -93,7 +93,7 @@ class EmbeddedMonitor:
         """The configuration with parameters of the server."""
         return self.alert_system.monitor.config
 
-    def parameters(self) -> Mapping[str, Mapping[str, Any]]:
+    def parameters(self) -> Mapping[str, JsonObject]:
         """Returns the parameters that were given, nested, by the full name of their node."""
         return {node.name: node.given_parameters() for node in self.bus.nodes}
 
@@ -134,8 +134,8 @@ class EmbeddedMonitor:
         self._middlewares[name] = middleware
         return node
 
-    def _parameters(self, name: str) -> Mapping[str, Any]:
-        parameters: Dict[str, Any] = dict(self._sections[name].tree)
+    def _parameters(self, name: str) -> JsonObject:
+        parameters: dict[str, Any] = dict(self._sections[name].tree)
         # One robot: the file need not name it three times.
         parameters.setdefault("robot_name", self._sections["alert_system"].tree.get("robot_name", ""))
         if self._robot:
@@ -156,7 +156,7 @@ async def run_timers(bus: LocalBus) -> None:
         await asyncio.sleep(1.0 if due_s is None else max(0.0, due_s - bus.now_s))
 
 
-def sections_of_nodes(file: YamlFile) -> Dict[str, Section]:
+def sections_of_nodes(file: YamlFile) -> dict[str, Section]:
     """Returns the sections of a file by their nodes; those of `NODES` that it does not have are empty.
 
     Raises ConfigError if alert_system has no section, or one of `NODES` has several.

@@ -8,7 +8,7 @@ from __future__ import annotations
 import sys
 from contextlib import ExitStack, closing
 from functools import partial
-from typing import TYPE_CHECKING, Any, Callable, Mapping, Optional, Sequence, Union
+from typing import TYPE_CHECKING, Any, Callable, Mapping, Sequence, Union
 
 from ..runtime.interrupts import Interrupts
 from .exit_codes import ExitCode, internal_error_text
@@ -42,7 +42,7 @@ OpenProcess = Callable[[str, Interrupts], Any]
 """Imports the adapter and returns the `Process` of an executable, not started."""
 
 
-def run(executable: str, open_process: OpenProcess, *, ros: str, patience_s: Optional[float] = None) -> int:
+def run(executable: str, open_process: OpenProcess, *, ros: str, patience_s: float | None = None) -> int:
     """Runs one of `EXECUTABLES`; returns the exit code. `ros` names the middleware, `patience_s` is of `Interrupts`."""
     with StandardStreams() as streams, Interrupts(patience_s) as interrupts:
         try:
@@ -101,9 +101,9 @@ class _Running:
             finally:
                 self._service_manager.stopping()
 
-    def _start_nodes(self) -> Optional[AlertSystem]:
+    def _start_nodes(self) -> AlertSystem | None:
         """Starts the nodes and, with alert_system, its operations and its rosbridge server; returns alert_system."""
-        alert_system: Optional[AlertSystem] = None
+        alert_system: AlertSystem | None = None
         for name in EXECUTABLES[self._executable]:
             self._interrupts.check()
             others = self._process.middlewares
@@ -112,7 +112,7 @@ class _Running:
             alert_system = self._start_node(name) or alert_system
         return alert_system
 
-    def _start_node(self, name: str) -> Optional[AlertSystem]:
+    def _start_node(self, name: str) -> AlertSystem | None:
         """Starts a node; if it refuses its parameters, with those with which it ran last. Returns alert_system."""
         from ..core.port.middleware import Severity
         from ..core.values.errors import ConfigError
@@ -132,7 +132,7 @@ class _Running:
                 recovered.log(Severity.ERROR, f"{PARAMETERS_FAULT}: {text}")
             return alert_system
 
-    def _start(self, name: str, middleware: Middleware) -> Optional[AlertSystem]:
+    def _start(self, name: str, middleware: Middleware) -> AlertSystem | None:
         from ..core.nodes import Aggregator, BatterySensor
         from ..core.nodes.aggregator import has_inputs
         from ..core.port.middleware import Severity
@@ -181,7 +181,7 @@ class _Running:
                 self._before_nodes.callback(server.close)
         return alert_system
 
-    def _keep_alive(self, alert_system: Optional[AlertSystem]) -> None:
+    def _keep_alive(self, alert_system: AlertSystem | None) -> None:
         """Sends signs of life to systemd, if it asks for them, while the callbacks of a node run."""
         period_s = self._service_manager.watchdog_period_s
         if period_s is not None:

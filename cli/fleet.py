@@ -9,14 +9,14 @@ from __future__ import annotations
 import asyncio
 import re
 import time
-from typing import Any, Callable, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Callable, Iterable, Mapping, Sequence
 
 from ..core.nodes import AlertSystem
 from ..core.nodes.node import host_name
 from ..core.nodes.outlets import Outlet, array_message
 from ..core.nodes.self_monitor import CHECK_PERIOD_S, SelfMonitor
 from ..core.port import NOTHING_CHANGED, LimitedLog, LocalBus, LocalMiddleware, LogLine, Severity
-from ..core.values import ARRAY_TYPE, ConfigError, list_text, printable
+from ..core.values import ARRAY_TYPE, Clock, ConfigError, list_text, printable
 from ..foxglove import FoxgloveClient
 from ..rosbridge.client import RosbridgeClient
 from ..runtime.bridge.address import is_foxglove
@@ -52,7 +52,7 @@ class Fleet:
         reader: FleetReader,
         operations: Operations,
         *,
-        clock: Callable[[], float],
+        clock: Clock,
         on_log: Callable[[LogLine], None],
         outlet: Callable[[str], Outlet],
     ) -> None:
@@ -76,7 +76,7 @@ class Fleet:
         self.process_faults = self.faults.current
         """Returns the same, by part."""
         self._node.advertise(_DIAGNOSTICS, ARRAY_TYPE)
-        self.robots: List[Robot] = []
+        self.robots: list[Robot] = []
         """The robots that are watched now, in the order of the configuration."""
         self._is_running = False
         self_report = {
@@ -134,7 +134,7 @@ class Fleet:
     def apply(self, settings: Sequence[RobotSettings]) -> str:
         """Makes the robots those of `settings`; returns what changed. Called in the loop."""
         known, wanted = {robot.name: robot for robot in self.robots}, {new.name for new in settings}
-        changes: Dict[str, List[str]] = {}
+        changes: dict[str, list[str]] = {}
         for name in [name for name in known if name not in wanted]:
             known[name].end()
             self._operations.end_robot(name)
@@ -212,11 +212,11 @@ class Robot:
         started = False
         self.name = settings.name
         self.settings = settings
-        self.cause: Optional[Cause] = None
+        self.cause: Cause | None = None
         """Why the connection is down; None while it is up and before the first attempt."""
         self.connected = False
         """Whether the connection is up."""
-        self.task: Optional[asyncio.Future[None]] = None
+        self.task: asyncio.Future[None] | None = None
         """Keeps the connection up."""
         self._closed = False
         self._outputs = outputs
@@ -260,7 +260,7 @@ class Robot:
         signals = list_text(tuple(self.alert_system.monitor.config.signals))
         self._client.log(Severity.INFO, f"watching {signals} at {self._address}")
 
-    def parameters(self) -> Tuple[str, Mapping[str, object]]:
+    def parameters(self) -> tuple[str, Mapping[str, object]]:
         """Returns the name of the node on `Fleet.bus`, and the parameters that were given, nested."""
         return self._outputs.name, self._node.given_parameters()
 

@@ -16,12 +16,12 @@ import re
 import ssl
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from typing import Any, Callable, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
+from typing import Callable, Dict, Iterator, List, Optional, Sequence, Tuple
 
 from ..core.config import YamlFile, declared, read_parameters, read_section, read_yaml, require_mapping
 from ..core.nodes import AlertSystem
 from ..core.port import LocalBus
-from ..core.values import ConfigError, Problems, describe, is_namespace
+from ..core.values import ConfigError, JsonObject, Problems, describe, is_namespace
 from ..runtime.bridge.address import full_address, host_and_port, shown_address
 from ..runtime.tokens import TokenFiles
 from .embedded import sections_of_nodes
@@ -45,7 +45,7 @@ class Options:
     token_file: Optional[str] = declared(None, "path of a file with the token to present", is_path=True)
     ca: Optional[str] = declared(None, "path of the certificate authorities to trust, for TLS", is_path=True)
 
-    def mistakes(self, given: Mapping[str, Any]) -> Iterator[Tuple[str, str]]:
+    def mistakes(self, given: JsonObject) -> Iterator[Tuple[str, str]]:
         """Yields key and problem of values that cannot be used; see `read_section`."""
         if not is_namespace(self.namespace or ""):
             yield "namespace", f"expected a namespace such as carter or fleet/carter, got {describe(self.namespace)}"
@@ -58,7 +58,7 @@ class RobotEntry(Options):
     name: str = ""
     url: str = declared("", "ws://host:port, wss://host:port, foxglove://host:port or foxglove+tls://host:port")
 
-    def mistakes(self, given: Mapping[str, Any]) -> Iterator[Tuple[str, str]]:
+    def mistakes(self, given: JsonObject) -> Iterator[Tuple[str, str]]:
         """Yields key and problem of values that cannot be used; see `read_section`."""
         yield from super().mistakes(given)
         try:
@@ -82,7 +82,7 @@ class RobotSettings:
     """Presented to the server; empty if it requires none."""
     ca: bytes = field(default=b"", repr=False)
     """The certificate authorities to trust, as PEM; empty to trust those of the system."""
-    parameters: Mapping[str, Any] = field(default_factory=dict)
+    parameters: JsonObject = field(default_factory=dict)
     """The configuration of alert_system, nested as in the file."""
     ssl_context: Optional[ssl.SSLContext] = field(default=None, compare=False, repr=False)
     """Trusts `ca`; None to trust the system's authorities."""
@@ -93,7 +93,7 @@ class RobotSettings:
         return self.parameters.get("use_sim_time") is True
 
 
-def is_fleet_file(tree: Mapping[str, Any]) -> bool:
+def is_fleet_file(tree: JsonObject) -> bool:
     """Returns whether the contents of a file are those of a fleet.yaml."""
     return "robots" in tree and "alert_system" not in tree
 
@@ -207,7 +207,7 @@ def _read_trust(file: str) -> Tuple[bytes, Optional[ssl.SSLContext]]:
         raise ConfigError(f"cannot be read as certificates: {error.strerror or error}", file=file) from None
 
 
-def _read_thresholds(file: str) -> Mapping[str, Any]:
+def _read_thresholds(file: str) -> JsonObject:
     """Returns the configuration of alert_system in a file. An alert_system without a robot has accepted it."""
     if not file:
         return {}

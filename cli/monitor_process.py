@@ -14,7 +14,7 @@ import logging
 import sys
 import time
 from functools import partial
-from typing import Awaitable, Callable, List, Optional, Sequence, Tuple
+from typing import Awaitable, Callable, Sequence
 
 from ..core.port import NOTHING_CHANGED, LogLine, Severity
 from ..core.values import ConfigError, Level, printable
@@ -93,7 +93,7 @@ class MonitorProcess:
         """Shows a warning about the process."""
         self.events.on_log(LogLine(time.monotonic(), self._name, Severity.WARN, text))
 
-    def read_settings(self, monitors: Monitors, section: Optional[ServerOptions]) -> Optional[ServerSettings]:
+    def read_settings(self, monitors: Monitors, section: ServerOptions | None) -> ServerSettings | None:
         """Returns the settings of the server for the section `server` of an ops.yaml, None if no server is wanted.
 
         Reads the token. Raises ConfigError if a file cannot be used.
@@ -102,7 +102,7 @@ class MonitorProcess:
             return None
         return server_settings(monitors.server_config, section, self._arguments, self._origins, tokens=self._tokens)
 
-    def run(self, monitors: Monitors, duration_s: Optional[float] = None) -> ExitCode:
+    def run(self, monitors: Monitors, duration_s: float | None = None) -> ExitCode:
         """Serves and shows `monitors` until an interrupt, the end of the duration or the loss of the reader.
 
         Closes `monitors` and the output. The output never delays the monitors: if it cannot be written, that is a
@@ -126,7 +126,7 @@ class MonitorProcess:
             raise OutputError(self._output.problem)
         return ExitCode.ALERTS if completed and self.events.alerts else ExitCode.SUCCESS
 
-    async def _run(self, monitors: Monitors, settings: Optional[ServerSettings], duration_s: Optional[float]) -> bool:
+    async def _run(self, monitors: Monitors, settings: ServerSettings | None, duration_s: float | None) -> bool:
         """Returns whether the whole duration has passed."""
         loop = asyncio.get_running_loop()
         interrupts, output, server, service_manager = self._interrupts, self._output, None, ServiceManager()
@@ -148,7 +148,7 @@ class MonitorProcess:
                         return True
                     if interrupts.hung_up and reloading.done():
                         interrupts.hung_up = False
-                        parts: List[Reload] = [monitors.reload, partial(self.reload_ops, monitors)]
+                        parts: list[Reload] = [monitors.reload, partial(self.reload_ops, monitors)]
                         reloading = asyncio.ensure_future(reload_all(parts, monitors.log))
                     await asyncio.wait({running}, timeout=min(_SHOW_PERIOD_S, end_s - loop.time()))
                     if running.done():
@@ -180,7 +180,7 @@ class MonitorProcess:
         A revoked token is refused at once.
         """
 
-        def read() -> Tuple[OpsConfig, Optional[ServerSettings]]:
+        def read() -> tuple[OpsConfig, ServerSettings | None]:
             config = read_config(self._ops_file) if self._ops_file else self.operations.config
             return config, self.read_settings(monitors, config.server)
 
@@ -199,7 +199,7 @@ async def reload_all(parts: Sequence[Reload], log: Callable[[Severity, str], obj
 
     A file that is broken keeps only what it configures from changing.
     """
-    texts: List[str] = []
+    texts: list[str] = []
     failed = False
     for reload in parts:
         task = asyncio.ensure_future(reload())

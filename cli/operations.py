@@ -10,7 +10,7 @@ import time
 from contextlib import ExitStack
 from functools import partial
 from sqlite3 import Connection
-from typing import TYPE_CHECKING, Any, Callable, Dict, List, Mapping, NamedTuple, Optional
+from typing import TYPE_CHECKING, Any, Callable, Mapping, NamedTuple
 
 from ..core.config import read_yaml
 from ..core.nodes import AlertSystem
@@ -19,7 +19,7 @@ from ..core.nodes.node import host_name
 from ..core.nodes.outlets import Outlet
 from ..core.nodes.self_monitor import EMPTY_REPORT, SelfReport
 from ..core.port import Middleware, Severity
-from ..core.values import Faults, ServiceError
+from ..core.values import Clock, Faults, ServiceError
 from ..ops.configuration import SECTIONS, OpsConfig, read_ops
 from ..ops.notify import Notifier
 from ..ops.store.active_silences import Silences
@@ -41,7 +41,7 @@ class _Robot(NamedTuple):
 
     alert_system: AlertSystem
     history: RobotHistory
-    black_box: Optional[RobotBlackBox]
+    black_box: RobotBlackBox | None
 
 
 class Operations:
@@ -50,8 +50,8 @@ class Operations:
     def __init__(
         self,
         config: OpsConfig,
-        wall_time_s: Callable[[], float] = time.time,
-        clock: Callable[[], float] = time.monotonic,
+        wall_time_s: Clock = time.time,
+        clock: Clock = time.monotonic,
     ) -> None:
         """Opens what is configured; `close` ends it. `wall_time_s` gives s since 1970, `clock` monotonic s."""
         self._clock = clock
@@ -62,20 +62,20 @@ class Operations:
         """In memory if no file is configured."""
         self.silences = Silences(self.history)
         self.notifier = self._create_notifier()
-        self.black_box: Optional[BlackBox] = None
+        self.black_box: BlackBox | None = None
         """None if none is configured."""
-        self.server: Optional[Server] = None
+        self.server: Server | None = None
         """The server of the process, whose clients its status shows; None before it has started."""
-        self.on_start: List[Callable[[AlertSystem], object]] = []
+        self.on_start: list[Callable[[AlertSystem], object]] = []
         """Called with each alert_system that is started."""
-        self._robots: Dict[str, _Robot] = {}
+        self._robots: dict[str, _Robot] = {}
         self._fed_s = float("-inf")
         if config.black_box is not None:
             from ..ops.black_box.black_box import BlackBox
 
             self.black_box = BlackBox(config.black_box, self.faults, wall_time_s)
 
-    def use(self, config: OpsConfig) -> List[str]:
+    def use(self, config: OpsConfig) -> list[str]:
         """Applies the targets of another configuration; returns what changed, and what needs a restart.
 
         What waits for a target that stays is sent there. Takes up to a second.
@@ -91,7 +91,7 @@ class Operations:
     def start(
         self,
         middleware: Middleware,
-        outlets: Optional[Mapping[str, Outlet]] = None,
+        outlets: Mapping[str, Outlet] | None = None,
         *,
         self_report: SelfReport = EMPTY_REPORT,
         **options: Any,
@@ -129,7 +129,7 @@ class Operations:
         return alert_system
 
     def start_only(
-        self, middleware: Middleware, outlets: Optional[Mapping[str, Outlet]] = None, **options: Any
+        self, middleware: Middleware, outlets: Mapping[str, Outlet] | None = None, **options: Any
     ) -> AlertSystem:
         """Starts the only alert_system of the process, as `start`; it shows the faults, and logs what is in use."""
         alert_system = self.start(middleware, outlets, self_report=self.self_report(), **options)
@@ -167,7 +167,7 @@ class Operations:
             "black_box_dropped": lambda: None if self.black_box is None else self.black_box.ring.dropped,
         }
 
-    def silence_text(self, robot: str, signal: str) -> Optional[str]:
+    def silence_text(self, robot: str, signal: str) -> str | None:
         """Returns reason and end of an alert's silence, None if it is not silenced. May be called in any thread."""
         silence = self.silences.silence_of(robot, signal)
         return None if silence is None else silence.text
@@ -209,7 +209,7 @@ class Operations:
             if all(robot.alert_system.tick_age_s < _LATE_S for robot in tuple(self._robots.values())):
                 self.notifier.note_tick()
 
-    def _start_black_box(self, middleware: Middleware, robot: str) -> Optional[RobotBlackBox]:
+    def _start_black_box(self, middleware: Middleware, robot: str) -> RobotBlackBox | None:
         if self.black_box is None:
             return None
         from ..ops.black_box.robot_black_box import RobotBlackBox

@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import os
 import time
-from typing import Callable, MutableMapping, Optional
+from typing import MutableMapping
+
+from ..core.values import Clock
 
 _LONGEST_TICK_AGE_S = 5.0
 
@@ -16,16 +18,14 @@ _LONGEST_TICK_AGE_S = 5.0
 class ServiceManager:
     """The connection to the service manager that started this process. Never raises and never waits."""
 
-    def __init__(
-        self, environment: MutableMapping[str, str] = os.environ, clock: Callable[[], float] = time.monotonic
-    ) -> None:
+    def __init__(self, environment: MutableMapping[str, str] = os.environ, clock: Clock = time.monotonic) -> None:
         """Takes the variables of systemd out of the environment: they are not for commands that this process starts."""
         self._clock = clock
         self._address = environment.pop("NOTIFY_SOCKET", "")
         limit_us = environment.pop("WATCHDOG_USEC", "")
         is_meant = environment.pop("WATCHDOG_PID", str(os.getpid())) == str(os.getpid())
         self._limit_s = float(limit_us) / 1e6 if limit_us.isdigit() and is_meant else 0.0
-        self._alive_at_s: Optional[float] = None
+        self._alive_at_s: float | None = None
         self.watchdog_period_s = self._limit_s / 2.0 if self._address and self._limit_s else None
         """Longest time between two calls of `alive`, in s; None if systemd does not watch this process."""
 

@@ -6,7 +6,7 @@ import asyncio
 import os
 import ssl
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Callable, Dict, Optional, Sequence, Tuple, Union
+from typing import TYPE_CHECKING, Any, Callable, Sequence
 
 from ..core.nodes.node import host_name
 from ..core.nodes.outlets import Event, event_severity, event_text
@@ -51,9 +51,9 @@ class ServerSettings(ServerOptions):
 
 
 def server_settings(
-    config: Optional[MonitorConfig],
-    options: Optional[ServerOptions],
-    arguments: Optional[ServerOptions] = None,
+    config: MonitorConfig | None,
+    options: ServerOptions | None,
+    arguments: ServerOptions | None = None,
     origins: Sequence[str] = (),
     *,
     tokens: TokenFiles,
@@ -64,7 +64,7 @@ def server_settings(
     `server` of ops.yaml. Without a `config`, for several robots, the token comes from a file alone: the variable has
     that of the robots. Raises ConfigError if the token file cannot be used.
     """
-    values: Dict[str, Any] = {}
+    values: dict[str, Any] = {}
     parameters = ServerOptions()
     if config is not None:
         address = config.rosbridge_address if config.rosbridge_address != DEFAULT_ADDRESS else ""
@@ -89,11 +89,11 @@ class _BesideRos:
 def _make_server(
     node: ServedMiddleware,
     settings: ServerSettings,
-    monitors: Union[Monitors, _BesideRos],
+    monitors: Monitors | _BesideRos,
     operations: Operations,
     *,
     threads: bool,
-) -> Tuple[Server, WebInterface]:
+) -> tuple[Server, WebInterface]:
     """Returns a server that is not started, and its page. `node` is not closed here.
 
     With `threads`, the node is called back, and robots are judged, in other threads than the server's loop. Raises
@@ -128,7 +128,7 @@ def _make_server(
     return server, web
 
 
-def _tls_context(settings: ServerSettings) -> Optional[ssl.SSLContext]:
+def _tls_context(settings: ServerSettings) -> ssl.SSLContext | None:
     """Returns the TLS context of a server, None without TLS; raises ConfigError if it cannot be made."""
     if not settings.tls_certificate:
         return None
@@ -160,7 +160,7 @@ def page_address(address: str, port: int, scheme: str = "http") -> str:
 
 async def serve(
     monitor: Monitors, settings: ServerSettings, operations: Operations, *, required: bool
-) -> Optional[Server]:
+) -> Server | None:
     """Serves monitors, and what the page shows of `operations`, in the running loop; `stop_serving` ends it.
 
     Returns None if the server cannot be started, which is now a fault of alert_system. Raises ConfigError if the
@@ -207,12 +207,12 @@ def serve_in_thread(
     middleware: Middleware,
     alert_system: AlertSystem,
     operations: Operations,
-) -> Optional[ServerThread]:
+) -> ServerThread | None:
     """Serves what alert_system watches, beside ROS; `create_node` creates the node for the server.
 
     Returns the running server. Returns None if it cannot be started: that is a fault of alert_system and stops nothing.
     """
-    node: Optional[ServedMiddleware] = None
+    node: ServedMiddleware | None = None
     settings = ServerSettings(0)
     try:
         from ..rosbridge.server import ServerThread

@@ -15,7 +15,7 @@ import select
 import sys
 import threading
 import time
-from typing import Callable, List
+from typing import Callable
 
 _CHUNK_BYTES = 4096
 """PIPE_BUF: so much can be written without blocking once a pipe is ready."""
@@ -36,7 +36,7 @@ class StandardStreams:
     def __init__(self) -> None:
         """Changes nothing until it is entered."""
         self._on_change: OnChange = lambda name, problem: None
-        self._copies: List[_Copy] = []
+        self._copies: list[_Copy] = []
 
     def __enter__(self) -> StandardStreams:
         """Replaces both streams."""

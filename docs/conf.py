@@ -10,7 +10,7 @@ import os
 import re
 import sys
 from pathlib import Path
-from typing import Any, Dict, List, Optional, Set
+from typing import Any
 from xml.etree import ElementTree
 
 from docutils import nodes
@@ -32,7 +32,7 @@ project_copyright = author
 
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
 source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
-exclude_patterns: List[str] = []
+exclude_patterns: list[str] = []
 
 myst_heading_anchors = 4  # as on the repository's web view
 myst_links_external_new_tab = False
@@ -56,10 +56,10 @@ html_copy_source = False
 html_show_sphinx = False
 html_theme_options = {"source_view_link": f"{REPOSITORY}/blob/HEAD/docs/{{filename}}"}
 
-_external: Set[str] = set()
+_external: set[str] = set()
 
 
-def setup(app: Sphinx) -> Dict[str, Any]:
+def setup(app: Sphinx) -> dict[str, Any]:
     """Connects the functions of this file."""
     app.connect("source-read", _add_menu)
     app.connect("doctree-read", _link_to_repository)
@@ -68,7 +68,7 @@ def setup(app: Sphinx) -> Dict[str, Any]:
     return {"parallel_read_safe": True}
 
 
-def _add_menu(app: Sphinx, docname: str, source: List[str]) -> None:
+def _add_menu(app: Sphinx, docname: str, source: list[str]) -> None:
     """Adds the menu to the first page: a section for each of its headings with links to pages."""
     if docname != app.config.root_doc:
         return
@@ -93,7 +93,7 @@ def _link_to_repository(app: Sphinx, doctree: nodes.document) -> None:
             node.replace_self(nodes.reference("", "", *node.children, refuri=f"{REPOSITORY}/blob/HEAD/{path}{anchor}"))
 
 
-def _existing(path: Path) -> Optional[Path]:
+def _existing(path: Path) -> Path | None:
     """Returns the file or folder of a link's target; Sphinx has removed the suffix of documents."""
     if ROOT not in path.parents:
         return None
@@ -106,7 +106,7 @@ def _collect_external_links(app: Sphinx, doctree: nodes.document, docname: str) 
     _external.update(node["refuri"] for node in doctree.findall(nodes.reference) if "://" in node.get("refuri", ""))
 
 
-def _list_external_links(app: Sphinx, error: Optional[Exception]) -> None:
+def _list_external_links(app: Sphinx, error: Exception | None) -> None:
     """Writes the addresses that the build does not check beside the site."""
     if not error:
         listed = "".join(f"{link}\n" for link in sorted(_external))

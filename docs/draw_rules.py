@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Any, Dict, Iterable, Iterator, List, Tuple
+from typing import Any, Iterable, Iterator
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 from robot_health_monitor.core import Level, Monitor, Sample, Transition, load_config
@@ -62,11 +62,11 @@ def value_at(now_s: float) -> float:
     raise ValueError(f"{now_s} s is after the last corner")
 
 
-def run() -> Iterator[Tuple[int, Level, List[Transition]]]:
+def run() -> Iterator[tuple[int, Level, list[Transition]]]:
     """Feeds one sample and one tick per second; yields (time, level after it, transitions)."""
     monitor = Monitor(load_config(CONFIG))
     for now_s in range(END_S + 1):
-        transitions: List[Transition] = []
+        transitions: list[Transition] = []
         if now_s not in SILENT:
             value = float("nan") if now_s in NOT_A_NUMBER else value_at(now_s)
             transitions += monitor.observe(Sample(SIGNAL, value, float(now_s)))
@@ -74,7 +74,7 @@ def run() -> Iterator[Tuple[int, Level, List[Transition]]]:
         yield now_s, monitor.report(float(now_s)).statuses[SIGNAL].level, transitions
 
 
-def lines() -> List[str]:
+def lines() -> list[str]:
     """Returns the numbered transitions."""
     transitions = [transition for _, _, of_step in run() for transition in of_step]
     return [f"{number:2} {each.now_s:6.1f} s  {each.text}" for number, each in enumerate(transitions, 1)]
@@ -119,12 +119,12 @@ DEAD = range(101, 130)
 NODE_END_S = 150
 
 
-def run_node() -> Iterator[Tuple[int, Dict[str, Level], List[Transition]]]:
+def run_node() -> Iterator[tuple[int, dict[str, Level], list[Transition]]]:
     """Yields (time, level of each signal, transitions) of the node, with one message and one tick per second."""
     monitor = Monitor(load_config({"signals": {name: {"topic": topic} for name, topic in NODE.items()}}))
     monitor.expect_sources()
     for now_s in range(NODE_END_S + 1):
-        transitions: List[Transition] = []
+        transitions: list[Transition] = []
         if now_s not in DEAD:
             for topic in dict.fromkeys(NODE.values()):
                 transitions += monitor.observe_source(topic, float(now_s))
@@ -135,7 +135,7 @@ def run_node() -> Iterator[Tuple[int, Dict[str, Level], List[Transition]]]:
         yield now_s, {name: statuses[name].level for name in NODE}, transitions
 
 
-def node_lines() -> List[str]:
+def node_lines() -> list[str]:
     """Returns the transitions of the node."""
     return [f"{each.now_s:7.3f} {each.text}" for _, _, of_step in run_node() for each in of_step]
 

@@ -12,7 +12,7 @@ import ast
 import sys
 from pathlib import Path
 from types import FrameType
-from typing import Any, Dict, Iterator, List, Set, Tuple
+from typing import Any, Iterator
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 from robot_health_monitor.core.nodes import AlertSystem
@@ -29,9 +29,9 @@ _WIDTH, _BOX_WIDTH, _BOX_HEIGHT, _LAYER, _ROW, _COLUMNS = 960, 168, 44, 96, 70, 
 _GAP = (_WIDTH - _COLUMNS * _BOX_WIDTH) / (_COLUMNS + 1)
 
 
-def folders_imported(folder: str) -> Set[str]:
+def folders_imported(folder: str) -> set[str]:
     """Returns the other folders that the modules of a folder import, lazily or not."""
-    found: Set[str] = set()
+    found: set[str] = set()
     for file in (ROOT / folder).rglob("*.py"):
         package = [PACKAGE, *file.relative_to(ROOT).parts[:-1]]
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
@@ -43,7 +43,7 @@ def folders_imported(folder: str) -> Set[str]:
     return found - {folder}
 
 
-def way_of_a_sample() -> List[Tuple[str, str]]:
+def way_of_a_sample() -> list[tuple[str, str]]:
     """Returns the modules that a sample passes when it changes the level, and the function that it enters first."""
     bus = LocalBus(0.0, on_log=lambda line: None)
     AlertSystem(bus.node("alert_system", parameters={"signals": {"battery": SIGNAL}}), {"page": lambda event: None})
@@ -52,7 +52,7 @@ def way_of_a_sample() -> List[Tuple[str, str]]:
     for value in (19.0, 25.0):  # what is read once, such as the definition of a type, is no step
         robot.publish(topic, {"data": value})
     bus.run_until(2.0)
-    way: Dict[str, str] = {}
+    way: dict[str, str] = {}
 
     def note(frame: FrameType, event: str, _: Any) -> None:
         name = frame.f_code.co_name
@@ -88,7 +88,7 @@ def picture() -> str:
 
 
 def _folders(top: float) -> Iterator[str]:
-    places: Dict[str, Tuple[float, float]] = {}
+    places: dict[str, tuple[float, float]] = {}
     for number, layer in enumerate(LAYERS):
         for position, folder in enumerate(layer):
             middle = _WIDTH * (position + 0.5) / len(layer)
@@ -105,7 +105,7 @@ def _folders(top: float) -> Iterator[str]:
                 yield f'<path d="M{x:g},{y + _BOX_HEIGHT:g} L{enters:g},{to_y:g}"/>'
 
 
-def _steps(steps: List[Tuple[str, str]], top: float) -> Iterator[str]:
+def _steps(steps: list[tuple[str, str]], top: float) -> Iterator[str]:
     """Yields the boxes row by row, each row from left to right."""
     for number, (file, function) in enumerate(steps):
         row, column = divmod(number, _COLUMNS)

@@ -15,7 +15,7 @@ import sys
 import textwrap
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
-from typing import Any, Callable, Dict, Iterable, Iterator, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Callable, Iterable, Iterator, Mapping, Sequence
 from unittest import mock
 
 import yaml
@@ -46,7 +46,7 @@ OWN_FAULT = "check this computer's settings: "
 BLOCK = re.compile(r"(<!-- generated: (.+?) -->\n).*?(<!-- end -->)", re.DOTALL)
 
 
-def pages() -> Dict[Path, str]:
+def pages() -> dict[Path, str]:
     """Returns the text that each page with generated parts should have."""
     blocks = _blocks()
     found = {}
@@ -72,7 +72,7 @@ def _blocks() -> Mapping[str, Callable[[], str]]:
         "server": parameters(ServerOptions),
         "fleet": parameters(RobotEntry),
     }
-    blocks: Dict[str, Callable[[], str]] = {
+    blocks: dict[str, Callable[[], str]] = {
         f"parameters of {name}": lambda table=tuple(table): _parameters(table)  # type: ignore[misc]
         for name, table in tables.items()
     }
@@ -154,7 +154,7 @@ def _launch_arguments() -> str:
 
 def _parser(*words: str) -> argparse.ArgumentParser:
     """Returns the parser that prints the help of a command, wherever it is assembled."""
-    printed: List[argparse.ArgumentParser] = []
+    printed: list[argparse.ArgumentParser] = []
     keep = mock.patch.object(argparse.ArgumentParser, "print_help", lambda self, file=None: printed.append(self))
     with keep, contextlib.suppress(SystemExit):
         main([*words, "--help"])
@@ -183,7 +183,7 @@ def _command(name: str) -> str:
     return "\n".join([*parts, _wrapped(parser.epilog)])
 
 
-def _wrapped(text: Optional[str]) -> str:
+def _wrapped(text: str | None) -> str:
     return textwrap.fill(_escaped(text or ""), 120, break_long_words=False, break_on_hyphens=False) + "\n"
 
 
@@ -206,7 +206,7 @@ def _exit_codes() -> str:
     return _table(("code", "meaning"), codes)
 
 
-def families() -> Iterator[Tuple[str, metrics.Family]]:
+def families() -> Iterator[tuple[str, metrics.Family]]:
     """Yields each metric by its full name."""
     for family in vars(metrics).values():
         if isinstance(family, metrics.Family):
@@ -223,7 +223,7 @@ def _metrics() -> str:
 
 def _causes() -> str:
     """Returns the causes of a link that is down: the texts of every `Cause`."""
-    found: List[str] = []
+    found: list[str] = []
     folders = (ROOT / "rosbridge" / "client", ROOT / "foxglove", ROOT / "runtime" / "bridge")
     for file in sorted(file for folder in folders for file in folder.glob("*.py")):
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
@@ -238,7 +238,7 @@ def _causes() -> str:
     return "".join(f"* `{text}`\n" for text in unique)
 
 
-def _texts(node: ast.AST) -> List[str]:
+def _texts(node: ast.AST) -> list[str]:
     """Returns the texts that an expression can have, with `...` for what is known only at run time."""
     if isinstance(node, ast.IfExp):
         return _texts(node.body) + _texts(node.orelse)
@@ -268,7 +268,7 @@ def _fields(name: str) -> str:
     return _table(("key", "meaning"), ((f"`{key}`", meanings[key]) for key in sent))
 
 
-def fields_sent(name: str) -> List[str]:
+def fields_sent(name: str) -> list[str]:
     """Returns the keys of an object of the API, from the dictionary in the code that makes it."""
     if name in ("samples", "alert"):
         return list(SAMPLES_FIELDS if name == "samples" else ALERT_FIELDS)

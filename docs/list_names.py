@@ -12,7 +12,7 @@ import inspect
 import re
 import sys
 from pathlib import Path
-from typing import Any, Dict, Iterable, Iterator, List, Mapping, Sequence, Set
+from typing import Any, Iterable, Iterator, Mapping, Sequence
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
@@ -52,7 +52,7 @@ FOR_ADAPTERS = {"history", "announce_pauses", "silence_of", "black_box_of", "sel
 BUS_METHODS = ("node", "call_service", "next_due_s", "run_due", "run_until")
 
 
-def names() -> List[str]:
+def names() -> list[str]:
     """Returns the names in the code, sorted: `KIND NAME`."""
     return sorted(
         {
@@ -150,7 +150,7 @@ def _graph() -> Iterator[str]:
     """Yields the topics and services of the nodes, and the keys of their statuses, from nodes that run here."""
     bus = LocalBus()
     outside = bus.node("outside")
-    statuses: Dict[str, Set[str]] = {}
+    statuses: dict[str, set[str]] = {}
 
     def take(message: Any, now_s: float) -> None:
         for status in message["status"]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import threading
-from typing import Callable, Dict, Iterable, Mapping, Optional, Protocol, Sequence, Tuple
+from typing import Callable, Iterable, Mapping, Protocol, Sequence
 
 from ..core.messages.serialized import SerializedType
 from ..core.port import explain, similar_topic
@@ -26,7 +26,7 @@ class Receiver(Protocol):
     is_raw: bool
     """Whether it takes the messages as bytes, for a capture."""
 
-    def bind(self, channel: Channel, messages: SerializedType) -> Optional[Callable[[bytes], None]]:
+    def bind(self, channel: Channel, messages: SerializedType) -> Callable[[bytes], None] | None:
         """Returns what is called with each message of a channel; None if it cannot read them, after one log line."""
 
 
@@ -38,14 +38,14 @@ class Channels:
         self._send = send
         self._warn = warn
         self._lock = threading.RLock()
-        self._receivers: Dict[str, Tuple[Receiver, ...]] = {}
-        self._channels: Dict[int, Channel] = {}
-        self._by_topic: Dict[str, Tuple[int, ...]] = {}
-        self._schemas: Dict[str, str] = {}
+        self._receivers: dict[str, tuple[Receiver, ...]] = {}
+        self._channels: dict[int, Channel] = {}
+        self._by_topic: dict[str, tuple[int, ...]] = {}
+        self._schemas: dict[str, str] = {}
         self._schema_chars = 0
-        self._subscribed: Dict[int, int] = {}
+        self._subscribed: dict[int, int] = {}
         """Subscription by channel."""
-        self._delivered: Dict[int, Tuple[Callable[[bytes], None], ...]] = {}
+        self._delivered: dict[int, tuple[Callable[[bytes], None], ...]] = {}
         """What is called with each message, by subscription."""
         self._ids = itertools.count()
 
@@ -115,7 +115,7 @@ class Channels:
         with self._lock:
             return {topic: self._channels[ids[0]] for topic, ids in self._by_topic.items()}
 
-    def why_silent(self, topic: str, type_name: str) -> Optional[str]:
+    def why_silent(self, topic: str, type_name: str) -> str | None:
         """Returns why a topic brings no samples, None if nothing is known; see `core/port/hints.py`."""
         with self._lock:
             offered = [self._channels[id] for id in self._by_topic.get(topic, ())]  # noqa: A001

@@ -9,7 +9,7 @@ import asyncio
 import contextlib
 import functools
 import json
-from typing import Any, Awaitable, Optional
+from typing import Any, Awaitable
 
 from ..core.port import Severity
 from ..core.values import printable
@@ -44,9 +44,9 @@ class FoxgloveConnection(BridgeConnection):
             self.send_wire, functools.partial(self._log.write, "channels", Severity.WARN)
         )
         self._is_refused = False
-        self._answered: Optional[asyncio.Event] = None
+        self._answered: asyncio.Event | None = None
 
-    def _begin(self, subprotocol: Optional[str]) -> bool:
+    def _begin(self, subprotocol: str | None) -> bool:
         self._is_refused = subprotocol is None
         if self._is_refused:
             self.send_wire(json.dumps({"op": "call_service", "id": "a", "service": "/rosapi/get_time", "args": {}}))
@@ -66,7 +66,7 @@ class FoxgloveConnection(BridgeConnection):
             return Cause(f"this is a rosbridge server: ws{self.address[self.address.index(':') :]}")
         return Cause("not a foxglove server: it does not speak Foxglove's protocol")
 
-    def _receive(self, data: Wire, now_s: float) -> Optional[Awaitable[None]]:
+    def _receive(self, data: Wire, now_s: float) -> Awaitable[None] | None:
         if isinstance(data, bytes):
             publication = read_message(data)
             if publication is not None:

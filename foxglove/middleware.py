@@ -6,7 +6,7 @@ Only topics are read. Services and publishing are not used: a node without `outp
 from __future__ import annotations
 
 import math
-from typing import Any, Callable, List, Mapping, Optional
+from typing import Any, Callable, Mapping
 
 from ..core.messages.serialized import SerializedType
 from ..core.messages.standard_messages import check_field
@@ -32,7 +32,7 @@ class FoxgloveMiddleware(BridgeNode):
         return self._client.connection.channels
 
     def _receiver(
-        self, topic: str, type_name: str, field: Optional[str], callback: Callback, *, is_raw: bool = False
+        self, topic: str, type_name: str, field: str | None, callback: Callback, *, is_raw: bool = False
     ) -> _Receiver:
         return _Receiver(self, topic, type_name, field, callback, is_raw)
 
@@ -51,7 +51,7 @@ class FoxgloveClient(BridgeClient[FoxgloveMiddleware]):
     node_class = FoxgloveMiddleware
     log_name = "foxglove"
 
-    async def known_topics(self) -> List[KnownTopic]:
+    async def known_topics(self) -> list[KnownTopic]:
         """See `BridgeClient.known_topics`: what the server offers."""
         known = []
         for channel in self.connection.channels.topics().values():
@@ -72,7 +72,7 @@ class _Receiver(BridgeReceiver):
         node: FoxgloveMiddleware,
         topic: str,
         type_name: str,
-        field: Optional[str],
+        field: str | None,
         callback: Callback,
         is_raw: bool,
     ) -> None:
@@ -85,9 +85,9 @@ class _Receiver(BridgeReceiver):
         self._node = node
         self._type_name = canonical_type(type_name)
         self._field, self.is_raw = field, is_raw
-        self._said: Optional[str] = None
+        self._said: str | None = None
 
-    def bind(self, channel: Channel, messages: SerializedType) -> Optional[Callable[[bytes], None]]:
+    def bind(self, channel: Channel, messages: SerializedType) -> Callable[[bytes], None] | None:
         """Returns what is called with each message of a channel; None, after one ERROR line, if it cannot be read."""
         type_name = channel.raw_format.type_name
         if self._type_name and type_name not in ("", self._type_name):

@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import json
 import struct
-from typing import Any, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Iterator, NamedTuple, Sequence
 
 from ..core.messages.raw_messages import RawFormat
-from ..core.values import MessageError
+from ..core.values import JsonObject, MessageError
 
 SUBPROTOCOLS = ("foxglove.sdk.v1", "foxglove.websocket.v1")
 """WebSocket subprotocols, the current one first; a server answers with the one that it speaks."""
@@ -87,7 +87,7 @@ def read_text(text: str) -> ServerMessage:
     return ServerMessage(op)
 
 
-def read_message(data: bytes) -> Optional[Tuple[int, bytes]]:
+def read_message(data: bytes) -> tuple[int, bytes] | None:
     """Returns a subscription's id and the message that came for it; None for a binary message that is not used here.
 
     Raises ProtocolError if it is shorter than its head. The log time is not returned: it is the server's business.
@@ -110,7 +110,7 @@ def unsubscribe(subscription: int) -> str:
     return json.dumps({"op": "unsubscribe", "subscriptionIds": [subscription]})
 
 
-def _list_of(fields: Mapping[str, Any], key: str) -> List[Any]:
+def _list_of(fields: JsonObject, key: str) -> list[Any]:
     value = fields.get(key)
     if not isinstance(value, list):
         raise ProtocolError(f"{fields['op']}: expected a list as {key}")

@@ -14,7 +14,7 @@ from urllib.parse import urlsplit
 
 from ..core.config import YamlFile, read_parameters, require_mapping
 from ..core.config.schema import REQUIRED, absolute_path, declared, parameters, read_section
-from ..core.values import ConfigError, Level, Problems, bound_text
+from ..core.values import ConfigError, JsonObject, Level, Problems, bound_text
 
 SECTIONS = ("history", "black_box", "notify", "server")
 
@@ -40,7 +40,7 @@ class HistorySettings:
     keep_mb: float = declared(500.0, "largest size of the file with its log, in MB; old entries are deleted", 1, 1e6)
     samples: bool = declared(True, "also store samples: per signal and 10 s smallest, largest, mean and last value")
 
-    def mistakes(self, given: Mapping[str, Any]) -> Mistakes:
+    def mistakes(self, given: JsonObject) -> Mistakes:
         """Yields the mistakes of several keys together."""
         file = str(given.get("file"))
         if file.endswith("/"):
@@ -62,7 +62,7 @@ class BlackBoxSettings:
     keep_mb: float = declared(1000.0, "largest size of the folder, in MB; the oldest recordings are deleted", 1, 1e7)
     keep_days: float = declared(30.0, "age at which recordings are deleted, in days", 0.01, 36_500.0)
 
-    def mistakes(self, given: Mapping[str, Any]) -> Mistakes:
+    def mistakes(self, given: JsonObject) -> Mistakes:
         """Yields the mistakes of several keys together."""
         for topic in self.topics:
             if not topic.startswith(("/", "*", "?")) or any(letter.isspace() for letter in topic):
@@ -96,7 +96,7 @@ class TargetSettings:
     after_s: float = declared(0.0, "send only alerts that were open for so long, in s", 0.0, 86_400.0)
     every_s: float = declared(60.0, "period of the heartbeat, in s", 1.0, 86_400.0)
 
-    def mistakes(self, given: Mapping[str, Any]) -> Mistakes:
+    def mistakes(self, given: JsonObject) -> Mistakes:
         """Yields keys that this type does not have, and values that it cannot use."""
         if self.type is None:  # it is not one
             return
@@ -113,7 +113,7 @@ class TargetSettings:
             most, got = bound_text(self.every_s), bound_text(self.timeout_s)
             yield "timeout_s", f"expected at most every_s ({most}), got {got}"
 
-    def _mistakes_of_address(self, given: Mapping[str, Any]) -> Mistakes:
+    def _mistakes_of_address(self, given: JsonObject) -> Mistakes:
         both = bool(given.get("url")), bool(given.get("url_file"))
         if all(both):
             yield "url_file", "expected either url or url_file, got both"
@@ -149,7 +149,7 @@ class ServerOptions:
     allow_offer: Tuple[str, ...] = declared((), "services that clients may offer; * and ? as in file names", 1)
     public_url: str = declared("", "address where people reach the page, for links in notifications; empty: no links")
 
-    def mistakes(self, given: Mapping[str, Any]) -> Mistakes:
+    def mistakes(self, given: JsonObject) -> Mistakes:
         """Yields the mistakes of several keys together."""
         for one, other in (("tls_certificate", "tls_key"), ("tls_key", "tls_certificate")):
             if given.get(one) and not given.get(other):

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any, Callable, Counter, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Callable, Counter, Mapping, NamedTuple, Sequence
 
 from ..core.config import DEFAULT_SIGNALS, LINK, Section, SignalConfig, read_monitor, read_signal, template_name
 from ..core.judge.attachments import TICKS, SavedMonitor
@@ -19,7 +19,7 @@ from ..core.judge.signal_monitor import SignalMonitor
 from ..core.judge.sources import is_source
 from ..core.nodes import AlertSystem
 from ..core.nodes.outlets import Event
-from ..core.values import Level, Transition, resolve_name
+from ..core.values import JsonObject, Level, Transition, resolve_name
 from .middleware import Player
 
 _OF_SOURCE = read_signal("source", {"field": "", "stale_after_s": 0.0})
@@ -44,9 +44,9 @@ class JudgedSample(NamedTuple):
     """Log time in s since 1970."""
     now_s: float
     """The node's time in s, which differs from the log time with simulated time."""
-    value: Optional[float]
+    value: float | None
     """Value in the signal's unit; None for a bad sample."""
-    judged: Optional[float]
+    judged: float | None
     """Value of the statistic that the bounds apply to; None for a bad sample, and while it is undefined."""
 
 
@@ -65,7 +65,7 @@ class SignalSummary:
     """Why it was not judged: it is not recorded, or has no sample that can be read; empty if it was."""
     samples: SampleSummary = NO_SAMPLES
     """All of them; the values are those of the signal's statistic, in its unit (`judged_unit`)."""
-    longest_gap_s: Optional[float] = None
+    longest_gap_s: float | None = None
     """Between two samples in a row; None with fewer than two."""
     shares: Mapping[Level, float] = field(default_factory=dict)
     """Share of the recorded time per announced level, 0 to 1; empty if it was never known."""
@@ -73,18 +73,18 @@ class SignalSummary:
     """Share of the recorded time before the first sample or alert, 0 to 1."""
     alerts: int = 0  # an alert that changes its level counts once
     cause: str = ""  # the latest alert of which it was an effect, if it was not announced itself
-    effects: List[str] = field(default_factory=list)  # of its latest alert
+    effects: list[str] = field(default_factory=list)  # of its latest alert
 
     level: Level = Level.OK  # the announced one
-    since_s: Optional[float] = None  # since when it is known that it has this level
+    since_s: float | None = None  # since when it is known that it has this level
     begun_s: float = -math.inf  # when its latest alert began
-    caused: Tuple[float, str] = (-math.inf, "")  # begin and name of the latest alert of which it was an effect
+    caused: tuple[float, str] = (-math.inf, "")  # begin and name of the latest alert of which it was an effect
     _collector: SampleCollector = field(default_factory=SampleCollector)
     _last_s: float = math.nan
     """When the latest sample came."""
-    _lasted_s: Dict[Level, float] = field(default_factory=lambda: dict.fromkeys(Level, 0.0))
+    _lasted_s: dict[Level, float] = field(default_factory=lambda: dict.fromkeys(Level, 0.0))
 
-    def note_sample(self, played_s: float, value: Optional[float], good: bool) -> None:
+    def note_sample(self, played_s: float, value: float | None, good: bool) -> None:
         """Notes a sample; with the first one it is OK, unless an alert came before."""
         self._collector.note(value, played_s, good=good)
         if not math.isnan(self._last_s):
@@ -133,18 +133,18 @@ OnSample = Callable[[str, SignalConfig, JudgedSample], None]
 class Judge:
     """Runs an alert_system for each configuration on one player."""
 
-    def __init__(self, player: Player, on_event: OnEvent, on_sample: Optional[OnSample] = None) -> None:
+    def __init__(self, player: Player, on_event: OnEvent, on_sample: OnSample | None = None) -> None:
         """`on_event` receives transitions and notices with times; it must not raise, nor must `on_sample`."""
         self._player = player
         self._on_event = on_event
         self._on_sample = on_sample
-        self._signals: Dict[Tuple[str, str], SignalSummary] = {}
-        self._templates: Dict[Tuple[str, str], SignalConfig] = {}
+        self._signals: dict[tuple[str, str], SignalSummary] = {}
+        self._templates: dict[tuple[str, str], SignalConfig] = {}
         self._begin_s = player.wall_s
         self._skipped_s = 0.0
         player.on_gap.append(self._skip)
 
-    def add(self, file: str, parameters: Mapping[str, Any], saved: Optional[SavedMonitor] = None) -> None:
+    def add(self, file: str, parameters: JsonObject, saved: SavedMonitor | None = None) -> None:
         """Adds a configuration: its name, and the mapping under `ros__parameters` of alert_system.
 
         It continues from the `saved` states of its signals, which are those at the beginning.
@@ -188,14 +188,14 @@ class Judge:
         topics = [resolve_name(topic, node_name) for topic in signal.topics]
         return next((topic for topic in topics if not self._player.why_not_recorded(topic, "")), topics[0])
 
-    def run(self, on_progress: Optional[Callable[[float], None]] = None) -> None:
+    def run(self, on_progress: Callable[[float], None] | None = None) -> None:
         """Plays the recordings to their end; calls now and then with the fraction played, 0 to 1, which may raise."""
         self._player.play(on_progress)
         for signal in self._signals.values():
             signal.finish(self._begin_s, self._played_s)
 
     @property
-    def summaries(self) -> List[SignalSummary]:
+    def summaries(self) -> list[SignalSummary]:
         """One per configuration and signal, in the order of the configurations; complete after `run`.
 
         Those of elements follow that of their template.
@@ -204,12 +204,12 @@ class Judge:
         keys = sorted(self._signals, key=lambda key: (order[key[0], template_name(key[1])], order[key]))
         return [self._signals[key] for key in keys]
 
-    def config_of(self, file: str, signal: str) -> Optional[SignalConfig]:
+    def config_of(self, file: str, signal: str) -> SignalConfig | None:
         """Returns the configuration of a signal, which may be an element; None if it is not judged."""
         summary = self._find(file, signal)
         return None if summary is None else summary.config
 
-    def _find(self, file: str, name: str) -> Optional[SignalSummary]:
+    def _find(self, file: str, name: str) -> SignalSummary | None:
         """Returns a signal by its name; that of an element or a source begins to be measured."""
         key, template = (file, name), self._templates.get((file, template_name(name)))
         if key not in self._signals and (is_source(name) or template is not None):
@@ -244,7 +244,7 @@ class Judge:
                 for effect in filter(None, [self._find(file, name) for name in names]):
                     effect.caused = max(effect.caused, (alert.begun_s, cause))
 
-    def _note_sample(self, file: str, signal: SignalMonitor, judged: Optional[float], now_s: float, good: bool) -> None:
+    def _note_sample(self, file: str, signal: SignalMonitor, judged: float | None, now_s: float, good: bool) -> None:
         """Notes a sample of a signal; an element begins to be measured with its first one."""
         measured = self._find(file, signal.config.name)
         if measured is not None:
@@ -254,7 +254,7 @@ class Judge:
                 self._on_sample(file, measured.config, JudgedSample(self._player.wall_s, now_s, value, judged))
 
 
-def _announced_level(saved: Optional[SavedMonitor], signal: str) -> Level:
+def _announced_level(saved: SavedMonitor | None, signal: str) -> Level:
     """Returns the level of a signal that was announced last; OK if that is not known."""
     states: Any = saved.states if saved is not None else {}
     try:
@@ -266,11 +266,11 @@ def _announced_level(saved: Optional[SavedMonitor], signal: str) -> Level:
 class _Collector(SampleCollector):
     """Passes on what a signal's monitor made of its samples."""
 
-    def __init__(self, note_sample: Callable[[Optional[float], float, bool], None]) -> None:
+    def __init__(self, note_sample: Callable[[float | None, float, bool], None]) -> None:
         super().__init__()
         self._note_sample = note_sample
 
-    def note(self, value: Optional[float], now_s: float, *, good: bool = True) -> None:
+    def note(self, value: float | None, now_s: float, *, good: bool = True) -> None:
         """Passes on a sample with the value of the judged statistic."""
         self._note_sample(value, now_s, good)
 
@@ -288,7 +288,7 @@ class Differences:
         """Compares configurations by their names; calls with each transition that not every one announced."""
         self._files = tuple(files)
         self._on_difference = on_difference
-        self._held: List[Tuple[JudgedEvent, Any]] = []  # with what two transitions must agree in
+        self._held: list[tuple[JudgedEvent, Any]] = []  # with what two transitions must agree in
 
     def add(self, judged: JudgedEvent) -> None:
         """Takes a transition; notices are ignored. Log times must not decrease."""
@@ -303,7 +303,7 @@ class Differences:
         """Compares the transitions of the last instant; call at the end."""
         held, self._held = self._held, []
         counts = {file: Counter(key for judged, key in held if judged.file == file) for file in self._files}
-        seen: Counter[Tuple[str, Any]] = Counter()
+        seen: Counter[tuple[str, Any]] = Counter()
         for judged, key in held:
             seen[judged.file, key] += 1
             if seen[judged.file, key] > min(count[key] for count in counts.values()):

@@ -11,7 +11,7 @@ import os
 import struct
 import zlib
 from operator import itemgetter
-from typing import BinaryIO, Collection, Dict, FrozenSet, Iterator, List, Optional, Tuple
+from typing import BinaryIO, Collection, Iterator
 
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
@@ -49,10 +49,10 @@ class McapFile(ChunkedFile):
     DAMAGE = (*ChunkedFile.DAMAGE, McapError)
     DAMAGED_INDEX = "its summary is damaged"
 
-    def _read_index(self, file: BinaryIO) -> Optional[str]:
+    def _read_index(self, file: BinaryIO) -> str | None:
         """Reads channels, time span and the places of the chunks from the summary, which is optional."""
-        self._schemas: Dict[int, Tuple[str, str, str]] = {}  # name, format and definition per schema
-        self._places: List[Tuple[int, Collection[int]]] = []
+        self._schemas: dict[int, tuple[str, str, str]] = {}  # name, format and definition per schema
+        self._places: list[tuple[int, Collection[int]]] = []
         """Start of each chunk, and the numbers of the channels with messages in it; empty if they are not known."""
         file.seek(-len(self.MAGIC), os.SEEK_END)
         if file.read() != self.MAGIC:
@@ -60,10 +60,10 @@ class McapFile(ChunkedFile):
         summary = self._read_summary(file)
         if summary is None:
             return ""
-        statistics: Optional[Statistics] = None
-        places: List[Tuple[int, Collection[int]]] = []
+        statistics: Statistics | None = None
+        places: list[tuple[int, Collection[int]]] = []
         numbers = set()
-        channels_of: Dict[FrozenSet[int], FrozenSet[int]] = {}
+        channels_of: dict[frozenset[int], frozenset[int]] = {}
         for record in StreamReader(io.BytesIO(summary), skip_magic=True, emit_chunks=True).records:
             if isinstance(record, Schema):
                 self._note_schema(record)
@@ -86,7 +86,7 @@ class McapFile(ChunkedFile):
         self._places = sorted(places, key=itemgetter(0))
         return None
 
-    def _read_summary(self, file: BinaryIO) -> Optional[bytes]:
+    def _read_summary(self, file: BinaryIO) -> bytes | None:
         """Reads the summary and what follows it; returns None if there is none, or a very large one."""
         end = file.seek(-_FOOTER_SIZE - len(self.MAGIC), os.SEEK_END)
         start, _, checksum = _footer(file.read(_FOOTER_SIZE), _PREFIX_SIZE)
@@ -130,7 +130,7 @@ class McapFile(ChunkedFile):
                 record = None  # its bytes are not needed while the messages are read
                 yield messages
 
-    def _read_record(self, file: BinaryIO, size: int) -> Optional[Record]:
+    def _read_record(self, file: BinaryIO, size: int) -> Record | None:
         prefix = file.read(_PREFIX_SIZE)
         if len(prefix) < _PREFIX_SIZE:
             raise Damaged("the file ends within a record")

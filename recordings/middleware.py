@@ -10,10 +10,10 @@ from __future__ import annotations
 import math
 from collections import Counter
 from itertools import chain
-from typing import Any, Callable, Dict, Iterable, Iterator, List, Mapping, Optional, Tuple
+from typing import Any, Callable, Iterable, Iterator, Mapping
 
 from ..core.port import CLOCK, Answer, Callback, ClockTimer, LocalBus, LocalMiddleware, LogLine, MappingNode
-from ..core.values import ABSENT, ConfigError, canonical_type, count_text, full_name, list_text
+from ..core.values import ABSENT, ConfigError, JsonObject, canonical_type, count_text, full_name, list_text
 from .decoding import type_of
 from .reading import Recordings
 from .recording import Channel, RecordingError
@@ -48,7 +48,7 @@ class RecordedMiddleware(LocalMiddleware):
     graph_name = MappingNode.graph_name
     follow_graph = MappingNode.follow_graph  # type: ignore[assignment]
 
-    def __init__(self, player: Player, name: str, parameters: Mapping[str, Any]) -> None:
+    def __init__(self, player: Player, name: str, parameters: JsonObject) -> None:
         """Use `Player.node`."""
         super().__init__(player.bus, name, parameters, {}, player.use_sim_time)
         self.player = player
@@ -62,7 +62,7 @@ class RecordedMiddleware(LocalMiddleware):
         return timer
 
     def subscribe(
-        self, topic: str, type_name: str, callback: Callback, *, field: Optional[str] = "", latched: bool = False
+        self, topic: str, type_name: str, callback: Callback, *, field: str | None = "", latched: bool = False
     ) -> Any:
         subscription = Subscription(self, self.resolve(topic), callback)
         self._subscriptions.append(subscription)
@@ -90,8 +90,8 @@ class Player:
         from_s: float = 0.0,
         to_s: float = math.inf,
         use_sim_time: bool = False,
-        begin_ns: Optional[int] = None,
-        on_log: Optional[Callable[[LogLine], None]] = None,
+        begin_ns: int | None = None,
+        on_log: Callable[[LogLine], None] | None = None,
     ) -> None:
         """Prepares to play, from one time to another, in s since the start of the recordings; time stands at the first.
 
@@ -114,25 +114,25 @@ class Player:
         self._outside = 0
         self._skipped_s = 0.0
         self.bus = LocalBus(on_log=on_log or _ignore, clock=lambda: self.wall_s)
-        self.on_gap: List[Callable[[float, float], None]] = []
+        self.on_gap: list[Callable[[float, float], None]] = []
         """Called with begin and end, in seconds, of each time that is skipped: timers do not run in it."""
-        self._gaps_ns: List[Tuple[int, int]] = []
+        self._gaps_ns: list[tuple[int, int]] = []
         self._due_s = math.inf  # when the next timer of a node is due; may be too early, never too late
-        self._channels: Dict[str, List[Channel]] = {}
+        self._channels: dict[str, list[Channel]] = {}
         for channel in recordings.channels:
             self._channels.setdefault(channel.topic, []).append(channel)
-        self._readers: Dict[Channel, List[Tuple[_Getter, Subscription]]] = {}
+        self._readers: dict[Channel, list[tuple[_Getter, Subscription]]] = {}
         """What reads a message of a channel, and who receives that, in the order of the subscriptions."""
-        self._firsts: Dict[Tuple[Channel, ...], Optional[Tuple[Channel, bytes]]] = {}
+        self._firsts: dict[tuple[Channel, ...], tuple[Channel, bytes] | None] = {}
         """The first message of the channels of a topic, as far as it was needed; None if there is none."""
         if use_sim_time and not self._channels.get(CLOCK):
             raise ConfigError("simulated time was requested, but the recordings have no topic /clock")
 
     @property
-    def problems(self) -> List[str]:
+    def problems(self) -> list[str]:
         """One line for each thing that was not read, or not as it was recorded, until now."""
         lines = self._recordings.problems
-        undecodable: Dict[str, int] = {}
+        undecodable: dict[str, int] = {}
         for each, number in self._undecodable.items():
             undecodable[each.topic] = max(number, undecodable.get(each.topic, 0))  # a message lacks several fields
         for topic, number in sorted(undecodable.items()):
@@ -154,7 +154,7 @@ class Player:
             return f"{topic} is recorded as {channels[0].type_name}, configured as {canonical_type(type_name)}"
         return ""
 
-    def why_unreadable(self, topic: str, type_name: str, field: Optional[str]) -> str:
+    def why_unreadable(self, topic: str, type_name: str, field: str | None) -> str:
         """Returns why no message of a topic can be read with a field, or its arrival if that is None.
 
         Empty if one can, if there is none, or if the recorded type has no such field.
@@ -173,14 +173,14 @@ class Player:
         is_readable = any(_can_read(getters[channel], data) for channel, data in messages)
         return "" if is_readable else f"no message on {topic} can be decoded"
 
-    def _messages_of(self, channels: Iterable[Channel]) -> Iterator[Tuple[Channel, bytes]]:
+    def _messages_of(self, channels: Iterable[Channel]) -> Iterator[tuple[Channel, bytes]]:
         return ((channel, data) for _, channel, data in self._recordings.messages({each: each for each in channels}))
 
     def topic_types(self) -> Mapping[str, str]:
         """Returns the type of every recorded topic."""
         return {topic: channels[0].type_name for topic, channels in self._channels.items()}
 
-    def node(self, name: str, parameters: Mapping[str, Any]) -> RecordedMiddleware:
+    def node(self, name: str, parameters: JsonObject) -> RecordedMiddleware:
         """Adds a node with a base name, `alert_system`, and parameters as in the file under `ros__parameters`."""
         node = RecordedMiddleware(self, self.node_name(name), parameters)
         self.bus.nodes.append(node)
@@ -190,7 +190,7 @@ class Player:
         """Returns the full name of the node with a base name."""
         return full_name(name, self._namespace)
 
-    def subscribe(self, subscription: Subscription, type_name: str, field: Optional[str]) -> None:
+    def subscribe(self, subscription: Subscription, type_name: str, field: str | None) -> None:
         """Delivers a field of every message of a topic; use `RecordedMiddleware.subscribe`.
 
         A topic that is not recorded, or with another type only, delivers nothing: see `why_not_recorded`. Raises
@@ -199,7 +199,7 @@ class Player:
         for channel in self._matching(subscription.topic, type_name):
             self._readers.setdefault(channel, []).append((_getter(channel, field), subscription))
 
-    def play(self, on_progress: Optional[Callable[[float], None]] = None) -> None:
+    def play(self, on_progress: Callable[[float], None] | None = None) -> None:
         """Plays the recordings to their end. Subscriptions must exist before.
 
         `on_progress` is called about a thousand times with the fraction that has been played, 0 to 1; it may raise.
@@ -250,7 +250,7 @@ class Player:
         """Notes a new timer of a node."""
         self._due_s = min(self._due_s, timer.due_s)
 
-    def _matching(self, topic: str, type_name: str) -> List[Channel]:
+    def _matching(self, topic: str, type_name: str) -> list[Channel]:
         wanted = canonical_type(type_name) if type_name else ""
         return [channel for channel in self._channels.get(topic, []) if wanted in ("", channel.type_name)]
 
@@ -324,7 +324,7 @@ def _left_out(messages: int, why: str) -> str:
     return f"{count_text(messages, 'message')} {why} {'was' if messages == 1 else 'were'} left out"
 
 
-def _getter(channel: Channel, field: Optional[str]) -> _Getter:
+def _getter(channel: Channel, field: str | None) -> _Getter:
     return _arrival if field is None else type_of(channel).field_getter(field)
 
 

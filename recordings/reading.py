@@ -10,9 +10,9 @@ import shutil
 import tempfile
 from itertools import chain
 from operator import itemgetter
-from typing import Any, Collection, Iterator, List, Mapping, Optional, Sequence, Tuple
+from typing import Collection, Iterator, Mapping, Sequence
 
-from ..core.values import ConfigError, Problems
+from ..core.values import ConfigError, JsonObject, Problems
 from ..runtime.libraries import RECORDINGS, libraries
 from .recording import LARGEST, Attachment, Channel, RawMessage, RecordedFile, RecordingError, Span, Target, log_time
 from .ros1_bag import Ros1Bag
@@ -35,9 +35,9 @@ class Recordings:
         Raises RecordingError if one cannot be read.
         """
         self.paths = [os.fspath(path) for path in paths]
-        self._folder: Optional[str] = None
-        self._notes: List[str] = []
-        self._recordings: List[List[RecordedFile]] = []
+        self._folder: str | None = None
+        self._notes: list[str] = []
+        self._recordings: list[list[RecordedFile]] = []
         try:
             for path in self.paths:
                 files = self._open(path)
@@ -61,7 +61,7 @@ class Recordings:
             self._folder = None
 
     @property
-    def channels(self) -> List[Channel]:
+    def channels(self) -> list[Channel]:
         """The channels of all files, each once."""
         return list(dict.fromkeys(channel for file in self._files for channel in file.channels))
 
@@ -77,13 +77,13 @@ class Recordings:
         return files[0].attachments if len(files) == 1 else {}
 
     @property
-    def gaps_ns(self) -> List[Tuple[int, int]]:
+    def gaps_ns(self) -> list[tuple[int, int]]:
         """Log times of the last message before, and the first one after, each time in which nothing was recorded.
 
         Between recordings only: the files of one folder are one recording, and silence within it is the robot's.
         """
-        gaps: List[Tuple[int, int]] = []
-        covered_ns: Optional[int] = None
+        gaps: list[tuple[int, int]] = []
+        covered_ns: int | None = None
         for first, last in sorted(span for span in map(_span, self._recordings) if span is not None):
             if covered_ns is not None and first > covered_ns:
                 gaps.append((covered_ns, first))
@@ -91,11 +91,11 @@ class Recordings:
         return gaps
 
     @property
-    def problems(self) -> List[str]:
+    def problems(self) -> list[str]:
         """One line for each thing that could not be read until now."""
         return list(dict.fromkeys(self._notes + _problems(self._files)))
 
-    def messages(self, targets: Mapping[Channel, Target], number: Optional[int] = None) -> Iterator[RawMessage[Target]]:
+    def messages(self, targets: Mapping[Channel, Target], number: int | None = None) -> Iterator[RawMessage[Target]]:
         """Yields messages in the order of their log times, of the recording `paths[number]` or of all.
 
         `targets` are the channels, each with what to yield with its messages.
@@ -103,7 +103,7 @@ class Recordings:
         files = self._files if number is None else self._recordings[number]
         # Files of which each ends before the next begins are read in a row, and opened when their messages begin: a
         # long recording may consist of thousands.
-        rows: List[List[Tuple[Tuple[int, int], RecordedFile]]] = []
+        rows: list[list[tuple[tuple[int, int], RecordedFile]]] = []
         spans = [(file.span_ns, file) for file in _files_with(files, targets) if file.span_ns is not None]
         for span, file in sorted(spans, key=itemgetter(0)):
             row = next((row for row in rows if row[-1][0][1] <= span[0]), None)
@@ -127,10 +127,10 @@ class Recordings:
         return _nothing_readable(self.paths[number], problems) if problems else ""
 
     @property
-    def _files(self) -> List[RecordedFile]:
+    def _files(self) -> list[RecordedFile]:
         return [file for files in self._recordings for file in files]
 
-    def _open(self, path: str) -> List[RecordedFile]:
+    def _open(self, path: str) -> list[RecordedFile]:
         if os.path.isdir(path):
             return self._open_folder(path)
         if not os.path.exists(path):
@@ -152,7 +152,7 @@ class Recordings:
             from .mcap_file import McapFile
         return McapFile(path, name)
 
-    def _open_folder(self, path: str) -> List[RecordedFile]:
+    def _open_folder(self, path: str) -> list[RecordedFile]:
         metadata = self._read_metadata(path)
         names = metadata.get("relative_file_paths")
         try:
@@ -175,7 +175,7 @@ class Recordings:
             raise RecordingError(f"expected compression zstd, got {compression[:40]!r}", file=path)
         return [self._open_file(os.path.join(path, name)) for name in present]
 
-    def _read_metadata(self, path: str) -> Mapping[str, Any]:
+    def _read_metadata(self, path: str) -> JsonObject:
         from ..core.config.yaml_loader import load  # here, so that --help does not need PyYAML
 
         file = os.path.join(path, _METADATA)
@@ -216,11 +216,11 @@ class Recordings:
         return unpacked
 
 
-def _files_with(files: Sequence[RecordedFile], channels: Collection[Channel]) -> List[RecordedFile]:
+def _files_with(files: Sequence[RecordedFile], channels: Collection[Channel]) -> list[RecordedFile]:
     return [file for file in files if any(channel in channels for channel in file.channels)]
 
 
-def _problems(files: Sequence[RecordedFile]) -> List[str]:
+def _problems(files: Sequence[RecordedFile]) -> list[str]:
     return [file.problem for file in files if file.problem]
 
 

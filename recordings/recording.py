@@ -16,7 +16,7 @@ import os
 import struct
 from itertools import chain
 from operator import itemgetter
-from typing import Any, BinaryIO, Dict, Iterable, Iterator, List, Mapping, NamedTuple, Optional, Tuple, Type, TypeVar
+from typing import Any, BinaryIO, Iterable, Iterator, List, Mapping, NamedTuple, Optional, Tuple, TypeVar
 
 from ..core.messages.raw_messages import RawFormat
 from ..core.values import ConfigError, MessageError, canonical_type, count_text
@@ -96,11 +96,11 @@ class RecordedFile(abc.ABC):
         """Whether messages between others were left out so far, because they could not be read."""
         self.span_ns: Span = None
         """When reading stops at damage, the end becomes the last message that was read."""
-        self.attachments: Dict[str, Attachment] = {}
+        self.attachments: dict[str, Attachment] = {}
         """Those that a black box attaches, by name."""
         self._path = path
-        self._channels: Dict[int, Channel] = {}
-        self._texts: Dict[str, str] = {}  # each definition once: channels may share one
+        self._channels: dict[int, Channel] = {}
+        self._texts: dict[str, str] = {}  # each definition once: channels may share one
         try:
             with open(path, "rb") as file:
                 if file.read(len(self.MAGIC)) != self.MAGIC:
@@ -110,7 +110,7 @@ class RecordedFile(abc.ABC):
             raise RecordingError(f"cannot be read: {error.strerror or error}", file=self.name) from None
 
     @property
-    def channels(self) -> List[Channel]:
+    def channels(self) -> list[Channel]:
         """The channels, each once, in the order of the file."""
         return list(dict.fromkeys(self._channels.values()))
 
@@ -192,12 +192,12 @@ class Record(NamedTuple):
 class ChunkedFile(RecordedFile):
     """A file of records."""
 
-    DAMAGE: Tuple[Type[Exception], ...] = (
+    DAMAGE: tuple[type[Exception], ...] = (
         Damaged, KeyError, ValueError, EOFError, OSError, OverflowError, struct.error, IndexError,
     )  # fmt: skip
     """What reading damaged bytes raises."""
     DAMAGED_INDEX: str  # what is wrong if reading the index raises that
-    _counts: Optional[Mapping[int, int]] = None  # messages per channel according to the index; None without an index
+    _counts: Mapping[int, int] | None = None  # messages per channel according to the index; None without an index
 
     def _open(self, file: BinaryIO) -> None:
         try:
@@ -216,11 +216,11 @@ class ChunkedFile(RecordedFile):
             yield from in_time_order(self._counted(self._chunks(file, wanted), wanted))
 
     @abc.abstractmethod
-    def _read_index(self, file: BinaryIO) -> Optional[str]:
+    def _read_index(self, file: BinaryIO) -> str | None:
         """Reads the index; returns None, or what is wrong with it: empty if a complete file needs none."""
 
     @abc.abstractmethod
-    def _read_record(self, file: BinaryIO, size: int) -> Optional[Record]:
+    def _read_record(self, file: BinaryIO, size: int) -> Record | None:
         """Reads the next record of a file of `size` bytes, if it is needed; None at the end. Raises any of `DAMAGE`."""
 
     @abc.abstractmethod
@@ -234,7 +234,7 @@ class ChunkedFile(RecordedFile):
         last_ns = position = loose_bytes = 0
         messages: Messages = []
         is_chunk = False
-        end: Optional[Exception] = None
+        end: Exception | None = None
         while end is None:
             position = file.tell()
             try:
@@ -296,13 +296,13 @@ class ChunkedFile(RecordedFile):
         return f"{self.name}: damaged at byte {position} of {size} ({reason})"
 
 
-def in_time_order(chunks: Iterable[List[RawMessage[Target]]]) -> Iterator[RawMessage[Target]]:
+def in_time_order(chunks: Iterable[list[RawMessage[Target]]]) -> Iterator[RawMessage[Target]]:
     """Yields the messages of chunks in the order of their times, holding back one chunk at most.
 
     Recorders write chunk after chunk, and neighbouring chunks may overlap in time. A message that is late by more than
     a chunk is yielded late: memory stays bounded.
     """
-    held: List[RawMessage[Target]] = []
+    held: list[RawMessage[Target]] = []
     for chunk in chunks:
         if not chunk:
             continue

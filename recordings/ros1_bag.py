@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import struct
-from typing import BinaryIO, Counter, Dict, Optional, Tuple
+from typing import BinaryIO, Counter, Dict
 
 from ..core.messages.raw_messages import ros1_format
 from .recording import LARGEST, ChunkedFile, Damaged, Messages, Record, Wanted, unpack
@@ -63,7 +63,7 @@ class Ros1Bag(ChunkedFile):
         self._counts = counts
         self.span_ns = (first_ns, last_ns) if last_ns >= 0 else None
 
-    def _read_record(self, file: BinaryIO, size: int) -> Optional[Record]:
+    def _read_record(self, file: BinaryIO, size: int) -> Record | None:
         if file.tell() == size:
             return None
         header, complete = _read_sized(file, _LARGEST_HEADER)
@@ -113,7 +113,7 @@ class Ros1Bag(ChunkedFile):
             self._add_channel(number, topic, ros1_format(type_name, definition))
 
 
-def _read_sized(file: BinaryIO, largest: int) -> Tuple[bytes, bool]:
+def _read_sized(file: BinaryIO, largest: int) -> tuple[bytes, bool]:
     """Returns a block that its length precedes, and whether it is complete."""
     length_bytes = file.read(4)
     if len(length_bytes) < 4:

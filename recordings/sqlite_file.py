@@ -7,7 +7,7 @@ import os
 import sqlite3
 import struct
 from pathlib import Path
-from typing import Any, BinaryIO, Dict, Iterator, Mapping, Tuple
+from typing import Any, BinaryIO, Iterator, Mapping
 
 from ..core.messages.raw_messages import RawFormat
 from .recording import LARGEST, Damaged, Messages, RawMessage, RecordedFile, RecordingError, in_time_order
@@ -128,7 +128,7 @@ class SqliteFile(RecordedFile):
             raise RecordingError(f"cannot be opened: {error}", file=self.name) from None
 
     def _read_channels(self, database: sqlite3.Connection) -> None:
-        definitions: Dict[str, Tuple[str, str]] = {}
+        definitions: dict[str, tuple[str, str]] = {}
         if database.execute("SELECT 1 FROM sqlite_master WHERE name = 'message_definitions'").fetchone():
             query = "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
             for type_name, encoding, text in database.execute(f"{query} LIMIT {_MOST_TOPICS}"):

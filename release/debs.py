@@ -18,7 +18,7 @@ import tempfile
 import time
 from email.utils import formatdate
 from pathlib import Path
-from typing import Dict, Mapping, Sequence, Tuple
+from typing import Mapping, Sequence
 from xml.etree import ElementTree
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -42,13 +42,13 @@ DISTROS = {
 PACKAGES = (COMMAND_LINE, *DISTROS)
 
 
-def dependencies() -> Tuple[Sequence[str], Sequence[str]]:
+def dependencies() -> tuple[Sequence[str], Sequence[str]]:
     """Returns what the package robot-health depends on and what it recommends.
 
     Names and oldest versions are those of setup.py; package.xml has which of them are needed.
     """
     needed = [each.text for each in ElementTree.parse(manifest.MANIFEST).findall("exec_depend")]
-    packages: Tuple[list[str], list[str]] = ([], [])
+    packages: tuple[list[str], list[str]] = ([], [])
     for requirement in runtime_requirements():
         name, relation, version = re.fullmatch(r"([\w-]+)(?:(>=)([\d.]+))?", requirement).groups()  # type: ignore[union-attr]
         package = debian_package(name)
@@ -92,7 +92,7 @@ def write_completions(folder: Path) -> None:
         (folder / name).write_text(shtab.complete(complete_parser(), shell), "utf-8")
 
 
-def index_variables(folder: Path) -> Dict[str, str]:
+def index_variables(folder: Path) -> dict[str, str]:
     """Returns the variables with which bloom and rosdep read release/index, an index of distributions and rosdep keys.
 
     Every ROS package that package.xml names is in every distribution, and the other keys are Debian's packages. A key
@@ -167,7 +167,7 @@ def main() -> None:
     arguments.folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix="robot-health-debs-") as temporary:
         work = Path(temporary)
-        variables: Dict[str, str] = {}
+        variables: dict[str, str] = {}
         for name in arguments.names or PACKAGES:
             folder = work / name
             source = copy_sources(folder)

@@ -16,7 +16,7 @@ import sys
 import tempfile
 from email import message_from_string
 from pathlib import Path
-from typing import Any, List
+from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT)]
@@ -27,7 +27,7 @@ NAME = "robot_health_monitor"
 _ARCHIVE = ("-c", "tar.umask=0022", "archive")
 
 
-def build(folder: Path) -> List[Path]:
+def build(folder: Path) -> list[Path]:
     """Builds the last commit into a folder; returns the source distribution and the wheel."""
     folder = folder.resolve()
     folder.mkdir(parents=True, exist_ok=True)

@@ -20,7 +20,7 @@ import sys
 import tempfile
 from datetime import datetime, timezone
 from pathlib import Path
-from typing import List, Sequence, Tuple
+from typing import Sequence
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT)]
@@ -37,7 +37,7 @@ COMMANDS: Sequence[Sequence[str]] = (("make", "test"), *([("make", "deb")] if os
 """They test everything, and leave in dist/ what is uploaded."""
 
 
-def release(repository: Path, version: str, commands: Sequence[Sequence[str]] = COMMANDS) -> List[Path]:
+def release(repository: Path, version: str, commands: Sequence[Sequence[str]] = COMMANDS) -> list[Path]:
     """Makes a release of the branch that is checked out; returns the files to upload. Raises Refused."""
     _check_ready(repository, version)
     begun = git(repository, "rev-parse", "HEAD")
@@ -98,7 +98,7 @@ def _check_committed(repository: Path) -> None:
     _require(not changed, f"uncommitted changes, such as {changed.partition(chr(10))[0][3:]}; commit or remove them")
 
 
-def _number(version: str) -> Tuple[int, ...]:
+def _number(version: str) -> tuple[int, ...]:
     match = _VERSION.match(version)
     if match is None:
         raise Refused(f"expected a version such as 1.0.0, got {version!r}")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import subprocess
 from pathlib import Path
-from typing import Dict
 from xml.etree import ElementTree
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -34,7 +33,7 @@ def text(tag: str, manifest: Path = MANIFEST) -> str:
     return value
 
 
-def urls(manifest: Path = MANIFEST) -> Dict[str, str]:
+def urls(manifest: Path = MANIFEST) -> dict[str, str]:
     """Returns the addresses of the project by type: website, bugtracker, repository."""
     return {url.get("type", ""): url.text or "" for url in ElementTree.parse(manifest).findall("url")}
 

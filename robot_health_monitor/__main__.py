@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import os
 import sys
-from typing import Optional, Sequence
+from typing import Sequence
 
 from .cli.exit_codes import ExitCode, internal_error_text
 from .runtime.interrupts import Interrupts
 
 
-def main(argv: Optional[Sequence[str]] = None) -> int:
+def main(argv: Sequence[str] | None = None) -> int:
     """Runs the command line with these arguments, by default those of the process; returns the exit code."""
     with Interrupts() as interrupts:
         try:
@@ -39,7 +39,7 @@ def main(argv: Optional[Sequence[str]] = None) -> int:
             return _fail(internal_error_text(error))
 
 
-def _run_command(argv: Optional[Sequence[str]], interrupts: Interrupts) -> int:
+def _run_command(argv: Sequence[str] | None, interrupts: Interrupts) -> int:
     from .cli.arguments import parse
     from .core.values.errors import ConfigError, LinkError, MessageError, ServiceError
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import socket
 import struct
 import time
-from typing import Dict, List
 from urllib.parse import urlsplit
 
 import genpy
@@ -30,7 +29,7 @@ class Ros1ServedMiddleware(Ros1Middleware):
     def graph(self) -> Graph:
         """As `core.middleware.ServedMiddleware`; the master does not know the types of services."""
         publishers, subscribers, services = self._master.system_state()
-        nodes: Dict[str, List[List[str]]] = {}
+        nodes: dict[str, list[list[str]]] = {}
         for kind, state in enumerate((publishers, subscribers, services)):
             for name, users in state:
                 for user in users:
@@ -94,7 +93,7 @@ def _call(service: str, address: str, type_name: str, request: Message, deadline
 def _receive(connection: socket.socket, length: int, deadline_s: float) -> bytes:
     if length > _MAX_RESPONSE_BYTES:
         raise ServiceError(f"expected a response of at most {_MAX_RESPONSE_BYTES} bytes, got {length}")
-    parts: List[bytes] = []
+    parts: list[bytes] = []
     while length:
         connection.settimeout(_left_s(deadline_s))
         part = connection.recv(min(length, _RECEIVE_BYTES))

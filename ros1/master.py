@@ -11,12 +11,12 @@ import threading
 import time
 import xml.parsers.expat
 import xmlrpc.client
-from typing import Any, Callable, Dict, List, Optional, Set, Tuple, TypeVar
+from typing import Any, Callable, List, Tuple, TypeVar
 
 import rosgraph
 import rospy.core
 
-from ..core.values import Level, ServiceError, describe, printable
+from ..core.values import Clock, Level, ServiceError, describe, printable
 from ..runtime.threads import StepThread
 
 _SUCCESS = 1
@@ -71,15 +71,15 @@ class Master:
         """Returns publishers, subscribers and services, each a list of (name, [node, ...])."""
         return self._read(_state, self._call("getSystemState"))
 
-    def topic_types(self) -> Dict[str, str]:
+    def topic_types(self) -> dict[str, str]:
         """Returns the type of each topic."""
         return self._read(_types, self._call("getTopicTypes"))
 
-    def find_service(self, name: str) -> Optional[str]:
+    def find_service(self, name: str) -> str | None:
         """Returns the address of a service, `rosrpc://host:port`; None if there is no such service."""
         return self._read(_text, self._call("lookupService", name, default=None))
 
-    def answers(self, node: str) -> Optional[bool]:
+    def answers(self, node: str) -> bool | None:
         """Returns whether a node answers its own API within 1 s: the master goes on listing one that crashed.
 
         False if it has left the master, or has no process any more. None if there is no answer, for whatever reason.
@@ -106,7 +106,7 @@ class Master:
         """Deletes a parameter and everything below it, if it is set."""
         self._call("deleteParam", name, default=None)
 
-    def identity(self, node: str) -> Optional[Tuple[Any, ...]]:
+    def identity(self, node: str) -> tuple[Any, ...] | None:
         """Returns what differs after a restart of the master; None if this master does not know the node."""
         if self._call("lookupNode", node, default=None) is None:
             return None
@@ -143,14 +143,14 @@ class Master:
 class NodeChecks:
     """Finds nodes that crashed: they did not answer twice, 10 s apart. Used in one thread."""
 
-    def __init__(self, master: Master, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, master: Master, clock: Clock = time.monotonic) -> None:
         """Checks nothing yet; `clock` returns monotonic seconds."""
         self._master = master
         self._clock = clock
-        self._checks: Dict[str, Tuple[float, int]] = {}
+        self._checks: dict[str, tuple[float, int]] = {}
         """When each node is checked next, in s, and how often it has not answered since it did last."""
 
-    def gone(self, nodes: Set[str]) -> Set[str]:
+    def gone(self, nodes: set[str]) -> set[str]:
         """Checks the nodes that are due, and returns those that are gone. Raises ServiceError as the master does."""
         begin_s = self._clock()
         self._checks = {node: self._checks.get(node, (begin_s, 0)) for node in nodes}
@@ -224,11 +224,11 @@ def _state(answer: Any) -> SystemState:
     return publishers, subscribers, services
 
 
-def _types(answer: Any) -> Dict[str, str]:
+def _types(answer: Any) -> dict[str, str]:
     return {str(topic): str(type_name) for topic, type_name in answer}
 
 
-def _text(answer: Any) -> Optional[str]:
+def _text(answer: Any) -> str | None:
     if answer is not None and not isinstance(answer, str):
         raise TypeError(f"expected text, got {describe(answer)}")
     return answer

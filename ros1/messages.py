@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import io
 import re
-from typing import Any, List
+from typing import Any
 
 import genpy
 import rospy
@@ -22,7 +22,7 @@ _TIMES = {"time": genpy.Time, "duration": genpy.Duration}
 _ARRAY = re.compile(r"(?P<kind>.+)\[(?P<size>\d*)\]\Z")
 
 
-def _fields(native_class: Any) -> List[Field]:
+def _fields(native_class: Any) -> list[Field]:
     """Returns the fields of a message class."""
     if native_class in _TIMES.values():
         kind = "uint32" if native_class is genpy.Time else "int32"

@@ -13,7 +13,7 @@ import contextlib
 import logging
 import threading
 from functools import lru_cache, partial
-from typing import Any, Callable, Collection, Dict, Iterator, List, Mapping, Optional, Sequence, Set, Tuple
+from typing import Any, Callable, Collection, Iterator, Mapping, Sequence
 
 import rospy
 import rospy.core
@@ -41,7 +41,16 @@ from ..core.port import (
     matching,
     similar_topic,
 )
-from ..core.values import ABSENT, ConfigError, Getter, ServiceError, resolve_name, split_type_name, with_degree_sign
+from ..core.values import (
+    ABSENT,
+    ConfigError,
+    Getter,
+    JsonObject,
+    ServiceError,
+    resolve_name,
+    split_type_name,
+    with_degree_sign,
+)
 from ..runtime.native_node import NativeNode
 from ..runtime.threads import StepThread
 from . import messages
@@ -79,7 +88,7 @@ class Ros1Middleware(NativeNode):
             None if rospy.rostime.is_wallclock() else 0.0,
         )
         self._lookup = PublisherLookup(self._master, self._last_publishers)
-        self._timers: Optional[StepThread] = None
+        self._timers: StepThread | None = None
         self._clock_subscriber: Any = None
         if self._sim_time_s is not None:
             self._clock_subscriber = rospy.Subscriber("/clock", Clock, lambda native: self._take_time(native.clock))
@@ -88,7 +97,7 @@ class Ros1Middleware(NativeNode):
         self.parameters = NodeParameters(self._master, self.name)
         self._type_of = lru_cache(maxsize=_MOST_TYPES)(SerializedType)
         """All subscriptions to a topic share the type, which deserializes each message once."""
-        self._services: List[Any] = []
+        self._services: list[Any] = []
 
     def declare_parameters(self, parameters: Sequence[Parameter], on_change: OnChange) -> None:
         """Advertises `~reload`, which reads the parameters again; its response is what changed.
@@ -97,7 +106,7 @@ class Ros1Middleware(NativeNode):
         node: the next one would take them for its configuration.
         """
 
-        def apply(proposed: Mapping[str, Any]) -> str:
+        def apply(proposed: JsonObject) -> str:
             changes = self.change(on_change, proposed)
             if self.name == rospy.get_name():  # the log level is one for the process
                 set_log_level(proposed)
@@ -123,7 +132,7 @@ class Ros1Middleware(NativeNode):
         return bool(publisher.get_num_connections())
 
     def subscribe(
-        self, topic: str, type_name: str, callback: Callback, *, field: Optional[str] = "", latched: bool = False
+        self, topic: str, type_name: str, callback: Callback, *, field: str | None = "", latched: bool = False
     ) -> Subscription:
         mapped = rospy.resolve_name(self._resolve(topic))
         if field is None:
@@ -178,7 +187,7 @@ class Ros1Middleware(NativeNode):
     def _take_time(self, time: rospy.Time) -> None:
         self.set_sim_time(time.to_sec())
 
-    def serialize(self, type_name: str, message: Message) -> Tuple[bytes, RawFormat]:
+    def serialize(self, type_name: str, message: Message) -> tuple[bytes, RawFormat]:
         native = self._stamped(messages.message_class(type_name), message)
         return messages.serialized(native), messages.raw_format(type_name)
 
@@ -186,7 +195,7 @@ class Ros1Middleware(NativeNode):
         types = self._master.topic_types()
         return {topic: type_name for topic, type_name in types.items() if type_name != rospy.AnyMsg._type}
 
-    def why_silent(self, topic: str, type_name: str) -> Optional[str]:
+    def why_silent(self, topic: str, type_name: str) -> str | None:
         return self._hints.get(rospy.resolve_name(self._resolve(topic)), type_name)
 
     def look_up_silence(self, topic: str, type_name: str, answer: Answer) -> None:
@@ -207,7 +216,7 @@ class Ros1Middleware(NativeNode):
         own = rospy.get_name()
         gone = self._node_checks.gone(watched - {own}) | {NOT_COUNTED}
 
-        def others(endpoints: Sequence[Tuple[str, List[str]]], own_topics: Set[str]) -> Iterator[str]:
+        def others(endpoints: Sequence[tuple[str, list[str]]], own_topics: set[str]) -> Iterator[str]:
             for topic, users in endpoints:
                 for user in users:
                     if user not in gone and not (user == own and topic in own_topics):
@@ -261,15 +270,15 @@ class Ros1Middleware(NativeNode):
     def _stamp(self) -> Any:
         return rospy.Time.now()
 
-    def _published_topics(self) -> Set[str]:
+    def _published_topics(self) -> set[str]:
         """Returns the topics that this node publishes, as the master knows them. May be called in any thread."""
         return {publisher.resolved_name for publisher, _ in tuple(self._publishers.values())}
 
-    def _subscribed_topics(self) -> Set[str]:
+    def _subscribed_topics(self) -> set[str]:
         """Returns the topics that it subscribes to, as the master knows them. May be called in any thread."""
         return {subscription.topic for subscription in tuple(self._subscriptions)}
 
-    def _last_publishers(self, topic: str) -> Set[str]:
+    def _last_publishers(self, topic: str) -> set[str]:
         """Returns the nodes whose messages on a topic came last. May be called in any thread."""
         headers = [each.header for each in tuple(self._subscriptions) if each.topic == topic]
         return {str(header["callerid"]) for header in headers if "callerid" in header}
@@ -343,7 +352,7 @@ class PublisherLookup:
         self._master = master
         self._last_publishers = last_publishers
         self._lock = threading.Lock()
-        self._questions: List[Tuple[str, str, Answer]] = []
+        self._questions: list[tuple[str, str, Answer]] = []
         """Those that no thread has taken yet; the first one starts a thread."""
 
     def look_up(self, topic: str, type_name: str, answer: Answer) -> None:
@@ -354,7 +363,7 @@ class PublisherLookup:
                 threading.Thread(target=self._ask, name="publisher lookup", daemon=True).start()
 
     def _ask(self) -> None:
-        published: Optional[Dict[str, str]] = None
+        published: dict[str, str] | None = None
         with contextlib.suppress(ServiceError):
             publishers, _, _ = self._master.system_state()
             types = self._master.topic_types()
@@ -362,13 +371,13 @@ class PublisherLookup:
         with self._lock:
             questions, self._questions = self._questions, []
         for topic, type_name, answer in questions:
-            text: Optional[str] = None
+            text: str | None = None
             if published is not None:
                 with contextlib.suppress(ServiceError):
                     text = self._explain(topic, type_name, published)
             answer(text)
 
-    def _explain(self, topic: str, type_name: str, published: Mapping[str, str]) -> Optional[str]:
+    def _explain(self, topic: str, type_name: str, published: Mapping[str, str]) -> str | None:
         gone = [node for node in self._last_publishers(topic) if self._master.answers(node) is False]
         types = [published[topic]] if topic in published and not gone else []
         return explain(topic, type_name, types, gone, similar_topic(topic, type_name, published))

@@ -10,12 +10,12 @@ from __future__ import annotations
 
 import logging
 import threading
-from typing import Any, Dict, Iterator, Mapping, Optional
+from typing import Any, Iterator
 
 from ..core.config import NODE_PARAMETERS
 from ..core.messages.dialect import Message
 from ..core.port import OnChange
-from ..core.values import PARAMETERS_FAULT, ConfigError, Faults, Path, Problems, describe
+from ..core.values import PARAMETERS_FAULT, ConfigError, Faults, JsonObject, Path, Problems, describe
 from ..runtime.native_node import Log, apply_change
 from .master import Master
 
@@ -39,18 +39,18 @@ class NodeParameters:
         self._master = master
         self._node = node
         self._lock = threading.Lock()
-        self._given: Optional[Mapping[str, Any]] = None
+        self._given: JsonObject | None = None
         self._latest: Any = {}
         self._kept: Any = None
-        self._accepted: Optional[Dict[str, Any]] = None
+        self._accepted: dict[str, Any] | None = None
 
-    def given(self) -> Mapping[str, Any]:
+    def given(self) -> JsonObject:
         """Returns the configuration in force: what `read` returned, or raised, until a `reload` is accepted."""
         if self._given is None:
             self._given = self.read()
         return self._given
 
-    def read(self) -> Mapping[str, Any]:
+    def read(self) -> JsonObject:
         """Returns the configuration: the parameters of the file together with the private ones.
 
         Raises:
@@ -112,7 +112,7 @@ class NodeParameters:
         self._latest = self._accepted
         return True
 
-    def _restore(self, name: str, latest: Mapping[str, Any], accepted: Mapping[str, Any]) -> None:
+    def _restore(self, name: str, latest: JsonObject, accepted: JsonObject) -> None:
         """Touches only what differs: other parameters may be changing at the same time."""
         for key in latest.keys() - accepted.keys():
             self._master.delete_parameter(f"{name}/{key}")
@@ -124,13 +124,13 @@ class NodeParameters:
                 self._master.set_parameter(f"{name}/{key}", value)
 
 
-def set_log_level(parameters: Mapping[str, Any]) -> None:
+def set_log_level(parameters: JsonObject) -> None:
     """Sets the log level of this process to that of a configuration; raises ConfigError if it is not a level."""
     level = _LOG_LEVEL.read(parameters.get(_LOG_LEVEL.name, _LOG_LEVEL.default), (_LOG_LEVEL.name,))
     logging.getLogger("rosout").setLevel(level)
 
 
-def _paths_in_both(first: Mapping[str, Any], second: Mapping[str, Any], path: Path = ()) -> Iterator[Path]:
+def _paths_in_both(first: JsonObject, second: JsonObject, path: Path = ()) -> Iterator[Path]:
     """Yields the paths of values that are in two trees."""
     for key in first.keys() & second.keys():
         if isinstance(first[key], dict) and isinstance(second[key], dict):
@@ -139,7 +139,7 @@ def _paths_in_both(first: Mapping[str, Any], second: Mapping[str, Any], path: Pa
             yield (*path, key)
 
 
-def _overlay(below: Mapping[str, Any], above: Mapping[str, Any]) -> Dict[str, Any]:
+def _overlay(below: JsonObject, above: JsonObject) -> dict[str, Any]:
     """Merges two trees; values of `above` win."""
     merged = dict(below)
     for key, value in above.items():

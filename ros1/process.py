@@ -9,7 +9,7 @@ import logging
 import os
 import sys
 import time
-from typing import TYPE_CHECKING, List, Optional
+from typing import TYPE_CHECKING
 
 import rosgraph
 import rospy
@@ -35,7 +35,7 @@ class Ros1Process:
 
     def __init__(self, executable: str, interrupts: Interrupts) -> None:
         """Does nothing yet; `executable` is the name of the ROS node, which `__name:=` may change."""
-        self.middlewares: List[Ros1Middleware] = []
+        self.middlewares: list[Ros1Middleware] = []
         self._executable = executable
         self._interrupts = interrupts
         self._problem = ""
@@ -75,7 +75,7 @@ class Ros1Process:
         self.middlewares.append(listener)
         return listener
 
-    def recover_node(self, name: str, failed: Ros1Middleware) -> Optional[Ros1Middleware]:
+    def recover_node(self, name: str, failed: Ros1Middleware) -> Ros1Middleware | None:
         """Creates a node again with the parameters with which it ran last; None if no others are known.
 
         The parameter server accepts any value and outlives the node, which would otherwise never start again.

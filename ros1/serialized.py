@@ -7,7 +7,7 @@ one connection and the class of the first one.
 from __future__ import annotations
 
 import contextlib
-from typing import Any, Callable, Dict, Tuple
+from typing import Any, Callable
 
 import rospy
 
@@ -30,7 +30,7 @@ class Reader:
         """
         self._topic, self._expected, self._log = topic, canonical_type(expected), log
         self._getter_of = getter_of
-        self._getters: Dict[Tuple[str, ...], Getter] = {}
+        self._getters: dict[tuple[str, ...], Getter] = {}
         """By type, checksum and definition."""
         self._header: Any = None
         """That of the latest message. All messages of a connection have the same object."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from typing import Any, Dict, List
+from typing import Any
 
 from ..core.messages.dialect import Message
 from ..core.messages.raw_messages import RawFormat
@@ -20,7 +20,7 @@ class Ros2ServedMiddleware(Ros2Middleware):
     def graph(self) -> Graph:
         """As `core.middleware.ServedMiddleware`: what discovery has found so far."""
         node = self.node
-        nodes: Dict[str, NodeInfo] = {}
+        nodes: dict[str, NodeInfo] = {}
         for name, namespace in node.get_node_names_and_namespaces():
             full_name = f"{namespace.rstrip('/')}/{name}"
             try:
@@ -69,5 +69,5 @@ class Ros2ServedMiddleware(Ros2Middleware):
         return messages.raw_format(type_name)
 
 
-def _names(names_and_types: Any) -> List[str]:
+def _names(names_and_types: Any) -> list[str]:
     return [name for name, _ in names_and_types]

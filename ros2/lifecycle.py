@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Collection, Dict, Tuple
+from typing import Any, Collection
 
 from . import messages
 
@@ -13,14 +13,14 @@ class LifecycleStates:
     def __init__(self, node: Any) -> None:
         """Calls nothing yet."""
         self._node = node
-        self._calls: Dict[str, Tuple[Any, Any]] = {}
+        self._calls: dict[str, tuple[Any, Any]] = {}
         """Client and the future of its last call by name of the node."""
 
-    def read(self, names: Collection[str]) -> Dict[str, float]:
+    def read(self, names: Collection[str]) -> dict[str, float]:
         """Returns the ids of the states that were answered since the last reading, and calls again."""
         for name in self._calls.keys() - set(names):
             self._node.destroy_client(self._calls.pop(name)[0])
-        states: Dict[str, float] = {}
+        states: dict[str, float] = {}
         for name in names:
             client, future = self._calls.get(name, (None, None))
             if client is None:

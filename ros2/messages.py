@@ -9,7 +9,7 @@ import functools
 import re
 import sys
 from pathlib import Path
-from typing import Any, Dict, Sequence
+from typing import Any, Sequence
 
 from ..core.messages.definitions import LONGEST_TEXT, SEQUENCE, Field, parse_msg
 from ..core.messages.dialect import Dialect
@@ -86,7 +86,7 @@ def _format_of(native_class: Any) -> RawFormat:
 
 def _full_text(native_class: Any) -> str:
     """Returns the definition of a class, followed by those of the messages that it contains, each once."""
-    parts: Dict[str, str] = {}
+    parts: dict[str, str] = {}
     waiting = [native_class]
     while waiting:
         cls = waiting.pop(0)

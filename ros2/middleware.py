@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Callable, Collection, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Callable, Collection, Iterator, Mapping, Sequence
 
 from rclpy.clock import Clock, ClockType, JumpThreshold, TimeJump
 from rclpy.context import Context
@@ -80,7 +80,7 @@ class _Timer:
 class Ros2Middleware(NativeNode):
     """One rclpy node; implements `core.middleware.Middleware`. It works while an executor spins `node`."""
 
-    def __init__(self, name: str, context: Optional[Context] = None, **options: Any) -> None:
+    def __init__(self, name: str, context: Context | None = None, **options: Any) -> None:
         """Creates the node.
 
         Args:
@@ -97,9 +97,9 @@ class Ros2Middleware(NativeNode):
         self.parameters = NodeParameters(self.node)
         self._states = LifecycleStates(self.node)
         self._steady_clock = Clock(clock_type=ClockType.STEADY_TIME)
-        self._channels: Dict[Tuple[str, Any, bool], _Channel] = {}
-        self._qos_timer: Optional[Any] = None
-        self._timers: List[_Timer] = []
+        self._channels: dict[tuple[str, Any, bool], _Channel] = {}
+        self._qos_timer: Any | None = None
+        self._timers: list[_Timer] = []
         self._jumps = self._ros_clock.create_jump_callback(
             JumpThreshold(min_forward=Duration(nanoseconds=1), min_backward=Duration(nanoseconds=-1)),
             post_callback=self._on_time_jump,
@@ -126,7 +126,7 @@ class Ros2Middleware(NativeNode):
         return bool(publisher.get_subscription_count())
 
     def subscribe(
-        self, topic: str, type_name: str, callback: Callback, *, field: Optional[str] = "", latched: bool = False
+        self, topic: str, type_name: str, callback: Callback, *, field: str | None = "", latched: bool = False
     ) -> Subscription:
         native_name = _native_name(topic)
         return self._begin(Subscription(self._resolve(topic), native_name, callback, field, latched), type_name)
@@ -136,14 +136,14 @@ class Ros2Middleware(NativeNode):
         subscription.follows_type = not type_name
         return self._begin(subscription, type_name)
 
-    def serialize(self, type_name: str, message: Message) -> Tuple[bytes, RawFormat]:
+    def serialize(self, type_name: str, message: Message) -> tuple[bytes, RawFormat]:
         native = self._stamped(messages.message_class(type_name), message)
         return serialize_message(native), messages.raw_format(type_name)
 
     def topic_types(self) -> Mapping[str, str]:
         return {topic: types[0] for topic, types in self.node.get_topic_names_and_types() if types}
 
-    def why_silent(self, topic: str, type_name: str) -> Optional[str]:
+    def why_silent(self, topic: str, type_name: str) -> str | None:
         with self._lock:
             return self._hints.get(self._resolve(topic), type_name)
 
@@ -229,7 +229,7 @@ class Ros2Middleware(NativeNode):
     def _stamp(self) -> Any:
         return self._ros_clock.now().to_msg()
 
-    def _qos_of(self, topic: str) -> List[QoSProfile]:
+    def _qos_of(self, topic: str) -> list[QoSProfile]:
         """Returns the QoS of this node's subscriptions to a topic."""
         return [channel.native.qos_profile for channel in self._channels.values() if channel.key[0] == topic]
 
@@ -364,7 +364,7 @@ class Subscription:
     topic: str
     native_name: str
     callback: Callback
-    field: Optional[str]
+    field: str | None
     is_latched: bool = False
     is_raw: bool = False
     """Whether the value is the whole message as bytes, with its format."""
@@ -374,7 +374,7 @@ class Subscription:
     """Reads the value from the bytes of a message."""
     active: bool = True
     """False once it has ended, or if the type of the topic cannot be used."""
-    channel: Optional[_Channel] = None
+    channel: _Channel | None = None
     """None as long as the type of the topic is not known."""
 
 
@@ -382,7 +382,7 @@ class Subscription:
 class _Channel:
     """A subscription of rclpy, replaced when the QoS changes, and its readers."""
 
-    key: Tuple[str, Any, bool]
+    key: tuple[str, Any, bool]
     """Topic, class of its messages, whether it receives latched ones.
 
     Messages arrive as bytes.
@@ -392,7 +392,7 @@ class _Channel:
     """Their type, which deserializes a message at most once for all readers."""
     native: Any = None
     is_best_effort: bool = False
-    readers: Tuple[Subscription, ...] = ()
+    readers: tuple[Subscription, ...] = ()
 
     @property
     def may_be_volatile(self) -> bool:

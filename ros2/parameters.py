@@ -9,7 +9,7 @@ import contextlib
 import os
 import re
 from functools import partial
-from typing import Any, Dict, Iterator, List, Mapping, Sequence
+from typing import Any, Iterator, Sequence
 
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.logging import LoggingSeverity
@@ -17,7 +17,7 @@ from rclpy.node import Node
 
 from ..core.config import NODE_PARAMETERS, Parameter, load_config, read_yaml, sections, unflatten
 from ..core.port import OnChange
-from ..core.values import ConfigError
+from ..core.values import ConfigError, JsonObject
 from ..runtime.native_node import Log, apply_change
 
 EXECUTOR, USE_SIM_TIME = (
@@ -40,7 +40,7 @@ class ParameterNode(Node):  # type: ignore[misc]  # rclpy is not typed
         """Creates the node; `options` are further arguments of rclpy's Node."""
         super().__init__(name, automatically_declare_parameters_from_overrides=True, **options)
 
-    def declare_parameters(self, namespace: str, parameters: List[Any], ignore_override: bool = False) -> List[Any]:
+    def declare_parameters(self, namespace: str, parameters: list[Any], ignore_override: bool = False) -> list[Any]:
         """Declares an empty list too, which rcl gives no type: rclpy could not start the node."""
         untyped = ParameterDescriptor(dynamic_typing=True)
         parameters = [
@@ -49,7 +49,7 @@ class ParameterNode(Node):  # type: ignore[misc]  # rclpy is not typed
             else (parameter[0], None, untyped)
             for parameter in parameters
         ]
-        declared: List[Any] = super().declare_parameters(namespace, parameters, ignore_override)
+        declared: list[Any] = super().declare_parameters(namespace, parameters, ignore_override)
         return declared
 
 
@@ -63,14 +63,14 @@ class NodeParameters:
         given = {name: [] if value is None else _plain(value) for name, value in values.items()}
         self._own = {name: given[name] for name in _START_ONLY if name in given}
         self._given = {name: value for name, value in given.items() if name.partition(".")[0] not in _NOT_FOR_NODES}
-        self._declared: Dict[str, Parameter] = {}
+        self._declared: dict[str, Parameter] = {}
 
     @property
     def executor(self) -> str:
         """The parameter `executor`."""
         return str(self._own.get(EXECUTOR.name, EXECUTOR.default))
 
-    def given(self) -> Mapping[str, Any]:
+    def given(self) -> JsonObject:
         """Returns the configuration in force.
 
         Raises ConfigError if a parameter of the adapter is wrong, or if a name begins another.
@@ -129,7 +129,7 @@ class NodeParameters:
             if change.value is None and change.name in self._declared and not self._node.has_parameter(change.name):
                 self._declare(self._declared[change.name])
 
-    def _set_log_level(self, values: Mapping[str, Any]) -> None:
+    def _set_log_level(self, values: JsonObject) -> None:
         """Applies the parameter `log_level`; if it is not given, `--log-level` stays in force."""
         if "log_level" in values:
             self._node.get_logger().set_level(LoggingSeverity[values["log_level"]])
@@ -152,10 +152,10 @@ class ParameterFiles:
         self._arguments = list(arguments)
         self._places = [place + 1 for place, option in enumerate(arguments[:-1]) if option == _OPTION]
         self._files = {place: read_yaml(arguments[place]) for place in self._places}
-        self._copies: Dict[str, int] = {}
+        self._copies: dict[str, int] = {}
 
     @contextlib.contextmanager
-    def arguments_for_any_namespace(self) -> Iterator[List[str]]:
+    def arguments_for_any_namespace(self) -> Iterator[list[str]]:
         """Returns the arguments with copies of the files in which a node's name applies to any namespace.
 
         The copies are in memory, as no folder need be writable; they exist while the context is entered, for rclpy to

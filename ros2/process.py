@@ -9,7 +9,7 @@ import os
 import sys
 import time
 import warnings
-from typing import TYPE_CHECKING, Any, Callable, List, Optional, Tuple
+from typing import TYPE_CHECKING, Any, Callable
 
 import rclpy
 from rclpy.clock import Clock, ClockType
@@ -49,10 +49,10 @@ class Ros2Process:
 
     def __init__(self, interrupts: Interrupts) -> None:
         """Does nothing yet."""
-        self.middlewares: List[Ros2Middleware] = []
+        self.middlewares: list[Ros2Middleware] = []
         self._interrupts = interrupts
         self._log_problem = ""
-        self._listening: Optional[StepThread] = None
+        self._listening: StepThread | None = None
 
     def start(self) -> None:
         """Reads the command line and the parameter files."""
@@ -153,8 +153,8 @@ class Ros2Process:
 
 
 def choose_executor(
-    wanted: str, nodes: List[Any], log: Callable[[Severity, str], None]
-) -> Tuple[Any, Callable[[], None]]:
+    wanted: str, nodes: list[Any], log: Callable[[Severity, str], None]
+) -> tuple[Any, Callable[[], None]]:
     """Chooses the executor of all nodes and adds them to it; returns it and the function that spins it.
 
     Args:
@@ -184,7 +184,7 @@ def choose_executor(
     return single, single.spin
 
 
-def _probe(executor: Any, nodes: List[Any]) -> str:
+def _probe(executor: Any, nodes: list[Any]) -> str:
     """Adds the nodes to an executor and tests it; returns what is wrong: it is busy with nothing, or delivers nothing.
 
     A message is what counts: some RMWs have no events for messages, although timers work.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from typing import Callable, Collection, Dict, List, Mapping, Sequence, Tuple
+from typing import Callable, Collection, Mapping, Sequence
 
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSCompatibility, QoSProfile, ReliabilityPolicy, qos_check_compatible
@@ -20,7 +20,7 @@ def full_name(name: str, namespace: str) -> str:
     return f"{namespace.rstrip('/')}/{name}"
 
 
-def node_names(node: Node) -> List[str]:
+def node_names(node: Node) -> list[str]:
     """Returns the fully qualified names of all nodes; one that several nodes have is there several times."""
     return [full_name(*each) for each in node.get_node_names_and_namespaces()]
 
@@ -47,7 +47,7 @@ class PublisherLookup:
         self._qos_of = qos_of
         self._published: Mapping[str, str] = {}
         self._read_s = float("-inf")
-        self._publishers: Dict[str, Tuple[int, Collection[str]]] = {}
+        self._publishers: dict[str, tuple[int, Collection[str]]] = {}
         """How many publishers each topic has now, and the nodes of the latest ones."""
 
     def remember(self, numbers: Mapping[str, int]) -> None:

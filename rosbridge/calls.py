@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import itertools
-from typing import Any, Callable, Dict, Mapping, Tuple
+from typing import Any, Callable
 
-from ..core.values import ServiceError
+from ..core.values import JsonObject, ServiceError
 from .protocol import Id
 from .protocol.operations import ServiceResponse
 
@@ -16,15 +16,15 @@ class PendingCalls:
 
     def __init__(self) -> None:
         """Starts without calls."""
-        self._waiting: Dict[Id, Tuple[str, object, asyncio.Future[Any]]] = {}
+        self._waiting: dict[Id, tuple[str, object, asyncio.Future[Any]]] = {}
         self._numbers = itertools.count()
 
     async def call(
         self,
-        send: Callable[[Mapping[str, Any]], None],
+        send: Callable[[JsonObject], None],
         peer: object,
         service: str,
-        request: Mapping[str, Any],
+        request: JsonObject,
         timeout_s: float,
     ) -> Any:
         """Sends a call to a peer, and returns what it responds.

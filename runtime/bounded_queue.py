@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from typing import Deque, Generic, Tuple, TypeVar
+from typing import Generic, TypeVar
 
 Item = TypeVar("Item")
 
@@ -14,7 +14,7 @@ class BoundedQueue(Generic[Item]):
     def __init__(self, bound: float) -> None:
         """Starts empty. At most `bound` of size waits; one larger item may wait alone."""
         self._bound = bound
-        self._items: Deque[Tuple[Item, int]] = deque()
+        self._items: deque[tuple[Item, int]] = deque()
         self.size = 0
         """Of all items that wait."""
         self.dropped = 0

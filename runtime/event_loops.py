@@ -9,7 +9,7 @@ from __future__ import annotations
 import asyncio
 import queue
 import threading
-from typing import Any, Callable, Coroutine, Optional, TypeVar
+from typing import Any, Callable, Coroutine, TypeVar
 
 from ..core.values import ServiceError
 
@@ -29,7 +29,7 @@ async def run_in_daemon_thread(function: Callable[[], Result]) -> Result:
 class ThreadPool:
     """A bounded number of threads that run functions for an event loop."""
 
-    def __init__(self, name: str, threads: int, most_pending: int, timeout_s: Optional[float] = None) -> None:
+    def __init__(self, name: str, threads: int, most_pending: int, timeout_s: float | None = None) -> None:
         """Starts no thread. At most `most_pending` functions run or wait; `run` waits `timeout_s`, or for ever."""
         self._name = name
         self._most_threads = threads

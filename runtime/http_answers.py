@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from typing import Mapping, Optional
+from typing import Mapping
 
 from aiohttp import web
 
@@ -27,13 +27,13 @@ def json_bytes(value: object) -> bytes:
     return json.dumps(value, separators=(",", ":"), allow_nan=False).encode("ascii")
 
 
-def json_response(value: object, status: int = 200, headers: Optional[Mapping[str, str]] = None) -> web.Response:
+def json_response(value: object, status: int = 200, headers: Mapping[str, str] | None = None) -> web.Response:
     """Returns an answer with a JSON value, or with one that was encoded before, which must not be cached."""
     body = value if isinstance(value, bytes) else json_bytes(value)
     all_headers = {**API_HEADERS, **(headers or {})}
     return web.Response(status=status, body=body, content_type="application/json", headers=all_headers)
 
 
-def json_error(status: int, text: str, headers: Optional[Mapping[str, str]] = None) -> web.Response:
+def json_error(status: int, text: str, headers: Mapping[str, str] | None = None) -> web.Response:
     """Returns a refusal: HTTP status, reason, further headers."""
     return json_response({"error": text}, status, headers)

@@ -19,7 +19,7 @@ from __future__ import annotations
 import contextlib
 import signal
 import time
-from typing import Any, Callable, List, Optional
+from typing import Any, Callable
 
 _ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _POLL_PERIOD_S = 0.2
@@ -28,7 +28,7 @@ _POLL_PERIOD_S = 0.2
 class Interrupts:
     """Handles SIGINT and SIGTERM while it is entered as a context."""
 
-    def __init__(self, patience_s: Optional[float] = None) -> None:
+    def __init__(self, patience_s: float | None = None) -> None:
         """Changes nothing until it is entered.
 
         If something hangs and the context is still entered `patience_s` after the first signal, KeyboardInterrupt is
@@ -40,7 +40,7 @@ class Interrupts:
         """Whether SIGHUP has come, after `take_hangups`; set it back."""
         self._is_deferred = False
         self._patience_s = patience_s
-        self._before: List[Any] = []
+        self._before: list[Any] = []
 
     def __enter__(self) -> Interrupts:
         """Replaces the handlers; does nothing outside the main thread, which signals do not reach."""

@@ -6,7 +6,7 @@ import contextlib
 import importlib
 import os
 import sys
-from typing import Iterator, List
+from typing import Iterator
 
 from ..core.values import ServiceError
 
@@ -38,7 +38,7 @@ def libraries(*names: str) -> Iterator[None]:
         raise MissingLibraryError(missing_text(missing)) from None
 
 
-def missing_libraries(error: ImportError, *names: str) -> List[str]:
+def missing_libraries(error: ImportError, *names: str) -> list[str]:
     """Returns the packages that are missing: of the import that failed, and of the modules that are needed with it."""
     missing = {name for name in names if not _can_be_imported(name)}
     if isinstance(error, ModuleNotFoundError) and error.name:
@@ -46,13 +46,13 @@ def missing_libraries(error: ImportError, *names: str) -> List[str]:
     return [_PACKAGES.get(name, name) for name in sorted(missing)]
 
 
-def missing_text(packages: List[str]) -> str:
+def missing_text(packages: list[str]) -> str:
     """Returns one line: what is missing, and the command that installs it."""
     verb = "is" if len(packages) == 1 else "are"
     return f"{', '.join(packages)} {verb} not installed: {install_command(packages)}"
 
 
-def install_command(packages: List[str]) -> str:
+def install_command(packages: list[str]) -> str:
     """Returns what installs packages of PyPI to where this program was installed: with pipx, apt or pip."""
     if os.path.exists(os.path.join(sys.prefix, "pipx_metadata.json")):
         return f"pipx inject {os.path.basename(sys.prefix)} {' '.join(packages)}"

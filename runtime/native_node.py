@@ -7,12 +7,12 @@ from __future__ import annotations
 
 import abc
 import time
-from typing import Any, Callable, Collection, Dict, List, Mapping, Optional, Tuple, Union
+from typing import Any, Callable, Collection
 
 from ..core.messages.dialect import Message
 from ..core.messages.native_messages import NativeMessages
 from ..core.port import NOTHING_CHANGED, ClockedNode, Counts, GraphCallback, Severity, Unread, Wanted
-from ..core.values import ABSENT, ConfigError, MessageError, ServiceError, printable
+from ..core.values import ABSENT, ConfigError, JsonObject, MessageError, ServiceError, printable
 from .threads import StepThread
 
 Log = Callable[[Severity, str], None]
@@ -26,14 +26,14 @@ class NativeNode(ClockedNode):
     graph_period_s = 1.0
     """Time between two readings of the graph, in s."""
 
-    def __init__(self, name: str, messages: NativeMessages, sim_time_s: Optional[float]) -> None:
+    def __init__(self, name: str, messages: NativeMessages, sim_time_s: float | None) -> None:
         """Connects nothing; `sim_time_s` is of `ClockedNode`."""
         super().__init__(name, clock=time.monotonic, wall_clock=time.time, sim_time_s=sim_time_s)
         self._messages = messages
-        self._publishers: Dict[str, Tuple[Any, Any]] = {}
+        self._publishers: dict[str, tuple[Any, Any]] = {}
         """Publisher and class of its messages, by resolved topic."""
-        self._subscriptions: List[Any] = []
-        self._graph: Optional[ThreadTimer] = None
+        self._subscriptions: list[Any] = []
+        self._graph: ThreadTimer | None = None
 
     @abc.abstractmethod
     def _resolve(self, name: str) -> str:
@@ -55,14 +55,14 @@ class NativeNode(ClockedNode):
     def _leave(self) -> None:
         """Leaves the middleware, as a part of `close`: nothing calls back any more."""
 
-    def given_parameters(self) -> Mapping[str, Any]:
-        given: Mapping[str, Any] = self.parameters.given()
+    def given_parameters(self) -> JsonObject:
+        given: JsonObject = self.parameters.given()
         return given
 
     def follow_graph(self, wanted: Callable[[], Collection[Wanted]], callback: GraphCallback) -> ThreadTimer:
         def read() -> float:
             if timer.active and not self.waiting_for_clock():
-                counts: Union[Counts, Unread]
+                counts: Counts | Unread
                 try:
                     counts = self._count(wanted())
                 except ServiceError as error:
@@ -119,7 +119,7 @@ class NativeNode(ClockedNode):
             native.header.stamp = self._stamp()
         return native
 
-    def _advertised(self, topic: str) -> Tuple[Any, Any]:
+    def _advertised(self, topic: str) -> tuple[Any, Any]:
         """Returns the publisher of a topic and its class."""
         resolved = self._resolve(topic)
         if resolved not in self._publishers:
@@ -133,7 +133,7 @@ class ThreadTimer(StepThread):
     cancel = StepThread.close
 
 
-def apply_change(apply: Callable[[], str], log: Log) -> Tuple[bool, str]:
+def apply_change(apply: Callable[[], str], log: Log) -> tuple[bool, str]:
     """Applies new parameters and logs the outcome; returns whether they are accepted, and what changed or why not."""
     try:
         changes = apply()

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from typing import Any, Coroutine, Optional, TypeVar, Union
+from typing import Any, Coroutine, TypeVar
 
 from aiohttp import ClientWebSocketResponse, WSMessage, WSMsgType, web
 
@@ -40,7 +40,7 @@ class FloodError(MessageError):
 class Incoming:
     """The incoming messages of one WebSocket, in turns with other tasks of the loop. Pings are answered here."""
 
-    def __init__(self, socket: Union[web.WebSocketResponse, ClientWebSocketResponse]) -> None:
+    def __init__(self, socket: web.WebSocketResponse | ClientWebSocketResponse) -> None:
         """Starts reading with the first `next`; `socket` without `autoping`, which answers pings without a pause."""
         self._socket = socket
         self._clock = asyncio.get_event_loop().time
@@ -50,7 +50,7 @@ class Incoming:
         self._second_s = float("-inf")
         self._empty = 0
 
-    async def next(self, timeout_s: Optional[float] = None) -> WSMessage:
+    async def next(self, timeout_s: float | None = None) -> WSMessage:
         """Returns the next message with content, or the one that ends the connection.
 
         Raises:

@@ -13,9 +13,9 @@ import select
 import threading
 import time
 from contextlib import closing
-from typing import Callable, List, Optional
+from typing import Callable
 
-from ..core.values import ServiceError
+from ..core.values import Clock, ServiceError
 
 _WAIT_AFTER_ERROR_S = 1.0
 _JOIN_PERIOD_S = 0.005
@@ -83,8 +83,8 @@ class DetachedCalls:
         self._name = name
         self._most_threads = most_threads
         self._patience_s = patience_s
-        self._idle: List[_DetachedThread] = []
-        self._busy: List[_DetachedThread] = []
+        self._idle: list[_DetachedThread] = []
+        self._busy: list[_DetachedThread] = []
 
     def __call__(self, function: Callable[[], None]) -> bool:
         """Starts a function, which must not raise; returns whether it has finished.
@@ -114,12 +114,12 @@ class _DetachedThread:
     """A daemon thread that runs one function after the other."""
 
     def __init__(self, name: str) -> None:
-        self.jobs: queue.SimpleQueue[Optional[Callable[[], None]]] = queue.SimpleQueue()
+        self.jobs: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
         self.finished = MonotonicEvent()
         threading.Thread(target=self._work, args=(self.jobs, self.finished), name=name, daemon=True).start()
 
     @staticmethod
-    def _work(jobs: queue.SimpleQueue[Optional[Callable[[], None]]], finished: MonotonicEvent) -> None:
+    def _work(jobs: queue.SimpleQueue[Callable[[], None] | None], finished: MonotonicEvent) -> None:
         while True:
             job = jobs.get()
             if job is None:
@@ -132,7 +132,7 @@ class _DetachedThread:
 class StepThread(threading.Thread):
     """Calls a function again and again, with the wait that the function requests, until it is closed."""
 
-    def __init__(self, name: str, step: Callable[[], float], on_error: Callable[[Exception], object]) -> None:
+    def __init__(self, name: str, step: Clock, on_error: Callable[[Exception], object]) -> None:
         """Prepares the thread; `on_error` receives what `step` raises, then the thread continues.
 
         `step` is called again after the number of seconds that it returns, or after `wake`.
@@ -153,7 +153,7 @@ class StepThread(threading.Thread):
         self.active = False
         self._wake.set()
 
-    def join(self, timeout: Optional[float] = None) -> None:
+    def join(self, timeout: float | None = None) -> None:
         """Waits for the end of the thread, for `timeout` seconds of the monotonic clock, or without a limit."""
         until_s = math.inf if timeout is None else time.monotonic() + timeout
         while self.is_alive() and time.monotonic() < until_s:

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from datetime import datetime, timezone, tzinfo
-from typing import Optional
 
 DATE_TIME = "%Y-%m-%d %H:%M:%S"
 _LATEST_S = 253_402_300_799.0
 """The end of the year 9999."""
 
 
-def iso_time(wall_s: float) -> Optional[str]:
+def iso_time(wall_s: float) -> str | None:
     """Returns a time as ISO 8601 in UTC, with milliseconds; None where there is no such date."""
     try:
         return datetime.fromtimestamp(wall_s, timezone.utc).isoformat(timespec="milliseconds").replace("+00:00", "Z")
@@ -27,7 +26,7 @@ def utc_text(wall_s: float) -> str:
     return iso_time(round(min(max(wall_s, 0.0), _LATEST_S), 3)) or ""
 
 
-def local_time(wall_s: float, form: str = DATE_TIME, zone: Optional[tzinfo] = None) -> str:
+def local_time(wall_s: float, form: str = DATE_TIME, zone: tzinfo | None = None) -> str:
     """Formats a time as `strftime` does, in a time zone or the local one; in seconds if no calendar has that date."""
     try:
         return datetime.fromtimestamp(wall_s, timezone.utc).astimezone(zone).strftime(form)

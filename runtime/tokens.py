@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 import stat
-from typing import Callable, Dict, Set
+from typing import Callable
 
 from ..core.values import ConfigError
 
@@ -24,8 +24,8 @@ class TokenFiles:
     def __init__(self, warn: Callable[[str], object]) -> None:
         """Reads nothing yet; `warn` is called with one line if other users may read a file."""
         self._warn = warn
-        self._of_pipes: Dict[str, str] = {}
-        self._of_files: Set[str] = set()
+        self._of_pipes: dict[str, str] = {}
+        self._of_files: set[str] = set()
 
     def find(self, file: str) -> str:
         """Returns the token in a file or, if `file` is empty, in the environment; empty if there is none.

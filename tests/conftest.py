@@ -7,7 +7,6 @@ import re
 import sys
 from importlib import metadata
 from pathlib import Path
-from typing import List, Optional, Tuple
 
 import pytest
 
@@ -33,7 +32,7 @@ def pytest_configure() -> None:
     settings.load_profile("tests")
 
 
-def pytest_collection_modifyitems(items: List[pytest.Item]) -> None:
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Skips what another session runs: noxfile.py names it."""
     session = os.environ.get("NEWEST_PYTHON_SESSION")
     if session:
@@ -43,12 +42,12 @@ def pytest_collection_modifyitems(items: List[pytest.Item]) -> None:
                 item.add_marker(skip)
 
 
-def pytest_make_parametrize_id(val: object) -> Optional[str]:
+def pytest_make_parametrize_id(val: object) -> str | None:
     """Shortens long texts, which pytest would print in full."""
     return f"{val[:40]!a}..." if isinstance(val, (bytes, str)) and len(val) > 100 else None
 
 
-def check(requirement: str) -> List[str]:
+def check(requirement: str) -> list[str]:
     """Returns what is wrong with the package of a requirement such as `pytest>=7.2`; empty if it is met."""
     name, _, needed = requirement.partition(">=")
     try:
@@ -58,6 +57,6 @@ def check(requirement: str) -> List[str]:
     return [] if numbers(installed) >= numbers(needed) else [f"{requirement} (installed: {installed})"]
 
 
-def numbers(version: str) -> Tuple[int, ...]:
+def numbers(version: str) -> tuple[int, ...]:
     """Returns the leading numbers of a version: `7.2.0rc1` gives 7, 2, 0."""
     return tuple(int(number) for number in re.findall(r"\d+", re.match(r"[\d.]*", version).group()))

@@ -11,7 +11,7 @@ import os
 import sys
 from collections import Counter
 from pathlib import Path
-from typing import Any, Dict, NamedTuple
+from typing import Any, NamedTuple
 from xml.etree import ElementTree
 
 
@@ -20,14 +20,14 @@ class Counts(NamedTuple):
 
     passed: int
     failed: int
-    skipped: Dict[str, int]
+    skipped: dict[str, int]
     """The number of skipped tests by reason."""
 
 
 def read_junit(file: Path) -> Counts:
     """Counts the tests of a session that ran pytest."""
     passed = failed = 0
-    skipped: Dict[str, int] = Counter()
+    skipped: dict[str, int] = Counter()
     for case in ElementTree.parse(file).iter("testcase"):
         skip = case.find("skipped")
         if case.find("failure") is not None or case.find("error") is not None:
@@ -48,7 +48,7 @@ def skip_reason(skip: ElementTree.Element) -> str:
     return f"{os.path.relpath(file)}: {reason.replace('Skipped: ', '')}"
 
 
-def count(session: Dict[str, Any], junit: Path) -> Counts:
+def count(session: dict[str, Any], junit: Path) -> Counts:
     """Counts a session; one without pytest, or that failed outside its tests, counts as one test."""
     counts = read_junit(junit) if junit.exists() else Counts(0, 0, {})
     if session["result"] == "success":

@@ -8,7 +8,7 @@ import importlib
 import os
 import re
 from pathlib import Path
-from typing import Dict, Iterator, List, Mapping, Set, Tuple
+from typing import Iterator, Mapping
 
 import pytest
 from harness.packaging_workspace import FOLDERS, NAME
@@ -29,7 +29,7 @@ TESTED_ELSEWHERE = {
 """Modules without a test file, with the reason."""
 
 
-def modules() -> List[Path]:
+def modules() -> list[Path]:
     """Returns the modules of the package, relative to the repository."""
     files = [file for folder in (*FOLDERS, NAME) for file in sorted((ROOT / folder).rglob("*.py"))]
     return [file.relative_to(ROOT) for file in files if file.name != "__init__.py"]
@@ -75,7 +75,7 @@ def test_the_root_package_links_to_every_folder() -> None:
     assert links == {folder: f"../{folder}" for folder in FOLDERS}
 
 
-def packages() -> List[str]:
+def packages() -> list[str]:
     """Returns the packages of the project with names of their own, as paths relative to the repository."""
     files = [file for folder in (*FOLDERS, NAME) for file in sorted((ROOT / folder).rglob("__init__.py"))]
     with_names = [file for file in files if len(ast.parse(file.read_text("utf-8")).body) > 1]
@@ -87,15 +87,15 @@ def module_name(folder: str) -> str:
 
 
 @functools.lru_cache(maxsize=None)
-def imported_names() -> Mapping[str, Set[str]]:
+def imported_names() -> Mapping[str, set[str]]:
     """Returns the names that are imported from each module anywhere in the repository."""
-    found: Dict[str, Set[str]] = {}
+    found: dict[str, set[str]] = {}
     for module, name in _imports():
         found.setdefault(module, set()).add(name)
     return found
 
 
-def _imports() -> Iterator[Tuple[str, str]]:
+def _imports() -> Iterator[tuple[str, str]]:
     """Yields (module, name) for each `from module import name` of the repository, with absolute names of modules."""
     folders = (*FOLDERS, NAME, "tests", "docs", "benchmarks", "examples", "launch")
     for file in (file for folder in folders for file in sorted((ROOT / folder).rglob("*.py"))):

@@ -8,7 +8,7 @@ import importlib
 import os
 import re
 import sys
-from typing import Any, Callable, Dict, List, Mapping, Sequence, Tuple
+from typing import Any, Callable, Mapping, Sequence
 
 from ...core.config import (
     MonitorConfig,
@@ -27,7 +27,16 @@ from ...core.messages import standard_messages
 from ...core.messages.standard_messages import MESSAGES, PACKAGES
 from ...core.nodes import Aggregator, BatterySensor
 from ...core.port import LocalBus, Middleware
-from ...core.values import ConfigError, Problems, count_text, list_text, printable, selection, split_type_name
+from ...core.values import (
+    ConfigError,
+    JsonObject,
+    Problems,
+    count_text,
+    list_text,
+    printable,
+    selection,
+    split_type_name,
+)
 from ...ops.configuration import SECTIONS, OpsConfig, read_ops
 from ...runtime.interrupts import Interrupts
 from ..arguments import Parser, add
@@ -80,11 +89,11 @@ def check(files: Sequence[str], *, verbose: bool = False) -> bool:
     return valid
 
 
-def _check_file(file: str) -> Tuple[str, List[ConfigError], List[ConfigError]]:
+def _check_file(file: str) -> tuple[str, list[ConfigError], list[ConfigError]]:
     """Returns a summary of a file, remarks, and its mistakes, by line."""
     summary = ""
-    remarks: List[ConfigError] = []
-    errors: List[ConfigError] = []
+    remarks: list[ConfigError] = []
+    errors: list[ConfigError] = []
     duplicates, problems = Problems(), Problems()
     try:
         read = read_yaml(file, duplicates)
@@ -96,7 +105,7 @@ def _check_file(file: str) -> Tuple[str, List[ConfigError], List[ConfigError]]:
     return summary, remarks, sorted([*duplicates.errors, *errors], key=lambda error: error.line or 0)
 
 
-def _check_contents(file: YamlFile, problems: Problems, remarks: List[ConfigError]) -> str:
+def _check_contents(file: YamlFile, problems: Problems, remarks: list[ConfigError]) -> str:
     """Adds the mistakes of a file to `problems`, and remarks; returns a summary. Raises if there are too many."""
     if _looks_like_ops(file.tree):
         config = OpsConfig()
@@ -108,8 +117,8 @@ def _check_contents(file: YamlFile, problems: Problems, remarks: List[ConfigErro
     return _check_thresholds(file, problems, remarks)
 
 
-def _check_thresholds(file: YamlFile, problems: Problems, remarks: List[ConfigError]) -> str:
-    by_node: Dict[str, List[Section]] = {name: [] for name in _NODES}
+def _check_thresholds(file: YamlFile, problems: Problems, remarks: list[ConfigError]) -> str:
+    by_node: dict[str, list[Section]] = {name: [] for name in _NODES}
     for section in list_sections(file.tree, problems):
         close = difflib.get_close_matches(section.node[:60], _NODES, n=1, cutoff=_ALIKE)
         name = close[0] if close else ""
@@ -125,7 +134,7 @@ def _check_thresholds(file: YamlFile, problems: Problems, remarks: List[ConfigEr
         with problems:
             by_node["alert_system"].append(find_section(file.tree, "alert_system"))
     config = MonitorConfig({})
-    unknown_types: Dict[str, None] = {}
+    unknown_types: dict[str, None] = {}
     for section in by_node["alert_system"]:
         with problems:
             unknown_types.update(_check_sources(section, problems))
@@ -149,13 +158,13 @@ def _check_thresholds(file: YamlFile, problems: Problems, remarks: List[ConfigEr
     return "; ".join(parts)
 
 
-def _check_sources(section: Section, problems: Problems) -> Dict[str, None]:
+def _check_sources(section: Section, problems: Problems) -> dict[str, None]:
     """Collects mistakes in the topics, types and fields of all signals; returns the types that are unknown here."""
     signals = section.tree.get("signals")
     if not isinstance(signals, Mapping):
         return {}
     definitions = known_definitions()
-    unknown: Dict[str, None] = {}
+    unknown: dict[str, None] = {}
     for name, signal in signals.items():
         if not isinstance(signal, Mapping):
             continue
@@ -178,7 +187,7 @@ def _check_sources(section: Section, problems: Problems) -> Dict[str, None]:
     return unknown
 
 
-def known_definitions() -> List[Any]:
+def known_definitions() -> list[Any]:
     """Returns the definitions that are available, the best first: those of ROS, then the standard packages.
 
     Each has `message_class(type_name)` and `field_getter(topic, type_name, field)`, which raise ConfigError if the type
@@ -213,14 +222,14 @@ def check_field(definitions: Sequence[Any], topic: str, type_name: str, field: s
     raise ConfigError(f"expected a message type, got {type_name}, which does not exist{hint}", ("type",))
 
 
-def _looks_like_ops(tree: Mapping[str, Any]) -> bool:
+def _looks_like_ops(tree: JsonObject) -> bool:
     """Recognises a section of an ops.yaml at the top, also a misspelt one."""
     return not is_whole_file(tree) and any(
         difflib.get_close_matches(str(key)[:60], SECTIONS, cutoff=_ALIKE) for key in tree
     )
 
 
-def _check_fleet(file: YamlFile, problems: Problems, remarks: List[ConfigError]) -> str:
+def _check_fleet(file: YamlFile, problems: Problems, remarks: list[ConfigError]) -> str:
     entries = read_entries(file, problems, needs_url=False)
     parts = [count_text(len(entries), "robot")]
     pushing = [entry.name for entry in entries if not entry.url]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from typing import Tuple
 
 from ...core.config import load_config, read_yaml
 from ...core.values import printable
@@ -74,7 +73,7 @@ def add_arguments(parser: Parser) -> None:
     add(sros2, "--enclave PATH", "the enclave (default: health_monitor in the namespace)", default="")
 
 
-def _remapping(text: str) -> Tuple[str, str]:
+def _remapping(text: str) -> tuple[str, str]:
     """Returns the two names of a remapping, of which one may be empty."""
     name, _, to = text.partition(":=")
     return name, to

@@ -10,7 +10,7 @@ import sqlite3
 import sys
 import time
 from datetime import datetime
-from typing import Any, Iterable, Iterator, List, Tuple
+from typing import Any, Iterable, Iterator
 
 from ...core.values import ConfigError, Level, ServiceError, count_text, duration_text, number_text, printable
 from ...ops.report.summaries import SHARES, table
@@ -135,7 +135,7 @@ def _wall_s(entry: Any) -> float:
     return float(entry.wall_s)
 
 
-def _summaries(connection: sqlite3.Connection, arguments: argparse.Namespace) -> Tuple[List[SignalSummary], float]:
+def _summaries(connection: sqlite3.Connection, arguments: argparse.Namespace) -> tuple[list[SignalSummary], float]:
     """Returns the summaries, and when they end, in s since 1970. Without any, one line on stderr says why."""
     ends = select(connection, "runs", (float,), "SELECT max(coalesce(stopped_s, alive_s)) AS end_s FROM runs")
     end_s = ends[0][0] if ends else time.time()

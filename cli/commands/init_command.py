@@ -10,7 +10,7 @@ import sys
 import time
 from contextlib import closing, contextmanager, suppress
 from functools import partial
-from typing import Any, Callable, Container, ContextManager, Iterator, List, Mapping, NamedTuple, Optional, Tuple
+from typing import Any, Callable, Container, ContextManager, Iterator, Mapping, NamedTuple
 
 from ...core.config import MonitorConfig, load_config
 from ...core.messages.definitions import Definitions, parse_definition
@@ -136,14 +136,14 @@ class _Robot(NamedTuple):
 
     node: Any
     """The node that listens."""
-    look: Callable[[Container[str]], Tuple[List[Topic], Graph]]
+    look: Callable[[Container[str]], tuple[list[Topic], Graph]]
     """Returns the topics that are not known yet, and the nodes. Raises LinkError or ServiceError if the robot does not
     answer."""
     run: Callable[[Callable[[], object]], object]
     """Calls a function while no callback of the node runs."""
 
 
-def _choose_robot(arguments: argparse.Namespace, interrupts: Interrupts) -> Tuple[str, ContextManager[_Robot]]:
+def _choose_robot(arguments: argparse.Namespace, interrupts: Interrupts) -> tuple[str, ContextManager[_Robot]]:
     """Returns the name of the robot, and what opens it."""
     if not arguments.url:
         ros = choose_ros("ros1" if arguments.ros1 else "ros2" if arguments.ros2 else "")
@@ -186,9 +186,9 @@ def _listen(
 
     Raises LinkError if there is no connection, ServiceError if topics are not listed or there is no ROS time.
     """
-    start_s: Optional[float] = None
+    start_s: float | None = None
 
-    def take(topics: List[Topic], graph: Graph) -> None:
+    def take(topics: list[Topic], graph: Graph) -> None:
         candidates.add(topics)
         candidates.listen(robot.node, {each.topic for each in topics})
         nodes.take(graph)
@@ -233,7 +233,7 @@ def _ros_robot(ros: str, interrupts: Interrupts) -> Iterator[_Robot]:
         process.start()
         node = process.create_listener(name)
 
-        def look(known: Container[str]) -> Tuple[List[Topic], Graph]:
+        def look(known: Container[str]) -> tuple[list[Topic], Graph]:
             graph = node.graph()
             new = {
                 topic: canonical_type(type_name)
@@ -255,11 +255,11 @@ def _bridged_robot(url: str, interrupts: Interrupts, **options: Any) -> Iterator
     from ..fleet import bridge_client
 
     interrupts.defer()
-    links: List[Any] = []
+    links: list[Any] = []
     """Whether the connection is up, and the cause if it is not, after each change."""
     loop = LoopThread(_NAME)
 
-    async def connect() -> Tuple[Any, Any, Any]:
+    async def connect() -> tuple[Any, Any, Any]:
         client = bridge_client(url, on_link=lambda *link: links.append(link), on_log=lambda line: None, **options)
         return client, client.node(_NAME), asyncio.ensure_future(client.run())
 
@@ -268,7 +268,7 @@ def _bridged_robot(url: str, interrupts: Interrupts, **options: Any) -> Iterator
 
     client, node, running = loop.call(connect())
 
-    def look(known: Container[str]) -> Tuple[List[Topic], Graph]:
+    def look(known: Container[str]) -> tuple[list[Topic], Graph]:
         if not links:
             late_s = time.monotonic() + _CONNECT_S
             interrupts.wait_until(lambda: bool(links) or _is_past(late_s))
@@ -307,7 +307,7 @@ def _definition(node: ServedMiddleware, type_name: str) -> str:
         return ""
 
 
-def _parsed(type_name: str, text: str, is_ros1: bool, form: str = "msg") -> Optional[Definitions]:
+def _parsed(type_name: str, text: str, is_ros1: bool, form: str = "msg") -> Definitions | None:
     """Returns the types in a definition, None if it is not known or cannot be used."""
     try:
         return parse_definition(type_name, text or definition(type_name), form, is_ros1=is_ros1)
@@ -318,7 +318,7 @@ def _parsed(type_name: str, text: str, is_ros1: bool, form: str = "msg") -> Opti
 def _remove_watched(proposed: Proposed, config: MonitorConfig, namespace: str) -> None:
     """Removes the signals whose topic and field a configuration watches, and the remarks about topics that it does."""
     node = f"/{namespace}/alert_system" if namespace else "/alert_system"
-    fields: List[Tuple[str, str]] = []
+    fields: list[tuple[str, str]] = []
     """Topics or parts of the graph, as signals that are proposed have them, and their fields."""
     for signal in config.signals.values():
         fields += [(resolve_name(topic, node), signal.field) for topic in signal.topics]

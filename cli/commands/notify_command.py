@@ -8,12 +8,12 @@ import math
 import sys
 import threading
 import time
-from typing import Callable, Dict, Iterator, NamedTuple, Optional, Sequence
+from typing import Callable, Iterator, NamedTuple, Sequence
 
 from ...core.config import read_yaml
 from ...core.nodes.node import host_name
 from ...core.nodes.outlets import json_line
-from ...core.values import ConfigError, Level, Status, Transition, duration_text, printable
+from ...core.values import Clock, ConfigError, Level, Status, Transition, duration_text, printable
 from ...ops.configuration import TargetSettings, read_ops
 from ...ops.notify.alertmanager import ALERT, REPEAT_EVERY_S
 from ...ops.notify.notifier import make_sender
@@ -86,12 +86,12 @@ class Trial(NamedTuple):
     warning: str = ""  # one line about the target that is no failure, or empty
 
 
-def _try_all(targets: Sequence[TargetSettings], hold_s: Optional[float], interrupts: Interrupts) -> Iterator[Trial]:
+def _try_all(targets: Sequence[TargetSettings], hold_s: float | None, interrupts: Interrupts) -> Iterator[Trial]:
     """Yields the trial of each target. The alert stays for `hold_s`, else as the target needs, or until SIGINT."""
     interrupts.defer()  # whenever it comes, the test alerts are resolved before the end
     robot = host_name() or "robot"
     stop = threading.Event()
-    trials: Dict[str, Trial] = {}
+    trials: dict[str, Trial] = {}
 
     def held_s(target: TargetSettings) -> float:
         by_default_s = _ALERTMANAGER_HOLD_S if target.type == "alertmanager" else 0.0
@@ -122,9 +122,9 @@ def try_target(
     settings: TargetSettings,
     robot: str,
     hold_s: float = 0.0,
-    stop: Optional[threading.Event] = None,
+    stop: threading.Event | None = None,
     on_firing: Callable[[str], object] = lambda text: None,
-    wall_time_s: Callable[[], float] = time.time,
+    wall_time_s: Clock = time.time,
 ) -> Trial:
     """Sends a test alert of the target's `min_level` for the signal `test`, then resolves it; calls a heartbeat once.
 
@@ -173,10 +173,10 @@ def _hold_alert(hold_s: float, stop: threading.Event, firing: Notification, targ
     return repeated
 
 
-def _transition(robot: str, from_level: Level, to_level: Level) -> Dict[str, object]:
+def _transition(robot: str, from_level: Level, to_level: Level) -> dict[str, object]:
     """Returns a transition with the fields of `--json`."""
     text = f"test {to_level.name}: test notification of robot-health notify, nothing is wrong"
     status = Status("test", to_level, text, robot, {})
     announced = Transition("test", from_level, to_level, None, "last", None, 0.0, 0.0, robot, "0" * 16, text, status)
-    fields: Dict[str, object] = json.loads(json_line(announced, alert_id=0))
+    fields: dict[str, object] = json.loads(json_line(announced, alert_id=0))
     return fields

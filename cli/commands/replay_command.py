@@ -7,7 +7,7 @@ import math
 import os
 import sys
 import time
-from typing import Callable, Counter, Dict, List, Optional, Sequence, TextIO, Tuple
+from typing import Callable, Counter, Sequence, TextIO, Tuple
 
 from ...core.config import Section, SignalConfig, YamlFile, read_yaml
 from ...core.judge.attachments import SavedMonitor
@@ -94,16 +94,16 @@ class _Replay:
     def __init__(
         self,
         arguments: argparse.Namespace,
-        configurations: List[_Configuration],
+        configurations: list[_Configuration],
         recordings: Recordings,
-        report_file: Optional[ReportFile],
-        saved: Optional[SavedMonitor],
+        report_file: ReportFile | None,
+        saved: SavedMonitor | None,
     ) -> None:
         self._arguments = arguments
         self._report_file = report_file
         self._several = len(configurations) > 1
         self._progress, self._started_s = ProgressLine(), time.monotonic()
-        self._error: Optional[OSError] = None
+        self._error: OSError | None = None
         """Waits for the next progress or the end: what is called while recordings are played must not raise."""
         self._player = Player(
             recordings,
@@ -115,9 +115,9 @@ class _Replay:
             on_log=self._on_log,
         )
         self._start_s = self._player.wall_s
-        self._plots: Dict[Tuple[str, str], PlottedSignal] = {}
+        self._plots: dict[tuple[str, str], PlottedSignal] = {}
         """By configuration, empty if there is only one, and signal; only for a report."""
-        self._shown: List[ReportedAlert] = []
+        self._shown: list[ReportedAlert] = []
         self._shown_levels: Counter[Level] = Counter()  # new levels of all transitions that were shown
         self._names = [name for name, _, _ in configurations]
         self._differences = Differences(self._names, self._show) if self._several else None
@@ -171,7 +171,7 @@ class _Replay:
             return bool(self._shown_levels)
         return max((level.severity for level in self._shown_levels), default=0) >= fail_on.severity
 
-    def _summaries(self) -> List[SignalSummary]:
+    def _summaries(self) -> list[SignalSummary]:
         """Returns the summaries; those of one signal follow each other, so that configurations can be compared."""
         summaries = self._judge.summaries
         names = list(dict.fromkeys(summary.config.name for summary in summaries))
@@ -216,7 +216,7 @@ class _Replay:
         left_s = (time.monotonic() - self._started_s) * (1.0 - fraction) / max(fraction, 0.01)
         self._progress.show(f"judging: {fraction:.0%}, {left_s:.0f} s left")
 
-    def _write(self, line: str, stream: Optional[TextIO] = None) -> None:
+    def _write(self, line: str, stream: TextIO | None = None) -> None:
         stream = stream or sys.stdout
         try:
             self._progress.clear()
@@ -245,7 +245,7 @@ class _Replay:
             # A forecast is shown by its line, and by the values that it follows from.
             plot.add(sample.wall_s, sample.value if config.statistic == "forecast" else sample.judged)
 
-    def _plot_of(self, file: str, signal: str) -> Optional[PlottedSignal]:
+    def _plot_of(self, file: str, signal: str) -> PlottedSignal | None:
         """Returns the plot of a signal, which begins here; None if it is not of the configuration."""
         config = self._judge.config_of(file, signal)
         key = file if self._several else "", signal
@@ -254,7 +254,7 @@ class _Replay:
             self._plots[key] = PlottedSignal(config, key[0], self._start_s, span_s, self._buckets)
         return self._plots.get(key)
 
-    def _page(self, rows: List[SummaryRow], verdict: str, problems: List[str]) -> str:
+    def _page(self, rows: list[SummaryRow], verdict: str, problems: list[str]) -> str:
         names = list_text([os.path.basename(os.path.abspath(name)) for name in self._arguments.recordings])
         return render(
             Report(
@@ -282,7 +282,7 @@ class _Replay:
                 raise ConfigError(f"no signal {done}: {reasons}{hint}")
 
 
-def _configurations(arguments: argparse.Namespace, attached: Optional[YamlFile]) -> List[_Configuration]:
+def _configurations(arguments: argparse.Namespace, attached: YamlFile | None) -> list[_Configuration]:
     """Returns what is to be judged by: the file that was given, the one that a black box has, or the installed one."""
     if attached is not None:
         folder, name = os.path.split(attached.file)
@@ -326,9 +326,9 @@ def row(summary: SignalSummary, several_files: bool) -> SummaryRow:
     return SummaryRow(name, file, summary.cause, summary.shares, summary.unknown, summary.alerts, figures)
 
 
-def worst_first(rows: Sequence[SummaryRow]) -> List[SummaryRow]:
+def worst_first(rows: Sequence[SummaryRow]) -> list[SummaryRow]:
     """Returns the rows in the order of badness; those of one signal, which follow each other, stay together."""
-    worst: Dict[str, Tuple[float, ...]] = {}
+    worst: dict[str, tuple[float, ...]] = {}
     for each in rows:
         worst[each.signal] = max(each.badness, worst.get(each.signal, ()))
     return sorted(rows, key=lambda each: worst[each.signal], reverse=True)

@@ -7,7 +7,7 @@ import json
 import sqlite3
 import sys
 import time
-from typing import Any, Dict, List
+from typing import Any
 
 from ...core.judge.sources import is_source
 from ...core.values import count_text, list_text, printable
@@ -108,7 +108,7 @@ def run(arguments: argparse.Namespace, interrupts: Interrupts) -> None:
         sys.stdout.write(f"{printable(line)}\n")
 
 
-def _add(connection: sqlite3.Connection, arguments: argparse.Namespace, now_s: float) -> List[str]:
+def _add(connection: sqlite3.Connection, arguments: argparse.Namespace, now_s: float) -> list[str]:
     added = add_silence(
         connection,
         parse_matchers(arguments.matchers),
@@ -134,7 +134,7 @@ def _add(connection: sqlite3.Connection, arguments: argparse.Namespace, now_s: f
     return lines
 
 
-def _list(connection: sqlite3.Connection, arguments: argparse.Namespace, now_s: float) -> List[str]:
+def _list(connection: sqlite3.Connection, arguments: argparse.Namespace, now_s: float) -> list[str]:
     listed = sorted(read_silences(connection), key=lambda each: (not each.is_active(now_s), -each.id))
     if not arguments.all:
         listed = [each for each in listed if each.is_active(now_s) or now_s - each.end_s(now_s) < _SHOWN_S]
@@ -158,7 +158,7 @@ def _list(connection: sqlite3.Connection, arguments: argparse.Namespace, now_s: 
     return plain_table([_HEAD, *shown], len(_HEAD))
 
 
-def _expire(connection: sqlite3.Connection, arguments: argparse.Namespace, now_s: float) -> List[str]:
+def _expire(connection: sqlite3.Connection, arguments: argparse.Namespace, now_s: float) -> list[str]:
     lines = []
     for number in arguments.ids:
         expired = expire_silence(connection, number, now_s, reason=arguments.reason, author=author_of(arguments))
@@ -172,7 +172,7 @@ def _state(each: Silence, now_s: float) -> str:
     return each.end_text + ("" if each.in_force(now_s) else "; not in force now")
 
 
-def _as_json(each: Silence, now_s: float, is_open: int, alerts: int) -> Dict[str, Any]:
+def _as_json(each: Silence, now_s: float, is_open: int, alerts: int) -> dict[str, Any]:
     active = each.is_active(now_s)
     return {
         **silence_json(each, now_s),

@@ -7,7 +7,7 @@ import json
 import sys
 import time
 from functools import partial
-from typing import Any, Callable, Dict, List, Optional, Sequence, TextIO, Tuple
+from typing import Any, Callable, Sequence, TextIO
 
 from ...core.proposal.thresholds_file import yaml_text
 from ...core.sensors.catalogue import HOST_SOURCES
@@ -39,7 +39,7 @@ def run(arguments: argparse.Namespace, interrupts: Interrupts) -> None:
     show_sources(arguments.json)
 
 
-def show_sources(as_json: bool, stream: Optional[TextIO] = None, computer: Optional[Computer] = None) -> None:
+def show_sources(as_json: bool, stream: TextIO | None = None, computer: Computer | None = None) -> None:
     """Lists every source of this machine, on a line each, or as JSON."""
     stream = stream or sys.stdout
     for kind, options, answer in _read_sources(computer or Computer(background=DetachedCalls("sources", 200))):
@@ -56,7 +56,7 @@ def show_sources(as_json: bool, stream: Optional[TextIO] = None, computer: Optio
     stream.flush()
 
 
-def _read_sources(computer: Computer) -> List[Tuple[str, Dict[str, Any], Any]]:
+def _read_sources(computer: Computer) -> list[tuple[str, dict[str, Any], Any]]:
     """Returns kind, options and value of every source of this machine; the value may be a SensorError.
 
     Takes half a second, and at most four if something does not answer.
@@ -75,9 +75,9 @@ def _read_sources(computer: Computer) -> List[Tuple[str, Dict[str, Any], Any]]:
     return [(kind, options, answer) for (kind, options, _), answer in zip(made, answers)]
 
 
-def _answers(asks: Sequence[Callable[[float], Any]]) -> List[Any]:
+def _answers(asks: Sequence[Callable[[float], Any]]) -> list[Any]:
     """Calls each function with the time until it has an answer, which may be a SensorError."""
-    answers: List[Any] = [NotMeasuredYet()] * len(asks)
+    answers: list[Any] = [NotMeasuredYet()] * len(asks)
     for number in range(_MOST_READS):
         time.sleep(_BETWEEN_READS_S if number else 0.0)
         now_s = time.monotonic()

@@ -12,7 +12,7 @@ import contextlib
 import os
 import sys
 from collections import Counter
-from typing import Any, Dict, Iterator, List, Mapping, Sequence, Tuple
+from typing import Any, Dict, Iterator, Sequence
 
 from ...core.config import BOUNDS, Section, read_monitor, read_yaml, template_name
 from ...core.proposal.candidates import Candidates, Topic
@@ -21,6 +21,7 @@ from ...core.proposal.suggestion import Signal
 from ...core.proposal.thresholds_file import thresholds_text
 from ...core.values import (
     ConfigError,
+    JsonObject,
     Level,
     ServiceError,
     Transition,
@@ -55,7 +56,7 @@ def add_arguments(parser: Parser) -> None:
 
 def run(arguments: argparse.Namespace, interrupts: Interrupts) -> None:
     """Writes a thresholds.yaml on stdout, and problems of the recordings on stderr."""
-    problems: List[str] = []
+    problems: list[str] = []
     try:
         study = _Study(arguments.recordings, arguments.namespace.strip("/"), problems)
         text = study.of_file(arguments.thresholds) if arguments.thresholds else study.of_recorded_topics()
@@ -73,9 +74,9 @@ class _Alerts:
     def __init__(self) -> None:
         self.total = 0
         """One that changes its level counts once."""
-        self.numbers: Counter[Tuple[str, Any]] = Counter()  # by signal and bound, or "STALE"
-        self.longest_s: Dict[str, float] = {}  # longest time beyond a bound, by signals that raised alerts
-        self._since_s: Dict[str, float] = {}
+        self.numbers: Counter[tuple[str, Any]] = Counter()  # by signal and bound, or "STALE"
+        self.longest_s: dict[str, float] = {}  # longest time beyond a bound, by signals that raised alerts
+        self._since_s: dict[str, float] = {}
 
     def note(self, judged: JudgedEvent) -> None:
         event = judged.event
@@ -111,7 +112,7 @@ class _Alerts:
 class _Study:
     """One run of the command."""
 
-    def __init__(self, paths: Sequence[str], namespace: str, problems: List[str]) -> None:
+    def __init__(self, paths: Sequence[str], namespace: str, problems: list[str]) -> None:
         self._problems = problems
         self._paths = paths
         self._candidates = Candidates(namespace)
@@ -145,7 +146,7 @@ class _Study:
             raise ConfigError("no topic is recorded")
         return self._text({})
 
-    def _text(self, others: Mapping[str, Any]) -> str:
+    def _text(self, others: JsonObject) -> str:
         candidates = self._candidates
         with self._played() as player:
             player.on_gap.append(lambda begin_s, end_s: candidates.begin_recording())
@@ -163,7 +164,7 @@ class _Study:
             signal.alerts = {key: alerts.of(signal, key, value) for key, value in signal.settings.items()}
         return thresholds_text(heading, others, proposed)
 
-    def _replayed(self) -> Tuple[Proposed, _Alerts]:
+    def _replayed(self) -> tuple[Proposed, _Alerts]:
         """Returns what is proposed after a replay of the first proposal, and its alerts."""
         trial = propose(self._candidates, {})
         if not trial.signals:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from typing import Any, Iterator, List, Optional, Sequence
+from typing import Any, Iterator, Sequence
 
 from ...core.config import read_yaml
 from ...core.nodes.alert_system import TICK_PERIOD_S
@@ -88,7 +88,7 @@ def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
     return ExitCode.SUCCESS if test.passes else ExitCode.ALERTS
 
 
-def _in_black_box(alert: PastAlert, ops: Optional[str]) -> Optional[PastAlert]:
+def _in_black_box(alert: PastAlert, ops: str | None) -> PastAlert | None:
     """Returns an alert of a history as its black box has it; None if there is none, or it cannot be read."""
     settings = read_ops(read_yaml(ops)).black_box if ops and alert.black_box else None
     path = "" if settings is None else os.path.join(settings.folder, os.path.basename(alert.black_box))
@@ -113,7 +113,7 @@ def _run_file(file: str) -> ExitCode:
             sys.stderr.write(f"{printable(each)}\n")
         return ExitCode.USAGE
     failed = 0
-    lines: List[str] = []
+    lines: list[str] = []
     for test in tests:
         differences = compare(test.expected, run_test(config, test))
         if any(mark != " " for mark, _ in differences):

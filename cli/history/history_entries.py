@@ -8,10 +8,19 @@ import json
 import math
 import sqlite3
 import sys
-from typing import Any, Dict, Iterable, Iterator, Mapping, NamedTuple, Sequence, TextIO, Tuple, Union
+from typing import Any, Iterable, Iterator, Mapping, NamedTuple, Sequence, TextIO, Union
 
 from ...core.nodes.outlets import json_line
-from ...core.values import ConfigError, count_text, duration_text, list_text, number_text, printable, with_hint
+from ...core.values import (
+    ConfigError,
+    JsonObject,
+    count_text,
+    duration_text,
+    list_text,
+    number_text,
+    printable,
+    with_hint,
+)
 from ...ops.report.summaries import SummaryRow, share_text
 from ...ops.store import queries
 from ...ops.store.notes import Note, notes_of
@@ -45,7 +54,7 @@ class NotedAlert(NamedTuple):
 class Listing(NamedTuple):
     """What a command shows, in each of its forms, of which one is written."""
 
-    json: Iterable[Mapping[str, Any]]
+    json: Iterable[JsonObject]
     head: Sequence[str]
     """Names of the columns of `rows`; others are left out."""
     rows: Iterable[Mapping[str, object]]
@@ -114,13 +123,13 @@ def summary_row(summary: SignalSummary, **figures: str) -> SummaryRow:
     return SummaryRow(summary.signal, summary.robot, summary.cause, shares, unknown, summary.alerts, figures)
 
 
-def entry_fields(entry: Union[NotedAlert, SilenceEvent], **more: object) -> Dict[str, Any]:
+def entry_fields(entry: NotedAlert | SilenceEvent, **more: object) -> dict[str, Any]:
     """Returns an entry as the fields of a JSON object; `more` are further fields of an alert."""
     if isinstance(entry, NotedAlert):
         alert = entry.transition
         notes = [{"time": iso_time(note.wall_s), "author": note.author, "text": note.text} for note in entry.notes]
         own = {"id": alert.id, "alert_id": alert.alert_id, "time": iso_time(alert.wall_s), "effects": alert.effects}
-        fields: Dict[str, Any] = json.loads(json_line(alert, **own, notes=notes, **more))
+        fields: dict[str, Any] = json.loads(json_line(alert, **own, notes=notes, **more))
         return fields
     silence = entry.silence
     author, reason = _author_and_reason(entry)
@@ -138,7 +147,7 @@ def entry_fields(entry: Union[NotedAlert, SilenceEvent], **more: object) -> Dict
     }
 
 
-def entry_rows(entry: Union[NotedAlert, SilenceEvent]) -> Iterator[Dict[str, Any]]:
+def entry_rows(entry: NotedAlert | SilenceEvent) -> Iterator[dict[str, Any]]:
     """Yields the rows of an entry, with columns of `CSV_HEAD` and others."""
     fields = entry_fields(entry)
     if not isinstance(entry, NotedAlert):
@@ -167,14 +176,14 @@ def _silence_text(event: SilenceEvent) -> str:
     return f"{text} ({reason})" if reason else text
 
 
-def _author_and_reason(event: SilenceEvent) -> Tuple[str, str]:
+def _author_and_reason(event: SilenceEvent) -> tuple[str, str]:
     """Returns who caused an event of a silence, and why."""
     silence = event.silence
     is_begin = event.kind == "added"
     return (silence.author, silence.reason) if is_begin else (silence.ended_by, silence.ended_reason)
 
 
-def event_text(event: Union[MonitorEvent, SilenceEvent]) -> str:
+def event_text(event: MonitorEvent | SilenceEvent) -> str:
     """Returns an event in words, without its time."""
     if isinstance(event, SilenceEvent):
         return _silence_text(event)

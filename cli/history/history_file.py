@@ -8,7 +8,7 @@ import getpass
 import os
 import sqlite3
 import sys
-from typing import Callable, Iterator, Optional, TypeVar
+from typing import Callable, Iterator, TypeVar
 
 from ...core.config import read_yaml
 from ...core.values import ConfigError, printable
@@ -49,7 +49,7 @@ def author_of(arguments: argparse.Namespace) -> str:
         return ""
 
 
-def history_file(file: Optional[str], ops: Optional[str]) -> str:
+def history_file(file: str | None, ops: str | None) -> str:
     """Returns the path of the history: `file` or that of an ops.yaml, if one of them was given.
 
     Raises:

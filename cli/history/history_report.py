@@ -6,7 +6,7 @@ import argparse
 import math
 import sqlite3
 from dataclasses import replace
-from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Mapping, Sequence
 
 from ...core.config import SignalConfig, read_kept, read_signal, template_name
 from ...core.values import ConfigError, Level, count_text, duration_text, list_text
@@ -37,13 +37,13 @@ def history_page(
     start_s = end_s - max(summary.duration_s for summary in summaries)
     robots = list(dict.fromkeys(sorted(summary.robot for summary in summaries)))
     several = len(robots) > 1
-    problems: List[str] = []
+    problems: list[str] = []
     signals = {robot: _signals_of(connection, robot, end_s, problems) for robot in robots}
     if len(summaries) > MOST_PLOTS:
         problems.append(
             f"only the {MOST_PLOTS} worst of {len(summaries):,} signals have a plot; --robot and --signal choose others"
         )
-    plots: Dict[Tuple[str, str], PlottedSignal] = {}
+    plots: dict[tuple[str, str], PlottedSignal] = {}
     rows = []
     for summary in sorted(summaries, key=lambda each: summary_row(each).badness, reverse=True):
         group = summary.robot if several else ""
@@ -76,8 +76,8 @@ def history_page(
 
 
 def _add_samples(
-    connection: sqlite3.Connection, summary: SignalSummary, period_s: Tuple[float, float], plot: PlottedSignal
-) -> Dict[str, str]:
+    connection: sqlite3.Connection, summary: SignalSummary, period_s: tuple[float, float], plot: PlottedSignal
+) -> dict[str, str]:
     """Adds the stored samples of a signal to its plot; returns the cells of their numbers and of their range."""
     good = bad = weight = 0
     least, most, total = math.inf, -math.inf, 0.0
@@ -91,12 +91,12 @@ def _add_samples(
                 plot.add_band(each.start_s, each.seconds, each.least, each.most)
                 least, most = min(least, each.least), max(most, each.most)
                 total, weight = total + each.mean * each.good, weight + each.good
-    values: Tuple[Optional[float], ...] = (least, total / weight, most) if weight else (None, None, None)
+    values: tuple[float | None, ...] = (least, total / weight, most) if weight else (None, None, None)
     return {"samples": str(good + bad), "bad": str(bad), **range_cells(plot.config, *values)}
 
 
 def _signals_of(
-    connection: sqlite3.Connection, robot: str, at_s: float, problems: List[str]
+    connection: sqlite3.Connection, robot: str, at_s: float, problems: list[str]
 ) -> Mapping[str, SignalConfig]:
     """Returns the signals of the configuration of a robot that was in force at a time; none if it cannot be read."""
     try:
@@ -115,9 +115,9 @@ def _config_of(signals: Mapping[str, SignalConfig], signal: str) -> SignalConfig
 
 def _alerts(
     connection: sqlite3.Connection, arguments: argparse.Namespace, start_s: float, several: bool
-) -> Tuple[List[ReportedAlert], int, int]:
+) -> tuple[list[ReportedAlert], int, int]:
     """Returns the transitions for the table, how many there were, and how many alerts: one may change its level."""
-    shown: List[ReportedAlert] = []
+    shown: list[ReportedAlert] = []
     changes, alerts = 0, set()
     names = {"robot": arguments.robot, "signal": arguments.signal}
     transitions = queries.transitions(connection, since_s=start_s, level=arguments.level, **names)
@@ -135,10 +135,10 @@ def _alerts(
 
 
 def _events(
-    connection: sqlite3.Connection, arguments: argparse.Namespace, start_s: float, end_s: float, problems: List[str]
-) -> List[Tuple[float, str]]:
+    connection: sqlite3.Connection, arguments: argparse.Namespace, start_s: float, end_s: float, problems: list[str]
+) -> list[tuple[float, str]]:
     """Returns starts, stops and gaps of the monitor, resets, configurations and silences."""
-    events: Tuple[Any, ...] = (
+    events: tuple[Any, ...] = (
         *queries.monitor_events(connection, start_s, arguments.robot),
         *silence_events(connection, end_s, start_s, arguments.robot, arguments.signal),
     )

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import logging
 import time
-from typing import Callable, NamedTuple, Optional, Union
+from typing import Callable, NamedTuple
 
 from ...core.nodes.outlets import Event, Outlet
 from ...core.port import LogLine, Severity
-from ...core.values import Level, Transition
+from ...core.values import Clock, Level, Transition
 
 
 class Entry(NamedTuple):
@@ -19,9 +19,9 @@ class Entry(NamedTuple):
 
     Not converted from the event's own time: that is monotonic, or simulated, and the wall clock may have been set.
     """
-    event: Union[LogLine, Transition]
+    event: LogLine | Transition
     """What happened."""
-    silenced: Optional[str] = None
+    silenced: str | None = None
     """Reason and end of the silence of the transition's signal; None if it is not silenced."""
 
 
@@ -33,8 +33,8 @@ class Events:
         output: Callable[[Entry], None],
         least: Severity = Severity.INFO,
         *,
-        silence_of: Callable[[str, str], Optional[str]] = lambda robot, signal: None,
-        wall_time_s: Callable[[], float] = time.time,
+        silence_of: Callable[[str, str], str | None] = lambda robot, signal: None,
+        wall_time_s: Clock = time.time,
     ) -> None:
         """`output` must not block; log lines less severe than `least` are left out, transitions never are.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sys
 import time
-from typing import TYPE_CHECKING, List, Sequence, TextIO, Union
+from typing import TYPE_CHECKING, Sequence, TextIO, Union
 
 from ...core.nodes.outlets import json_line
 from ...core.port import LogLine, Severity
@@ -138,7 +138,7 @@ class ProgressLine:
             sys.stderr.flush()
 
 
-def plain_table(rows: Sequence[Sequence[str]], texts: int) -> List[str]:
+def plain_table(rows: Sequence[Sequence[str]], texts: int) -> list[str]:
     """Returns the lines of a table with aligned columns: the first `texts` to the left, the others, numbers, right."""
     lines = [[printable(cell) for cell in row] for row in rows]
     widths = [max(map(len, column)) for column in zip(*lines)]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from typing import Optional, Sequence, TextIO
+from typing import Sequence, TextIO
 
 from rich.console import Console
 from rich.live import Live
@@ -32,7 +32,7 @@ class LiveView(Output):
         self._name_robots = name_robots
         self._console = Console(file=stream, highlight=False)
         self._live = Live(console=self._console, auto_refresh=False, redirect_stdout=False, redirect_stderr=False)
-        self._view: Optional[View] = None
+        self._view: View | None = None
         self._started_s = time.monotonic()
         self._drawn_s = float("-inf")
 

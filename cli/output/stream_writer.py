@@ -12,7 +12,7 @@ import errno
 import os
 import select
 import threading
-from typing import Callable, Generic, Optional, Sequence, TextIO, TypeVar
+from typing import Callable, Generic, Sequence, TextIO, TypeVar
 
 from ...runtime.bounded_queue import BoundedQueue
 from ..standard_streams import join_unless_blocked
@@ -46,7 +46,7 @@ class StreamWriter(Generic[Item]):
         self._woken = False
         self._closing = False
         self._changed = threading.Condition()
-        self._thread: Optional[threading.Thread] = None
+        self._thread: threading.Thread | None = None
         self._error = ""
         self._abandoned = False
         self.reader_is_gone = False

@@ -7,7 +7,7 @@ Rows that do not fit are counted.
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING, Callable, List, Mapping, NamedTuple, Sequence, Tuple, Union
+from typing import TYPE_CHECKING, Callable, Mapping, NamedTuple, Sequence
 
 from rich.console import Console, Group
 from rich.table import Table
@@ -80,7 +80,7 @@ class View(NamedTuple):
     heads: Sequence[str]
     columns: int
     """How many columns are shown where there is no room for all."""
-    rows: Sequence[Tuple[int, Sequence[Union[str, Text]]]]
+    rows: Sequence[tuple[int, Sequence[str | Text]]]
     """Rank and cells of each, in the order in which they are shown. There are none if nothing is watched."""
     further: Sequence[int] = ()
     """The ranks of what has no row."""
@@ -112,7 +112,7 @@ def drawn(view: View, console: Console, shown: Escape) -> Group:
 def robot_view(robot: str, signals: Sequence[Status], configs: Mapping[str, SignalConfig], shown: Escape) -> View:
     """Returns what is shown of one robot, with a row for each of its signals. A link that is up takes no line."""
     names = {status.name for status in signals}
-    rows: List[Tuple[int, Sequence[Union[str, Text]]]] = []
+    rows: list[tuple[int, Sequence[str | Text]]] = []
     for status in signals:
         # Effects are counted at their cause.
         if status.cause in names or (status.name == LINK and rank(status) == 0):
@@ -148,7 +148,7 @@ def fleet_view(fleet: Monitors, lines: int, shown: Escape) -> View:
     return View(title, ("robot", "level", "since", "reason"), 4, rows, ranks[lines:])
 
 
-def _robot_cells(system: AlertSystem, worst: int) -> Sequence[Union[str, Text]]:
+def _robot_cells(system: AlertSystem, worst: int) -> Sequence[str | Text]:
     """Returns level, since when, and reason of the worst signal of a robot, or the main values of one that is OK."""
     names = system.monitor.levels() if worst else system.monitor.config.main_signals
     known = [each for each in map(system.announcements.status, names) if each is not None]

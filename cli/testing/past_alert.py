@@ -13,7 +13,7 @@ import os
 import sqlite3
 from itertools import groupby
 from statistics import median
-from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple, Union
+from typing import Any, Mapping, NamedTuple, Sequence, Tuple
 
 from ...core.config import (
     LINK,
@@ -33,7 +33,7 @@ from ...core.config import (
 from ...core.judge.attachments import STATE, THRESHOLDS, SavedMonitor, read_saved_monitor
 from ...core.judge.continuity import MAX_EVIDENCE
 from ...core.nodes.alert_system import TICK_PERIOD_S
-from ...core.values import ConfigError, Level, MessageError, Transition, count_text, printable
+from ...core.values import ConfigError, JsonObject, Level, MessageError, Transition, count_text, printable
 from ...ops.store import queries
 from ...ops.store.rows import StoredTransition
 from ...recordings.judging import Judge, JudgedEvent, JudgedSample
@@ -63,10 +63,10 @@ class PastAlert(NamedTuple):
 
     title: str
     """As in `alert 41 of r3`."""
-    transition: Union[Transition, StoredTransition]
+    transition: Transition | StoredTransition
     wall_s: float
     """When it came, in s since 1970."""
-    settings: Mapping[str, Mapping[str, Any]]
+    settings: Mapping[str, JsonObject]
     """Of its signal and of those that it depends on, as in a thresholds.yaml."""
     time_s: float
     samples: Mapping[str, Samples]
@@ -91,12 +91,12 @@ class AlertTest(NamedTuple):
     passes: bool
 
 
-def depends_on(signal: SignalConfig) -> List[str]:
+def depends_on(signal: SignalConfig) -> list[str]:
     """Returns the names of the signals that a signal's conditions refer to."""
     return [each.signal for each in (signal.only_if, signal.latch_release_if) if each is not None]
 
 
-def needed_settings(signals: Mapping[str, SignalConfig], signal: str, robot: str) -> Dict[str, Dict[str, Any]]:
+def needed_settings(signals: Mapping[str, SignalConfig], signal: str, robot: str) -> dict[str, dict[str, Any]]:
     """Returns the settings of a signal, which may be an element, and of those that it depends on.
 
     Raises ConfigError if one is not configured, or if it is a template, which has no samples itself.
@@ -104,7 +104,7 @@ def needed_settings(signals: Mapping[str, SignalConfig], signal: str, robot: str
     wanted = [signal]
     if signal == LINK:  # a configuration has at least one signal
         wanted += [name for name in signals if name != LINK][:1]
-    needed: Dict[str, SignalConfig] = {}
+    needed: dict[str, SignalConfig] = {}
     while wanted:
         name = template_name(wanted.pop())
         if name == LINK or name in needed:
@@ -125,7 +125,7 @@ def needed_before_s(signal: SignalConfig) -> int:
     return math.ceil((window_s + rule_s + signal.stale_after_s) / 10.0 + 1.0) * 10
 
 
-def alert_test(alert: PastAlert, thresholds: Optional[str] = None, *, exact: bool = False) -> AlertTest:
+def alert_test(alert: PastAlert, thresholds: str | None = None, *, exact: bool = False) -> AlertTest:
     """Returns the test of an alert, which has been run.
 
     Args:
@@ -152,7 +152,7 @@ def alert_test(alert: PastAlert, thresholds: Optional[str] = None, *, exact: boo
     return AlertTest(text, f"the test of {alert.title} fails with {thresholds or 'these thresholds'}: {what}", False)
 
 
-def _occurring(config: MonitorConfig, alert: PastAlert, *, exact: bool) -> Optional[ThresholdTest]:
+def _occurring(config: MonitorConfig, alert: PastAlert, *, exact: bool) -> ThresholdTest | None:
     """Returns the samples until the alert in steps of one interval, with what occurs; None if the alert does not.
 
     The interval and the values are readable ones that are close to those that were, unless they are `exact`. The series
@@ -217,7 +217,7 @@ def _readable_number(value: float) -> float:
     return max(short if abs(short - value) <= 0.04 * value else float(f"{value:.2g}"), 0.001)
 
 
-def _text_of(alert: PastAlert, test: ThresholdTest, thresholds: Optional[str]) -> str:
+def _text_of(alert: PastAlert, test: ThresholdTest, thresholds: str | None) -> str:
     import yaml  # --help needs no library
 
     tree = {
@@ -239,7 +239,7 @@ def _text_of(alert: PastAlert, test: ThresholdTest, thresholds: Optional[str]) -
     return printable(f"# {title}") + f"\n{text}"
 
 
-def series_text(series: Sequence[Optional[float]]) -> str:
+def series_text(series: Sequence[float | None]) -> str:
     """Returns samples in the notation of a series."""
     items = []
     for text, run in groupby("_" if value is None else _number_text(value) for value in series):
@@ -270,7 +270,7 @@ def history_alert(connection: sqlite3.Connection, number: int) -> PastAlert:
         raise ConfigError(f"{FROM_ALERT}: the configuration of {robot} cannot be read: {error}") from None
     settings = needed_settings(signals, transition.signal, robot)
     signal = signals[template_name(transition.signal)]
-    samples: List[Tuple[float, float]] = []
+    samples: list[tuple[float, float]] = []
     missing = "a history has no times of arrivals"
     if signal.statistic not in OF_ARRIVALS:  # else stored samples are values of the statistic
         samples = [each for each in queries.evidence(connection, transition.id) if math.isfinite(each[0])]
@@ -294,7 +294,7 @@ def history_alert(connection: sqlite3.Connection, number: int) -> PastAlert:
     )
 
 
-def black_box_alerts(path: str) -> List[PastAlert]:
+def black_box_alerts(path: str) -> list[PastAlert]:
     """Returns the alerts that a black box has recorded, in the order in which they came.
 
     It is judged by its own thresholds, from its own states on.
@@ -302,8 +302,8 @@ def black_box_alerts(path: str) -> List[PastAlert]:
     Raises:
         ConfigError: it cannot be read, is no black box, or has no alert that a test can have.
     """
-    events: List[JudgedEvent] = []
-    samples: Dict[str, List[Tuple[float, float]]] = {}
+    events: list[JudgedEvent] = []
+    samples: dict[str, list[tuple[float, float]]] = {}
 
     def collect(_: str, signal: SignalConfig, sample: JudgedSample) -> None:
         value = math.nan if sample.value is None else sample.value
@@ -325,7 +325,7 @@ def black_box_alerts(path: str) -> List[PastAlert]:
             judge = Judge(player, events.append, collect)
             judge.add("", section.tree, saved)
             judge.run()
-    alerts: List[PastAlert] = []
+    alerts: list[PastAlert] = []
     for judged in events:
         transition = judged.event
         if not isinstance(transition, Transition) or transition.repeat or transition.to_level is Level.OK:
@@ -353,7 +353,7 @@ def black_box_alerts(path: str) -> List[PastAlert]:
     return alerts
 
 
-def attached(recordings: Recordings) -> Tuple[Optional[YamlFile], Optional[SavedMonitor]]:
+def attached(recordings: Recordings) -> tuple[YamlFile | None, SavedMonitor | None]:
     """Returns the thresholds and the states at the beginning that a black box has attached, as far as there are any.
 
     Raises ConfigError if they cannot be read.

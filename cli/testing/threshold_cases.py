@@ -40,6 +40,7 @@ from ...core.values import (
     ConfigError,
     DriverStatus,
     Elements,
+    JsonObject,
     Level,
     Path,
     Problems,
@@ -212,7 +213,7 @@ def _times(digits: str, samples: List[Optional[float]], path: Path) -> int:
     return times
 
 
-def _list(tree: Mapping[str, Any], path: Path) -> List[Any]:
+def _list(tree: JsonObject, path: Path) -> List[Any]:
     listed = tree.get(path[-1], [])
     if not isinstance(listed, list):
         raise ConfigError(f"expected a list of {path[-1]}, got {describe(listed)}", path)

@@ -5,7 +5,7 @@ core/judge/alert.py holds back what follows from a cause.
 
 from __future__ import annotations
 
-from typing import AbstractSet, Callable, Dict, Iterable, List, Mapping, Sequence, Tuple, TypeVar
+from typing import AbstractSet, Callable, Iterable, Mapping, Sequence, TypeVar
 
 from .signal_config import LINK, SignalConfig, template_name
 
@@ -20,7 +20,7 @@ class Causes:
 
         Elements have those of their template.
         """
-        self._ancestors: Dict[str, Tuple[str, ...]] = {}
+        self._ancestors: dict[str, tuple[str, ...]] = {}
         for name, direct in depends_on.items():
             nearest_first = list(direct)
             for cause in nearest_first:  # it grows meanwhile
@@ -39,7 +39,7 @@ class Causes:
         """Returns the nearest cause of a signal that is `active`; empty if none is."""
         return next((cause for cause in self.of(name) if cause in active), "")
 
-    def first(self, names: Iterable[str]) -> List[str]:
+    def first(self, names: Iterable[str]) -> list[str]:
         """Returns names with causes before what they cause, otherwise in their order."""
         given, ordered = list(names), []
         waiting = set(given)
@@ -60,7 +60,7 @@ def _of_signal(name: str, table: Mapping[str, Value], default: Value) -> Value:
     return table.get(name, table.get(template_name(name), default))
 
 
-def causes_first(signals: Mapping[str, SignalConfig]) -> List[str]:
+def causes_first(signals: Mapping[str, SignalConfig]) -> list[str]:
     """Returns the names of configured signals, causes before what they cause, otherwise in their order."""
     return causes_of(signals, lambda topic: topic).first(signals)
 

@@ -13,7 +13,7 @@ from types import MappingProxyType
 from typing import Any, Dict, Iterator, List, Mapping, NamedTuple, Optional, Tuple, Union
 
 from ..messages.standard_messages import check_field
-from ..values import ConfigError, Path, Problems, describe, list_text, split_type_name
+from ..values import ConfigError, JsonObject, Path, Problems, describe, list_text, split_type_name
 from .causes import Causes, causes_of
 from .parameters import Parameter, read_parameters, require_mapping
 from .schema import declared, parameters
@@ -31,7 +31,7 @@ from .yaml_file import PathLike, read_yaml
 
 _RESERVED_NAMES = {LINK: "the link to the robot", "monitor": "the status of the monitor itself"}
 
-DEFAULT_SIGNALS: Mapping[str, Mapping[str, Any]] = {
+DEFAULT_SIGNALS: Mapping[str, JsonObject] = {
     "battery_level": {
         "type": "std_msgs/Float32", "unit": "%", "valid_min": 0.0, "valid_max": 100.0,
         "warn_below": 20.0, "error_below": 10.0, "hysteresis": 2.0,
@@ -124,7 +124,7 @@ class Section(NamedTuple):
 
     path: Path
     """Keys from the root of the file down to the parameters."""
-    tree: Mapping[str, Any]
+    tree: JsonObject
     """The mapping under `ros__parameters`."""
 
     @property
@@ -133,7 +133,7 @@ class Section(NamedTuple):
         return self.path[-2].rpartition("/")[2]
 
 
-def load_config(source: Union[Mapping[str, Any], PathLike], node: str = "alert_system") -> MonitorConfig:
+def load_config(source: Union[JsonObject, PathLike], node: str = "alert_system") -> MonitorConfig:
     """Reads the configuration of a monitor.
 
     Args:
@@ -152,7 +152,7 @@ def load_config(source: Union[Mapping[str, Any], PathLike], node: str = "alert_s
     return read_monitor(find_section(tree, node) if is_whole_file(tree) else Section((), tree))
 
 
-def is_whole_file(tree: Mapping[str, Any]) -> bool:
+def is_whole_file(tree: JsonObject) -> bool:
     """Returns whether `tree` is the mapping of a whole file, with node names above `ros__parameters`."""
     return next(_parameters(tree), None) is not None
 
@@ -168,12 +168,12 @@ def _parameters(tree: Mapping[Any, Any], path: Path = ()) -> Iterator[Tuple[Path
                 yield from _parameters(value, below)
 
 
-def sections(tree: Mapping[str, Any]) -> Dict[str, Section]:
+def sections(tree: JsonObject) -> Dict[str, Section]:
     """Returns the sections of a whole file by `node`, as `list_sections` does; of several for one node, the last."""
     return {section.node: section for section in list_sections(tree)}
 
 
-def list_sections(tree: Mapping[str, Any], problems: Optional[Problems] = None) -> List[Section]:
+def list_sections(tree: JsonObject, problems: Optional[Problems] = None) -> List[Section]:
     """Returns all sections of a file. If one is not a mapping, the ConfigError is added to `problems`, else raised."""
     collected = Problems() if problems is None else problems
     all_sections: List[Section] = []
@@ -185,7 +185,7 @@ def list_sections(tree: Mapping[str, Any], problems: Optional[Problems] = None) 
     return all_sections
 
 
-def find_section(tree: Mapping[str, Any], node: str) -> Section:
+def find_section(tree: JsonObject, node: str) -> Section:
     """Returns a node's section of a file, else the only one with `signals`.
 
     Raises ConfigError if there is none, or several.
@@ -206,7 +206,7 @@ def find_section(tree: Mapping[str, Any], node: str) -> Section:
     raise ConfigError(f"expected one node with ros__parameters.signals, usually {node}, got {there}")
 
 
-def refuse_missing_parameters(tree: Mapping[str, Any], node: str) -> None:
+def refuse_missing_parameters(tree: JsonObject, node: str) -> None:
     """Raises a ConfigError if a node's name is at the top of a file without `ros__parameters` below it."""
     below = tree.get(node)
     if not isinstance(below, Mapping) or is_whole_file({node: below}):
@@ -245,7 +245,7 @@ def read_monitor(section: Section) -> MonitorConfig:
     return MonitorConfig(signals, **values)
 
 
-def _read_signals(tree: Mapping[str, Any], path: Path) -> Dict[str, SignalConfig]:
+def _read_signals(tree: JsonObject, path: Path) -> Dict[str, SignalConfig]:
     if "signals" not in tree:
         raise ConfigError("is missing; expected a mapping of signal names to their settings", path)
     signals = require_mapping(tree["signals"], path)
@@ -280,7 +280,7 @@ def _shared(signal: SignalConfig) -> SignalConfig:
     return signal
 
 
-def _may_refer_to(other: str, name: str, read: Mapping[str, SignalConfig], given: Mapping[str, Any]) -> bool:
+def _may_refer_to(other: str, name: str, read: Mapping[str, SignalConfig], given: JsonObject) -> bool:
     """Returns whether a condition of the signal `name` may be on `other`: a signal, or an element of a template."""
     template = read.get(template_name(other))
     is_element = template is not None and template.is_template and is_element_name(other)
@@ -288,7 +288,7 @@ def _may_refer_to(other: str, name: str, read: Mapping[str, SignalConfig], given
 
 
 def _mistakes_of_causes(
-    name: str, read: Mapping[str, SignalConfig], given: Mapping[str, Any], causes: Causes
+    name: str, read: Mapping[str, SignalConfig], given: JsonObject, causes: Causes
 ) -> Iterator[str]:
     """Yields what is wrong with that on which a signal depends: unknown names, itself, its own topic, circles."""
     signal = read[name]

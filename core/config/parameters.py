@@ -12,13 +12,13 @@ import math
 import sys
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Callable, Dict, Iterable, Iterator, List, Mapping, Optional, Sequence, Tuple, Union
+from typing import Any, Callable, Iterable, Iterator, List, Mapping, Sequence, Union
 
-from ..values import ConfigError, Level, Path, Problems, describe, list_text
+from ..values import ConfigError, JsonObject, Level, Path, Problems, describe, list_text
 
 _Identifier = Union[str, int]
 _Datum = Union[float, str]
-_Container = Union[Mapping[str, Any], List[Any]]
+_Container = Union[JsonObject, List[Any]]
 _ALLOWED: Mapping[Any, str] = {
     bool: "true or false",
     list: "a list of numbers",
@@ -47,16 +47,16 @@ class Parameter:
 
     list is a list of numbers, tuple one of texts; both are read as tuples. dict is any mapping, object anything. A text
     or a whole number is `Union[str, int]`, a number or a text `Union[float, str]`, a mapping or a list
-    `Union[Mapping[str, Any], List[Any]]`."""
+    `Union[JsonObject, List[Any]]`."""
     default: Any
     """Value if the key is left out; None if there is no value and the feature is disabled."""
     description: str
     """One line, with the unit."""
-    minimum: Optional[float] = None
+    minimum: float | None = None
     """Of a text, and of each text of a list: 1 if it must not be blank."""
-    maximum: Optional[float] = None
+    maximum: float | None = None
     """Of a text: the number of its characters."""
-    choices: Tuple[str, ...] = ()
+    choices: tuple[str, ...] = ()
     """The allowed texts; empty if any text is allowed."""
     any_text: bool = False
     """Whether texts may have control characters, which break the lines that contain them."""
@@ -132,7 +132,7 @@ def _number(parameter: Parameter) -> Convert:
     high = largest if parameter.maximum is None else parameter.maximum
     is_whole = parameter.kind is int
 
-    def convert(given: Any) -> Optional[float]:
+    def convert(given: Any) -> float | None:
         if isinstance(given, bool) or not isinstance(given, (int, float)) or not low <= given <= high:
             return None
         if not is_whole:
@@ -148,7 +148,7 @@ def _text(parameter: Parameter) -> Convert:
     if choices:
         return lambda given: given if isinstance(given, str) and given in choices else None
 
-    def convert(given: Any) -> Optional[str]:
+    def convert(given: Any) -> str | None:
         if not isinstance(given, str) or len(given) > most or not (any_text or given.isprintable()):
             return None
         return given if may_be_blank or (given and not given.isspace()) else None
@@ -169,7 +169,7 @@ def _datum(parameter: Parameter) -> Convert:
 def _list(parameter: Parameter) -> Convert:
     element = replace(parameter, kind=_ELEMENT_KINDS[parameter.kind]).convert
 
-    def convert(given: Any) -> Optional[Tuple[Any, ...]]:
+    def convert(given: Any) -> tuple[Any, ...] | None:
         if isinstance(given, (str, bytes, Mapping)) or not isinstance(given, Iterable):
             return None
         items = tuple(map(element, given))
@@ -183,7 +183,7 @@ def _level(parameter: Parameter) -> Convert:
     return lambda given: Level[given] if isinstance(given, str) and given in names else None
 
 
-def _time(given: Any) -> Optional[datetime.datetime]:
+def _time(given: Any) -> datetime.datetime | None:
     try:
         time = datetime.datetime.fromisoformat(given.replace("Z", "+00:00"))
         return time if time.tzinfo else time.replace(tzinfo=datetime.timezone.utc)
@@ -209,7 +209,7 @@ CONVERTERS: Mapping[Any, Callable[[Parameter], Convert]] = {
 """What makes the function `convert` of a parameter, by its kind."""
 
 
-def require_mapping(given: object, path: Path = ()) -> Mapping[str, Any]:
+def require_mapping(given: object, path: Path = ()) -> JsonObject:
     """Returns `given`, a mapping whose keys are all text; raises ConfigError if it is something else."""
     if not isinstance(given, Mapping):
         raise ConfigError(f"expected a mapping of keys to values, got {describe(given)}", path)
@@ -232,12 +232,12 @@ def unknown_key(key: str, allowed: Sequence[str], path: Path = ()) -> ConfigErro
 
 
 def read_parameters(
-    tree: Mapping[str, Any],
+    tree: JsonObject,
     parameters: Sequence[Parameter],
     path: Path = (),
     sections: Sequence[str] = (),
-    problems: Optional[Problems] = None,
-) -> Dict[str, Any]:
+    problems: Problems | None = None,
+) -> dict[str, Any]:
     """Reads one level of a configuration: the mapping at `path`.
 
     Returns a value per parameter; the default for a key that is left out. `sections` are keys of nested mappings, which
@@ -258,7 +258,7 @@ def read_parameters(
     return values
 
 
-def flatten(tree: Mapping[str, Any], prefix: str = "") -> Iterator[Tuple[str, Any]]:
+def flatten(tree: JsonObject, prefix: str = "") -> Iterator[tuple[str, Any]]:
     """Yields (dotted name, value) for every leaf of a nested mapping: the form in which ROS 2 names parameters."""
     for key, value in tree.items():
         name = f"{prefix}{key}"
@@ -268,9 +268,9 @@ def flatten(tree: Mapping[str, Any], prefix: str = "") -> Iterator[Tuple[str, An
             yield name, value
 
 
-def unflatten(values: Mapping[str, Any]) -> Dict[str, Any]:
+def unflatten(values: JsonObject) -> dict[str, Any]:
     """Nests dotted names, as the inverse of `flatten`; a name that is also the prefix of another is a ConfigError."""
-    tree: Dict[str, Any] = {}
+    tree: dict[str, Any] = {}
     for name, value in values.items():
         *parents, leaf = name.split(".")
         branch = tree

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Iterator, Tuple
+from typing import Iterator
 
 from ..values import bound_text
 from .signal_config import SignalConfig
@@ -21,7 +21,7 @@ def doubt_of(config: SignalConfig) -> str:
     return ""
 
 
-def remarks_of(config: SignalConfig) -> Iterator[Tuple[str, str]]:
+def remarks_of(config: SignalConfig) -> Iterator[tuple[str, str]]:
     """Yields key and remark for each setting of a signal that is questionable."""
     doubt = doubt_of(config)
     if doubt:

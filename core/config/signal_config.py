@@ -18,6 +18,7 @@ from ..values import (
     STATUS_TYPE,
     ConfigError,
     Every,
+    JsonObject,
     Keyed,
     Path,
     bound_text,
@@ -92,7 +93,7 @@ class Condition:
         None, "true while the other signal lies between these two values or equals one"
     )
 
-    def mistakes(self, given: Mapping[str, Any]) -> Mistakes:
+    def mistakes(self, given: JsonObject) -> Mistakes:
         """Yields key and problem of values that cannot be used; see `read_section`."""
         comparisons = list(self.settings)[1:]
         if len(comparisons) != 1:
@@ -106,7 +107,7 @@ class Condition:
         return self.text(holds=True)
 
     @property
-    def settings(self) -> Mapping[str, Any]:
+    def settings(self) -> JsonObject:
         """The keys that are set, with their values."""
         values = {each.name: getattr(self, each.field) for each in CONDITION_PARAMETERS}
         return {name: value for name, value in values.items() if value is not None}
@@ -228,7 +229,7 @@ class SignalConfig:
         if not self.unit and self.reduce != "count" and _is_time(self.type, self.field):
             object.__setattr__(self, "unit", "s")
 
-    def _defaults(self) -> Mapping[str, Any]:
+    def _defaults(self) -> JsonObject:
         """Returns the keys whose default follows from others."""
         is_forecast, is_count, is_of_graph = self.statistic == "forecast", self.statistic == "count", bool(self.graph)
         window_s = self.window_s or (600.0 if is_forecast else 60.0)
@@ -248,7 +249,7 @@ class SignalConfig:
             **bounds,
         }
 
-    def mistakes(self, given: Mapping[str, Any]) -> Mistakes:
+    def mistakes(self, given: JsonObject) -> Mistakes:
         """Yields key and problem of each value that cannot be used, or contradicts another; see `read_section`."""
         for keys, problem in _keys_to_remove(self):
             defaults = {each.name: each.default for each in SIGNAL_PARAMETERS}
@@ -361,7 +362,7 @@ def _keys_to_remove(signal: SignalConfig) -> Iterator[Tuple[Sequence[str], str]]
         yield ("window_min_s",), "a count is defined from the start; remove this key"
 
 
-def _mistakes_of_names(signal: SignalConfig, given: Mapping[str, Any]) -> Mistakes:
+def _mistakes_of_names(signal: SignalConfig, given: JsonObject) -> Mistakes:
     """Yields what is no name of a topic, a type, an action or a node; `*` and `?` match where several are counted."""
     keys = [key for key in ("topic", "action", *GRAPH_KEYS) if given.get(key)]
     if len(keys) > 1:
@@ -378,7 +379,7 @@ def _mistakes_of_names(signal: SignalConfig, given: Mapping[str, Any]) -> Mistak
         yield "type", f"expected a type such as std_msgs/Float32, got {describe(signal.type)}"
 
 
-def _mistakes_of_paths(signal: SignalConfig, given: Mapping[str, Any]) -> Mistakes:
+def _mistakes_of_paths(signal: SignalConfig, given: JsonObject) -> Mistakes:
     """Yields what is wrong with that which is read of each message."""
     try:
         parse_field_path(signal.field)
@@ -409,7 +410,7 @@ def _mistakes_of_forecast(signal: SignalConfig) -> Mistakes:
         yield "statistic", f"a forecast has bounds on one side; use two signals, got {' and '.join(signal.bounds)}"
 
 
-def _mistakes_of_bounds(signal: SignalConfig, given: Mapping[str, Any]) -> Mistakes:
+def _mistakes_of_bounds(signal: SignalConfig, given: JsonObject) -> Mistakes:
     """Yields limits that are in the wrong order, and bounds whose alert would never clear."""
     bounds, hysteresis = signal.bounds, bound_text(signal.hysteresis)
     lows = [name for name in bounds if name.endswith("below")]

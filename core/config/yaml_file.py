@@ -5,9 +5,9 @@ from __future__ import annotations
 import contextlib
 import os
 import stat
-from typing import Any, Dict, Iterator, Mapping, NamedTuple, Optional, Union
+from typing import Iterator, Mapping, NamedTuple, Union
 
-from ..values import ConfigError, Path, Problems
+from ..values import ConfigError, JsonObject, Path, Problems
 from .parameters import require_mapping
 
 PathLike = Union[str, "os.PathLike[str]"]
@@ -19,7 +19,7 @@ MOST_BYTES = 200_000
 class YamlFile(NamedTuple):
     """The contents of a file, with the lines of its keys."""
 
-    tree: Mapping[str, Any]
+    tree: JsonObject
     lines: Mapping[Path, int]
     """Line of each key, counted from 1."""
     file: str
@@ -49,7 +49,7 @@ class YamlFile(NamedTuple):
             raise self.locate(error.below(path)) from None
 
 
-def read_yaml(file: PathLike, problems: Optional[Problems] = None) -> YamlFile:
+def read_yaml(file: PathLike, problems: Problems | None = None) -> YamlFile:
     """Reads a regular file that contains one mapping.
 
     `problems` receives mistakes after which the file can still be used, which are keys given twice; None raises them.
@@ -59,11 +59,11 @@ def read_yaml(file: PathLike, problems: Optional[Problems] = None) -> YamlFile:
     return parse_yaml(_read_text(name), name, problems)
 
 
-def parse_yaml(text: str, name: str, problems: Optional[Problems] = None) -> YamlFile:
+def parse_yaml(text: str, name: str, problems: Problems | None = None) -> YamlFile:
     """Reads the text of a file, whose `name` is that in errors; as `read_yaml`."""
     from .yaml_loader import load  # here, so that configuration by mapping does not need PyYAML
 
-    lines: Dict[Path, int] = {}
+    lines: dict[Path, int] = {}
     result, twice = YamlFile({}, lines, name), Problems()
     with result.located():
         tree = load(text, lines, twice)

@@ -6,7 +6,7 @@ parser of ROS 2 reads no aliases, so a file that has any could not be used every
 
 from __future__ import annotations
 
-from typing import Any, Dict
+from typing import Any
 
 import yaml
 from yaml.composer import Composer
@@ -31,7 +31,7 @@ _TOO_DEEP_TO_SCAN = "exceeded maximum nesting depth"
 """The problem that libyaml 0.2.6 reports at 1,000 levels, which it may reach before the first node is composed."""
 
 
-def load(text: str, lines: Dict[Path, int], problems: Problems) -> Any:
+def load(text: str, lines: dict[Path, int], problems: Problems) -> Any:
     """Loads the only document of a text; None for an empty one.
 
     `lines` receives the line of each key, counted from 1; the path of a list element ends with its number, counted from
@@ -112,7 +112,7 @@ class _Loader(_Parser):
             kind = node.tag[len(_PREFIX) :] if node.tag.startswith(_PREFIX) else node.tag
             raise ConstructorError(None, None, f"this is not a valid {kind}", node.start_mark) from None
 
-    def note_lines(self, node: Any, path: Path, lines: Dict[Path, int], problems: Problems) -> None:
+    def note_lines(self, node: Any, path: Path, lines: dict[Path, int], problems: Problems) -> None:
         """Notes the lines of all keys and list elements below a node; a key that is given twice is a problem."""
         if node.id == "sequence":
             for number, element in enumerate(node.value):
@@ -121,7 +121,7 @@ class _Loader(_Parser):
                 self.note_lines(element, below, lines, problems)
         if node.id != "mapping":
             return
-        own: Dict[Path, int] = {}
+        own: dict[Path, int] = {}
         for key, value in node.value:
             name = self.construct_object(key, deep=True) if key.id == "scalar" else None
             below, line = (*path, name if isinstance(name, str) else describe(name)), key.start_mark.line + 1

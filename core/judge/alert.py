@@ -15,7 +15,6 @@ and by what it depends on (causes.py).
 from __future__ import annotations
 
 import math
-from typing import Optional
 
 from ..config import SignalConfig
 from ..values import Level, Transition, duration_text, fingerprint
@@ -43,7 +42,7 @@ class Held:
         """The nearest of its causes by `depends_on`; empty without one."""
         self.last_cause = ""
         """The same, or that of the latest moment with one."""
-        self.caused_s: Optional[float] = None
+        self.caused_s: float | None = None
         """Since when it has had a cause by `depends_on`; None if it had none."""
         self.ended_s = 0.0
         """When the last one ended."""
@@ -104,7 +103,7 @@ class Alert(Announcer):
         self._fingerprint = fingerprint(robot, config.name)
         self._level = _OK
         self._level_since_s = now_s
-        self.held: Optional[Held] = None
+        self.held: Held | None = None
         """Why worse levels are not announced; None if nothing holds them back."""
 
     @property
@@ -161,7 +160,7 @@ class Alert(Announcer):
         if held is not None and (held.silence or held.awaits_until_s > -math.inf):
             held.silence, held.awaits_until_s = "", until_s
 
-    def note_cause(self, cause: str, now_s: float) -> Optional[Transition]:
+    def note_cause(self, cause: str, now_s: float) -> Transition | None:
         """Notes the nearest of its causes by `depends_on`; empty if there is none, or none any more."""
         if cause:
             self._get_held().begin(cause, now_s)
@@ -251,7 +250,7 @@ class Alert(Announcer):
         if cause and state.is_saved:
             self._get_held().begin(cause, caused_s)
 
-    def end(self, now_s: float) -> Optional[Transition]:
+    def end(self, now_s: float) -> Transition | None:
         """Returns the transition with which an alert that is open leaves the configuration."""
         if not self.is_announced:
             return None
@@ -265,10 +264,10 @@ class Alert(Announcer):
         """Whether flapping never hides a level: silence, or invalid data."""
         return self.staleness.stale and level is _STALE
 
-    def _settle(self, now_s: float) -> Optional[Transition]:
+    def _settle(self, now_s: float) -> Transition | None:
         return self._enter(self._true_level(), now_s)
 
-    def _enter(self, level: Level, now_s: float) -> Optional[Transition]:
+    def _enter(self, level: Level, now_s: float) -> Transition | None:
         """Announces the true level unless it is announced already, unknown, held, or withheld by flapping."""
         if level is not self._level:
             self._level = level

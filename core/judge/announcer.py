@@ -11,7 +11,7 @@ value that is noisy around its bound at 400 Hz must not be 400 alerts per second
 from __future__ import annotations
 
 import math
-from typing import List, Optional, Sequence
+from typing import Sequence
 
 from ..config import SignalConfig
 from ..values import Level, Transition
@@ -44,7 +44,7 @@ class FlapDetector:
         self._changes = 0
         """One bit per possible change, the newest in the lowest place."""
         self._last = Level.OK
-        self._worst: Optional[Level] = None
+        self._worst: Level | None = None
         self.flapping = False
         """Whether the signal flaps; a storm sets it, whatever the state change is."""
         self.configure(high, low)
@@ -115,16 +115,16 @@ class Announcer:
         """The level of the last transition."""
         self.announced_since_s = now_s
         """When it was announced first; for OK moved forward by the time in which the level was unknown."""
-        self._unknown_since_s: Optional[float] = now_s
+        self._unknown_since_s: float | None = now_s
         """Since when the level has been unknown; None while it is known."""
         self._was_known = False
         """Whether the level has ever been known."""
-        self.announced_rule: Optional[Rule] = None
+        self.announced_rule: Rule | None = None
         """The rule that explained the last transition."""
         self._announced_at_s = now_s
         self.flaps = FlapDetector(math.inf, 0.0)
         """Follows the level after each good sample."""
-        self._times: List[float] = []  # most signals have none, and an empty deque takes 760 bytes
+        self._times: list[float] = []  # most signals have none, and an empty deque takes 760 bytes
         """When the latest transitions were announced: at most one more than are no storm."""
         self._configure(config, now_s)
 
@@ -142,7 +142,7 @@ class Announcer:
         """Whether more than `MOST` transitions lie within the last `PERIOD_S`, with that many more."""
         return len(self._recent(now_s)) + more > MOST
 
-    def _recent(self, now_s: float) -> List[float]:
+    def _recent(self, now_s: float) -> list[float]:
         return [time_s for time_s in self._times if now_s - time_s < PERIOD_S - TIME_TOLERANCE_S]
 
     def note_sample(self, level: Level, now_s: float) -> None:
@@ -178,7 +178,7 @@ class Announcer:
             return False
         return now_s - self._announced_at_s >= self.config.repeat_s - TIME_TOLERANCE_S
 
-    def announce(self, judgement: Judgement, message: Optional[str] = None, *, caused: str = "") -> Transition:
+    def announce(self, judgement: Judgement, message: str | None = None, *, caused: str = "") -> Transition:
         """Announces the level of a signal; `message` replaces the reason, `caused` the level and time before it."""
         if judgement.level is not self.announced:
             self._times = [*self._recent(judgement.now_s)[-MOST:], judgement.now_s]

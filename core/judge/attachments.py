@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import json
-from typing import Any, Dict, Mapping, NamedTuple
+from typing import Any, Mapping, NamedTuple
 
 from ..config import MonitorConfig, settings_of
 from ..values import MessageError
@@ -61,7 +61,7 @@ def read_saved_monitor(text: str) -> SavedMonitor:
 
 def thresholds_tree(
     config: MonitorConfig, robot: str, topics: Mapping[str, str], *, use_sim_time: bool
-) -> Dict[str, Any]:
+) -> dict[str, Any]:
     """Returns a configuration as the mapping of a thresholds.yaml, which reads as the same signals.
 
     `topics` has the absolute name for each topic that it names otherwise.
@@ -73,7 +73,7 @@ def thresholds_tree(
         }
         for name, signal in config.signals.items()
     }
-    parameters: Dict[str, Any] = {"robot_name": robot, "publish_rate": config.publish_rate, "signals": signals}
+    parameters: dict[str, Any] = {"robot_name": robot, "publish_rate": config.publish_rate, "signals": signals}
     if use_sim_time:
         parameters["use_sim_time"] = True
     return {"alert_system": {"ros__parameters": parameters}}

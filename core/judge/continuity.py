@@ -7,10 +7,10 @@ restart".
 from __future__ import annotations
 
 import math
-from typing import Any, Dict, Mapping, Optional, Protocol, Sequence, Tuple
+from typing import Any, Mapping, Protocol, Sequence
 
 from ..config import OF_ARRIVALS, MonitorConfig, settings_of
-from ..values import Changes, Transition
+from ..values import Changes, JsonObject, Transition
 from .monitor import Monitor
 from .sample_summary import PERIOD_S, SampleSummary
 from .saved_state import SavedSignal
@@ -34,10 +34,10 @@ class SignalHistory(Protocol):
     def restore(self) -> Mapping[str, SavedSignal]:
         """Returns the last state of each signal, by name; called once, before the first sample."""
 
-    def watched_until_s(self) -> Optional[float]:
+    def watched_until_s(self) -> float | None:
         """Returns when the robot was last watched before this run, in seconds since 1970; None if that is unknown."""
 
-    def record(self, transition: Transition, saved: SavedSignal, evidence: Sequence[Tuple[float, Any]]) -> None:
+    def record(self, transition: Transition, saved: SavedSignal, evidence: Sequence[tuple[float, Any]]) -> None:
         """Stores a transition and its signal's new state in one transaction; called before the outlets receive it.
 
         The evidence is samples of its window as (seconds since 1970, value), oldest first, at most `MAX_EVIDENCE`;
@@ -60,7 +60,7 @@ class SignalHistory(Protocol):
     def record_reset(self) -> None:
         """Stores that latches were cleared."""
 
-    def record_configuration(self, configuration: Mapping[str, Mapping[str, Any]]) -> None:
+    def record_configuration(self, configuration: Mapping[str, JsonObject]) -> None:
         """Stores the settings of each signal by its name, as a thresholds.yaml has them."""
 
 
@@ -71,10 +71,10 @@ class Continuity:
         """Starts without having saved anything."""
         self._monitor = monitor
         self._history = history
-        self._saved: Dict[str, SavedSignal] = {}
-        self._at_rest_since_s: Dict[str, Optional[float]] = {}
+        self._saved: dict[str, SavedSignal] = {}
+        self._at_rest_since_s: dict[str, float | None] = {}
         self._offset_s = 0.0
-        self._period: Optional[float] = None
+        self._period: float | None = None
         """The period in which samples were stored last."""
         self._effects: Mapping[str, Sequence[str]] = {}
 
@@ -118,7 +118,7 @@ class Continuity:
             self._period = wall_s // PERIOD_S
             self._record_samples(now_s + _SAME_TIME_S, wall_s - now_s)
         names = monitor.saved_signals()
-        changed: Dict[str, SavedSignal] = {
+        changed: dict[str, SavedSignal] = {
             name: {} for name, saved in self._saved.items() if saved and name not in names
         }
         for name in names:
@@ -154,7 +154,7 @@ class Continuity:
 
     def forget(self) -> None:
         """Deletes the states: the robot is no longer watched."""
-        states: Dict[str, SavedSignal] = {name: {} for name, saved in self._saved.items() if saved}
+        states: dict[str, SavedSignal] = {name: {} for name, saved in self._saved.items() if saved}
         self._saved = {}
         if states:
             self._history.save(states)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import replace
-from typing import Callable, Dict, List, Mapping, Optional, Set
+from typing import Callable, Mapping
 
 from ..config import LONGEST_NAME, SignalConfig, is_element_name, read_signal, template_name
 from ..values import BadDatum, Changes, Elements, datum_text
@@ -38,22 +38,22 @@ class ElementSignals:
         self.config = config
         self.own = SignalMonitor(own_config(config), robot, now_s)
         """The state of the template: the number of its elements."""
-        self.signals: Dict[str, SignalMonitor] = {}
+        self.signals: dict[str, SignalMonitor] = {}
         """The elements by the names of their signals, first seen first."""
         self._robot = robot
-        self._by_element: Dict[str, SignalMonitor] = {}
+        self._by_element: dict[str, SignalMonitor] = {}
         """The same by their names as received."""
         self._is_bad = False
         """Whether the latest message was invalid as a whole."""
         self._unknown_since_s = now_s
         """Elements that come from now on were unknown at least since then."""
-        self._refused: Set[int] = set()
+        self._refused: set[int] = set()
         self._refused_s = now_s
         self._admitted = 0
         """Names that were new since `_admitted_from_s`."""
         self._admitted_from_s = now_s
 
-    def observe(self, value: object, now_s: float, begin: Begin, changes: Changes) -> List[SignalMonitor]:
+    def observe(self, value: object, now_s: float, begin: Begin, changes: Changes) -> list[SignalMonitor]:
         """Judges what a template received; returns the signals of its elements. `begin` is called with new ones."""
         if not isinstance(value, Elements):
             self._is_bad = True
@@ -61,7 +61,7 @@ class ElementSignals:
             changes.add(self.own.observe(bad, now_s))
             return []
         self._is_bad = False
-        observed: List[SignalMonitor] = []
+        observed: list[SignalMonitor] = []
         for element, datum in value:
             signal = self._by_element.get(element) if type(element) is str else None
             if signal is None:
@@ -74,7 +74,7 @@ class ElementSignals:
             observed.append(signal)
         return observed
 
-    def _admit(self, element: object, now_s: float, begin: Begin) -> Optional[SignalMonitor]:
+    def _admit(self, element: object, now_s: float, begin: Begin) -> SignalMonitor | None:
         """Returns the signal of an element by its name as received, a new one if there is room; None if not."""
         text = element if isinstance(element, str) else datum_text(element)
         name = element_signal_name(self.config.name, text)
@@ -145,7 +145,7 @@ class ElementSignals:
             return False
         return True
 
-    def _end(self, names: List[str], now_s: float, changes: Changes) -> None:
+    def _end(self, names: list[str], now_s: float, changes: Changes) -> None:
         for name in names:
             changes.add(self.signals.pop(name).end(now_s))
         if names:
@@ -175,7 +175,7 @@ def own_config(config: SignalConfig) -> SignalConfig:
     return read_signal(config.name, {key: getattr(config, key) for key in _SHARED_KEYS})
 
 
-def config_of(name: str, configured: Mapping[str, SignalConfig]) -> Optional[SignalConfig]:
+def config_of(name: str, configured: Mapping[str, SignalConfig]) -> SignalConfig | None:
     """Returns the configuration of a signal by its name, which may be that of an element; None if it is not watched."""
     config = configured.get(name)
     if config is not None:

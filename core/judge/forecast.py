@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from operator import itemgetter
-from typing import Callable, Mapping, Optional, Tuple
+from typing import Callable, Mapping, Tuple
 
 from ..config import SignalConfig
 from ..values import Forecast
@@ -94,14 +94,14 @@ class ForecastWindow(Window):
                 older.flip(times[first:middle], values[first:middle])
         self._older_count = middle - first
 
-    def statistic(self, name: str) -> Optional[float]:
+    def statistic(self, name: str) -> float | None:
         """Returns a statistic to judge, as `Window.statistic`; the forecast is the most cautious prediction."""
         if name != "forecast":
             return super().statistic(name)
         line = self._line()
         return None if line is None else line[0]
 
-    def forecast(self) -> Optional[Forecast]:
+    def forecast(self) -> Forecast | None:
         """Returns the forecast and its line; None while it is undefined."""
         line = self._line()
         if line is None:
@@ -113,7 +113,7 @@ class ForecastWindow(Window):
         time_to_bound_s, bound = min(ahead, default=(None, None))
         return Forecast(value, slope_per_s, self.forecast_s, time_to_bound_s, bound)
 
-    def _line(self) -> Optional[_Line]:
+    def _line(self) -> _Line | None:
         """Returns the line that gives the forecast; None while it is undefined.
 
         The forecast never contradicts the present: while the line of the window goes towards the bounds, the latest
@@ -129,7 +129,7 @@ class ForecastWindow(Window):
             contradicts = self._choose is max and slope_per_s < 0.0 and line[0] > latest
         return (latest, 0.0) if contradicts else line
 
-    def lines(self) -> Optional[_Lines]:
+    def lines(self) -> _Lines | None:
         """Returns prediction and slope through all samples, the older half and the newer half; None if undefined.
 
         Each prediction is Prometheus's `predict_linear` (promql/functions.go).
@@ -157,7 +157,7 @@ class ForecastWindow(Window):
         slope = products / squares
         return mean + slope * (self.forecast_s - mean_s), slope
 
-    def _samples_at(self, at_s: float) -> Tuple[int, float]:
+    def _samples_at(self, at_s: float) -> tuple[int, float]:
         """Returns how many samples of the newer half have the time of its oldest, and their mean."""
         times, middle = self._times, self._middle
         end = middle

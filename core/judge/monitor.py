@@ -13,16 +13,11 @@ from types import MappingProxyType
 from typing import (
     AbstractSet,
     Callable,
-    Dict,
     Iterable,
     Iterator,
     KeysView,
-    List,
     Mapping,
-    Optional,
     Sequence,
-    Tuple,
-    Union,
 )
 
 from ..config import (
@@ -73,7 +68,7 @@ class Monitor:
         """Creates a monitor that has seen nothing; `robot` replaces the configuration's `robot_name`."""
         self.robot = robot or config.robot_name
         self.config = config
-        self._watched: Dict[str, Union[SignalMonitor, ElementSignals]] = {}
+        self._watched: dict[str, SignalMonitor | ElementSignals] = {}
         """What is configured, and `link` once it was observed, by name."""
         self._signals: Mapping[str, SignalMonitor] = {}
         """All signals by name, in the order of the configuration; replaced, not changed, when elements come or go."""
@@ -87,16 +82,16 @@ class Monitor:
         """All signals, causes before what they cause."""
         self._active: AbstractSet[str] = frozenset()
         """The causes that are not well."""
-        self._followers: Dict[str, List[SignalMonitor]] = {}
+        self._followers: dict[str, list[SignalMonitor]] = {}
         """The signals with a condition on a signal, by its name; every cause and `link` are keys too."""
         self._link_down = False
-        self._saved: Optional[Tuple[Mapping[str, SavedSignal], Downtime]] = None
+        self._saved: tuple[Mapping[str, SavedSignal], Downtime] | None = None
         """The states of an earlier run and the time since then, until the first call."""
         self._resets = False
         """Whether latches are cleared when they are restored."""
-        self._clock: Optional[WallClock] = None
+        self._clock: WallClock | None = None
         """Wall time for the samples that `take_samples` returns; None before its first call."""
-        self._make_collector: Optional[Callable[[SignalMonitor], SampleCollector]] = None
+        self._make_collector: Callable[[SignalMonitor], SampleCollector] | None = None
         """Returns what collects the samples of a signal; None if nothing does."""
         self._link_restored_s = math.inf
         """When the state of the link was restored, in seconds; infinite once it was observed."""
@@ -209,7 +204,7 @@ class Monitor:
 
     def _judged(
         self, signals: Mapping[str, Alert], now_s: float, *, with_statistics: bool = True
-    ) -> Iterator[Tuple[str, Judgement]]:
+    ) -> Iterator[tuple[str, Judgement]]:
         effects = self.effects()
         for name, signal in signals.items():
             judgement = signal.judgement(now_s, with_statistics=with_statistics)
@@ -221,7 +216,7 @@ class Monitor:
 
     def effects(self) -> Mapping[str, Sequence[str]]:
         """Returns the signals that each alert keeps from being announced, directly or not, by its name."""
-        effects: Dict[str, List[str]] = {}
+        effects: dict[str, list[str]] = {}
         for name, signal in self._signals.items():
             if signal.is_withheld:
                 causes = {cause for cause in self._causes.of(name) if cause in self._active}
@@ -238,11 +233,11 @@ class Monitor:
         return changes
 
     @property
-    def link_up(self) -> Optional[bool]:
+    def link_up(self) -> bool | None:
         """Whether the robot can be reached; None if it is not watched over a link."""
         return None if LINK not in self._signals else not self._link_down
 
-    def status(self, signal: str, now_s: float) -> Optional[Status]:
+    def status(self, signal: str, now_s: float) -> Status | None:
         """Returns the status of one signal as in `report`; None for an unknown signal or before the first call."""
         known = self._signals.get(signal) or self._shown().get(signal)
         if known is None:
@@ -250,13 +245,13 @@ class Monitor:
         ((_, judgement),) = self._judged({signal: known}, self._to_show(now_s)[0])
         return wording.status(judgement)
 
-    def levels(self) -> Mapping[str, Tuple[Level, str]]:
+    def levels(self) -> Mapping[str, tuple[Level, str]]:
         """Returns level and state of each signal, as in `report`, without the cost of texts."""
         return {name: (signal.level, signal.state) for name, signal in self._to_show(self._now_s)[1].items()}
 
-    def without_samples(self, now_s: float) -> List[SignalConfig]:
+    def without_samples(self, now_s: float) -> list[SignalConfig]:
         """Returns the signals whose topic has brought no message for half of the time allowed, while the link is up."""
-        silent: List[SignalConfig] = []
+        silent: list[SignalConfig] = []
         for source in self._sources:
             source.listen()
             if source.staleness.is_half_over(now_s):
@@ -271,7 +266,7 @@ class Monitor:
             if source is not None and hint:
                 source.staleness.note_hint(hint)
 
-    def fresh_value(self, signal: str) -> Optional[float]:
+    def fresh_value(self, signal: str) -> float | None:
         """Returns a signal's latest value; None while there is none, or it is bad, stale or unreachable."""
         known = self._signals.get(signal)
         return None if known is None else known.latest_good
@@ -324,7 +319,7 @@ class Monitor:
         self._make_collector = make
         self._arrange()
 
-    def at_rest_since_s(self, signal: str) -> Optional[float]:
+    def at_rest_since_s(self, signal: str) -> float | None:
         """Returns since when a signal is OK; None unless its state depends on nothing else."""
         return self._signals[signal].at_rest_since_s if signal in self._signals else None
 
@@ -341,9 +336,9 @@ class Monitor:
     def restore(
         self,
         states: Mapping[str, SavedSignal],
-        now_s: Optional[float],
+        now_s: float | None,
         wall_s: float,
-        stopped_s: Optional[float] = None,
+        stopped_s: float | None = None,
     ) -> Changes:
         """Continues from the snapshots of an earlier run, by signal. To be called before any other method.
 
@@ -405,7 +400,7 @@ class Monitor:
     def _templates(self) -> Mapping[str, ElementSignals]:
         return {name: each for name, each in self._watched.items() if isinstance(each, ElementSignals)}
 
-    def _to_show(self, now_s: float) -> Tuple[float, Mapping[str, Alert]]:
+    def _to_show(self, now_s: float) -> tuple[float, Mapping[str, Alert]]:
         """Returns the time for ages, which is not before the last call, and the signals."""
         if not self._signals:
             now_s = now_s if -_LARGEST <= now_s <= _LARGEST else 0.0
@@ -413,7 +408,7 @@ class Monitor:
             return now_s, {config.name: SignalMonitor(config, self.robot, now_s) for config in configs}
         return now_s if self._now_s <= now_s <= _LARGEST else self._now_s, self._shown()
 
-    def _advance(self, now_s: float) -> Tuple[Changes, float]:
+    def _advance(self, now_s: float) -> tuple[Changes, float]:
         """Begins a call at a time; returns the changes that follow from it, and the time to use."""
         changes = Changes()
         if not self._now_s <= now_s <= _LARGEST:
@@ -455,8 +450,8 @@ class Monitor:
 
     def _continue(self, states: Mapping[str, SavedSignal], downtime: Downtime, now_s: float, changes: Changes) -> None:
         """Continues from the states of an earlier run; what is not watched any more ends."""
-        unusable: List[str] = []
-        of_sources: Dict[str, SavedSignal] = {}
+        unusable: list[str] = []
+        of_sources: dict[str, SavedSignal] = {}
         for name, saved in states.items():
             try:
                 if is_source(name):
@@ -540,7 +535,7 @@ class Monitor:
         self._find_receivers()
         self._look_at_causes(now_s, changes)
 
-    def _receiver(self, name: str, value: object, now_s: float, changes: Changes) -> Optional[SignalMonitor]:
+    def _receiver(self, name: str, value: object, now_s: float, changes: Changes) -> SignalMonitor | None:
         """Returns the signal that judges a sample which does not go to it at once.
 
         None if it was of elements, which have judged it, or of no signal.
@@ -616,11 +611,11 @@ class Monitor:
         for each in self._behind_link() if self._link_down else ():
             each.inhibit(now_s)
 
-    def _behind_link(self) -> Sequence[Union[Source, SignalMonitor]]:
+    def _behind_link(self) -> Sequence[Source | SignalMonitor]:
         return [*self._sources, *(signal for name, signal in self._signals.items() if name != LINK)]
 
 
-def _signals_in(watched: Union[SignalMonitor, ElementSignals, None]) -> List[SignalMonitor]:
+def _signals_in(watched: SignalMonitor | ElementSignals | None) -> list[SignalMonitor]:
     """Returns a signal, or a template with its elements; nothing for None."""
     if isinstance(watched, ElementSignals):
         return [watched.own, *watched.signals.values()]

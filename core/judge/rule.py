@@ -27,7 +27,6 @@ from __future__ import annotations
 
 import enum
 import math
-from typing import Optional, Tuple
 
 from ..config import SignalConfig
 from ..values import Level
@@ -80,8 +79,8 @@ class Rule:
         self._crossed = False
         self.allowed = True
         """Whether `only_if` holds, or there is none."""
-        self._frozen_since_s: Optional[float] = None
-        self.bound: Optional[float] = None
+        self._frozen_since_s: float | None = None
+        self.bound: float | None = None
         """The bound that the condition crossed last, None before the first time."""
         self.is_below = False
         """Whether `bound` is a lower one."""
@@ -89,8 +88,8 @@ class Rule:
 
     def configure(
         self,
-        below: Optional[float] = None,
-        above: Optional[float] = None,
+        below: float | None = None,
+        above: float | None = None,
         for_s: float = 0.0,
         keep_firing_for_s: float = 0.0,
         hysteresis: float = 0.0,
@@ -212,9 +211,9 @@ class SignalRules:
         self.of_bounds = True
         """Whether values are compared with bounds; False if each is a level that a driver reports."""
         self.warn, self.error, self.invalid = Rule(), Rule(), Rule()
-        self.bounds: Tuple[Rule, ...] = (self.warn, self.error)
+        self.bounds: tuple[Rule, ...] = (self.warn, self.error)
         """The rules about values; `invalid` fires after invalid data."""
-        self.worst_first: Tuple[Tuple[Level, Rule], ...] = ((_ERROR, self.error), (_WARN, self.warn))
+        self.worst_first: tuple[tuple[Level, Rule], ...] = ((_ERROR, self.error), (_WARN, self.warn))
         """The same with the levels that they give."""
         self.configure(config)
 
@@ -323,7 +322,7 @@ class SignalRules:
         """Whether all are inactive and stay so as long as no value is beyond a bound."""
         return all(rule.is_at_rest for rule in self.bounds) and self.invalid.state is _INACTIVE
 
-    def explaining(self, level: Level, announced: Optional[Rule]) -> Optional[Rule]:
+    def explaining(self, level: Level, announced: Rule | None) -> Rule | None:
         """Returns the rule that explains a level; for OK the one that is pending, held back, or was left last.
 
         `announced` is the rule of an announced level that is not OK. A value that was beyond the ERROR bound left the

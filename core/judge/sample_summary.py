@@ -7,7 +7,7 @@ taken in parts, at the end of a run or when time goes back: each holds what was 
 from __future__ import annotations
 
 import math
-from typing import List, NamedTuple, Optional
+from typing import NamedTuple
 
 from ..values import Level
 
@@ -23,13 +23,13 @@ class SampleSummary(NamedTuple):
 
     start_s: float
     """Begin of the period, in s since 1970: a multiple of 10."""
-    least: Optional[float]
+    least: float | None
     """Smallest value of the judged statistic, in its unit; None if it was never defined. Likewise the next three."""
-    most: Optional[float]
+    most: float | None
     """Largest value."""
-    mean: Optional[float]
+    mean: float | None
     """Mean of the values, one per good sample."""
-    last: Optional[float]
+    last: float | None
     """Latest value."""
     good: int
     """Number of good samples."""
@@ -60,13 +60,13 @@ class SampleCollector:
         "_number", "_waiting",
     )  # fmt: skip
 
-    def __init__(self, clock: Optional[WallClock] = None) -> None:
+    def __init__(self, clock: WallClock | None = None) -> None:
         """Starts without a period; the owner of `clock` corrects it when the wall clock is set.
 
         Without a clock, there is one endless period.
         """
         self._clock = clock or WallClock(0.0)
-        self._waiting: List[SampleSummary] = []
+        self._waiting: list[SampleSummary] = []
         self._end_s = math.inf
         self._clear()
         if clock is None:
@@ -78,10 +78,10 @@ class SampleCollector:
         """Between this and `_end_s`, samples belong to the open period, the one of this number."""
         self._number = self._count = self._good = self._bad = 0
         self._least, self._most, self._mean = math.inf, -math.inf, 0.0
-        self._last: Optional[float] = None
-        self._level: Optional[Level] = None
+        self._last: float | None = None
+        self._level: Level | None = None
 
-    def note(self, value: Optional[float], now_s: float, *, good: bool = True) -> None:
+    def note(self, value: float | None, now_s: float, *, good: bool = True) -> None:
         """Adds a sample, with the value of the judged statistic; None while it is undefined, or after a bad sample."""
         if not self._begin_s <= now_s < self._end_s:
             self._begin(now_s)
@@ -105,7 +105,7 @@ class SampleCollector:
         if self._level is None or level.severity > self._level.severity:
             self._level = level
 
-    def take(self, now_s: float) -> List[SampleSummary]:
+    def take(self, now_s: float) -> list[SampleSummary]:
         """Returns the periods that have ended and were not taken yet, oldest first; at infinity the open one too."""
         if now_s >= self._end_s or now_s < self._begin_s or now_s == math.inf:
             self._close()

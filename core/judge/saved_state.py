@@ -8,13 +8,13 @@ from __future__ import annotations
 import copy
 import enum
 import sys
-from typing import Any, Callable, List, Mapping, NamedTuple, Optional, Type, TypeVar
+from typing import Any, Callable, Mapping, NamedTuple, TypeVar
 
-from ..values import MessageError, datum_text
+from ..values import JsonObject, MessageError, datum_text
 
 Kind = TypeVar("Kind", bound=enum.Enum)
 
-SavedSignal = Mapping[str, Any]
+SavedSignal = JsonObject
 """State of one signal: numbers, texts, booleans, None and mappings of them. Empty if the signal is not
 watched any more.
 
@@ -45,7 +45,7 @@ class SavedState:
     returns the one that counts from then on, which is the same, or what was saved. False and None are not written.
     """
 
-    def __init__(self, now_s: float, values: object, downtime: Optional[Downtime] = None, ahead_s: float = 0.0) -> None:
+    def __init__(self, now_s: float, values: object, downtime: Downtime | None = None, ahead_s: float = 0.0) -> None:
         """Opens a mapping.
 
         Args:
@@ -91,7 +91,7 @@ class SavedState:
         """Passes a text; empty if it is missing."""
         return self._pass(key, value or None, lambda saved: isinstance(saved, str), "a text") or ""
 
-    def number(self, key: str, value: Optional[float] = None) -> Optional[float]:
+    def number(self, key: str, value: float | None = None) -> float | None:
         """Passes a finite number; None if it is missing."""
         passed = self._pass(key, value, _is_finite, "a finite number")
         return None if passed is None else float(passed)
@@ -100,21 +100,21 @@ class SavedState:
         """Passes a duration in which nothing counts while nothing watches; 0 if it is missing or negative."""
         return min(max(0.0, self.number(key, value_s or None) or 0.0), LONGEST_S)
 
-    def member(self, key: str, kind: Type[Kind], value: Optional[Kind] = None) -> Optional[Kind]:
+    def member(self, key: str, kind: type[Kind], value: Kind | None = None) -> Kind | None:
         """Passes a member of an enumeration, by its name; None if it is missing."""
         names = kind.__members__
         name = None if value is None else value.name
         name = self._pass(key, name, lambda saved: saved in list(names), f"one of {', '.join(names)}")
         return None if name is None else kind[name]
 
-    def since_s(self, key: str, value_s: Optional[float] = None) -> float:
+    def since_s(self, key: str, value_s: float | None = None) -> float:
         """Passes when something began, by the time of the calls; now if it is missing, or lies ahead."""
         saved_s = self.section("since").number(key, None if value_s is None else value_s + self._ahead_s)
         if self._downtime is not None:
             value_s = None if saved_s is None else self._at_s(saved_s)
         return self.now_s if value_s is None else value_s
 
-    def times_s(self, key: str, values_s: List[float], most: int) -> List[float]:
+    def times_s(self, key: str, values_s: list[float], most: int) -> list[float]:
         """Passes times of the calls in their order, at most so many; none if they are missing."""
         ahead_s = [time_s + self._ahead_s for time_s in values_s]
         saved_s = self._pass(key, ahead_s or None, _are_finite, "a list of finite numbers") or ()

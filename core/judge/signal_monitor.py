@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import sys
-from typing import Callable, List, Optional, Sequence, Tuple
+from typing import Callable, Sequence
 
 from ..config import SignalConfig
 from ..values import DriverStatus, Level, Transition
@@ -50,12 +50,12 @@ class SignalMonitor(Alert):
         self.window = window_for(config)
         self.judged = self.window.statistic(config.statistic)
         """The value of the statistic that the bounds apply to; None while it is undefined."""
-        self._statistics: Optional[Window] = None
+        self._statistics: Window | None = None
         """The values of the judged statistic at ticks, to show; None if the window is shown."""
-        self._samples: Optional[SampleCollector] = None
+        self._samples: SampleCollector | None = None
         """Collects the values of the judged statistic for a history; None if nothing stores them."""
         self._rules = SignalRules(config)
-        self._zero_s: Optional[float] = None
+        self._zero_s: float | None = None
         """When nothing was found in the graph, in the startup grace; None if something was, or at another time."""
         self._use_config(config)
         self._know_count(now_s)
@@ -66,11 +66,11 @@ class SignalMonitor(Alert):
         return super().state if self.staleness.frozen else self._rules.state
 
     @property
-    def latest_good(self) -> Optional[float]:
+    def latest_good(self) -> float | None:
         """Value of the latest sample; None while there is none, it is bad, or the signal is stale or unreachable."""
         return None if self.staleness.frozen or self._rules.invalid.condition else self.window.last()
 
-    def observe(self, value: object, now_s: float) -> Optional[Transition]:
+    def observe(self, value: object, now_s: float) -> Transition | None:
         """Processes a sample that arrived at `now_s`, not before the previous call."""
         number = value if type(value) is float else _calm_number(value)
         if self._calm_min < number <= self._calm_max:
@@ -87,7 +87,7 @@ class SignalMonitor(Alert):
                 return None
         return self._judge(value, now_s)
 
-    def tick(self, now_s: float) -> Optional[Transition]:
+    def tick(self, now_s: float) -> Transition | None:
         """Advances the time."""
         staleness = self.staleness
         if self._calm_max > -math.inf and now_s - staleness.silent_since_s <= staleness.limit_s:
@@ -110,7 +110,7 @@ class SignalMonitor(Alert):
             return transition
         return self.announce(self.judgement(now_s)) if self.is_repeat_due(now_s) else None
 
-    def follow(self, latest_good: Callable[[str], Optional[float]], now_s: float) -> Optional[Transition]:
+    def follow(self, latest_good: Callable[[str], float | None], now_s: float) -> Transition | None:
         """Judges the conditions on other signals; `latest_good` returns the value of one, None while it is unknown."""
         only_if, release_if = self.config.only_if, self.config.latch_release_if
         if only_if is release_if is None or self.staleness.unreachable_since_s is not None:
@@ -134,7 +134,7 @@ class SignalMonitor(Alert):
         super().inhibit(now_s)
         self._freeze_or_thaw(now_s)
 
-    def release(self, now_s: float, *, is_link: bool = True) -> Optional[Transition]:
+    def release(self, now_s: float, *, is_link: bool = True) -> Transition | None:
         """Ends `inhibit`: durations and the time without samples continue where they stopped.
 
         `is_link`: the link was down; otherwise nothing watched the robot.
@@ -156,12 +156,12 @@ class SignalMonitor(Alert):
         self._begin_count(now_s)
         self._freeze_or_thaw(now_s)
 
-    def reset(self, now_s: float) -> Optional[Transition]:
+    def reset(self, now_s: float) -> Transition | None:
         """Clears the latch: the level is what the rules give now."""
         self._rules.release_latch()
         return self._settle(now_s)
 
-    def configure(self, config: SignalConfig, now_s: float) -> Optional[Transition]:
+    def configure(self, config: SignalConfig, now_s: float) -> Transition | None:
         """Applies a new configuration of the same signal and judges by it at once; samples and durations stay."""
         if any(getattr(config, key) != getattr(self.config, key) for key in _WINDOW_KEYS):
             window = window_for(config)
@@ -221,7 +221,7 @@ class SignalMonitor(Alert):
         )
 
     @property
-    def at_rest_since_s(self) -> Optional[float]:
+    def at_rest_since_s(self) -> float | None:
         """Since when the signal is OK; None unless its state depends on nothing else."""
         # `_calm_max` is above minus infinity only while it is at rest.
         return self.announced_since_s if self._calm_max > -math.inf or self._is_at_rest else None
@@ -235,7 +235,7 @@ class SignalMonitor(Alert):
         if self._samples is None:
             self._samples = make(self)
 
-    def take_samples(self, now_s: float) -> List[SampleSummary]:
+    def take_samples(self, now_s: float) -> list[SampleSummary]:
         """Returns the periods that have ended; see `SampleCollector.take`. None unless samples are collected."""
         return [] if self._samples is None else self._samples.take(now_s)
 
@@ -252,7 +252,7 @@ class SignalMonitor(Alert):
     def _explaining_rules(self) -> Sequence[Rule]:
         return self._rules.bounds
 
-    def _judge(self, value: object, now_s: float) -> Optional[Transition]:
+    def _judge(self, value: object, now_s: float) -> Transition | None:
         self._calm_max = -math.inf
         # What is not there at the start may not have been discovered yet.
         is_zero = isinstance(value, (int, float)) and value == 0
@@ -262,7 +262,7 @@ class SignalMonitor(Alert):
         self._zero_s = None
         return self._judge_datum(value, now_s)
 
-    def _judge_datum(self, value: object, now_s: float) -> Optional[Transition]:
+    def _judge_datum(self, value: object, now_s: float) -> Transition | None:
         staleness, window, config, rules = self.staleness, self.window, self.config, self._rules
         if staleness.is_due(now_s):
             self._freeze_or_thaw(self._fall_silent())  # no tick noticed
@@ -388,7 +388,7 @@ class SignalMonitor(Alert):
     def _is_news(self, level: Level) -> bool:
         return super()._is_news(level) or (level is _ERROR and self._rules.invalid.fires)
 
-    def _enter(self, level: Level, now_s: float) -> Optional[Transition]:
+    def _enter(self, level: Level, now_s: float) -> Transition | None:
         if self._samples is not None and not self.staleness.unknown:
             self._samples.note_level(level, now_s)
         return super()._enter(level, now_s)
@@ -399,6 +399,6 @@ def _calm_number(value: object) -> float:
     return 0.0 if type(value) is DriverStatus and type(value.level) is int and value.level == 0 else math.nan
 
 
-def _source(config: SignalConfig) -> Tuple[object, ...]:
+def _source(config: SignalConfig) -> tuple[object, ...]:
     """Returns what decides which kind of value a signal receives, and whether it has bounds."""
     return config.topic, config.graph, config.type, config.field, config.reduce, bool(config.bounds)

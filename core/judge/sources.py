@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from functools import lru_cache
-from typing import Callable, Dict, Iterable, Iterator, List, Mapping, Optional, Sequence, Tuple
+from typing import Callable, Iterable, Iterator, Mapping, Sequence
 
 from ..config import SignalConfig, read_signal, template_name
 from ..values import Changes, Level, Transition
@@ -53,11 +53,11 @@ class Source(Alert):
         """Whether messages come; False before the first, and from a silence on."""
         self.was_silent = False
         """Whether it was ever announced, or silent with another one."""
-        self.head: Optional[Source] = None
+        self.head: Source | None = None
         """The source that it is silent with, which gives the alert its name; None if that is itself."""
         self.speaks = False
         """Whether its silence is announced under its own name."""
-        self.with_topics: Tuple[str, ...] = ()
+        self.with_topics: tuple[str, ...] = ()
         """The others of its alert, when it was announced."""
 
     @property
@@ -95,7 +95,7 @@ class Source(Alert):
             if heard_s > self.staleness.last_seen_s:
                 self.staleness.arrive(heard_s)
 
-    def hear(self, now_s: float) -> Optional[Transition]:
+    def hear(self, now_s: float) -> Transition | None:
         """Processes a message while it is not heard."""
         self.is_heard = True
         for signal in self.signals:
@@ -113,7 +113,7 @@ class Source(Alert):
         for each in (*self.signals, self):
             each.await_sample(math.inf)
 
-    def fall_silent(self, now_s: float) -> Optional[Transition]:
+    def fall_silent(self, now_s: float) -> Transition | None:
         """Makes it silent, with its `head` or by itself."""
         self.is_heard = False
         self.hold_signals()
@@ -128,7 +128,7 @@ class Source(Alert):
             signal.hold("" if is_quiet else self.alert)
         self.hold("" if self.speaks else self.alert)
 
-    def configure(self, config: SignalConfig, now_s: float) -> Optional[Transition]:
+    def configure(self, config: SignalConfig, now_s: float) -> Transition | None:
         """Applies the limits of its signals."""
         if config == self.config:
             return None
@@ -140,7 +140,7 @@ class Source(Alert):
         self.listen()
         super().inhibit(now_s)
 
-    def release(self, now_s: float, *, is_link: bool) -> Optional[Transition]:
+    def release(self, now_s: float, *, is_link: bool) -> Transition | None:
         """Ends `inhibit`."""
         self.listen()
         self._end_downtime(now_s, is_link=is_link)
@@ -173,10 +173,10 @@ class Sources:
         self._robot = robot
         self._names: Mapping[str, str] = {}
         self._are_expected = False
-        self._by_name: Dict[str, Source] = {}
-        self._topics: Dict[str, List[SignalConfig]] = {}
+        self._by_name: dict[str, Source] = {}
+        self._topics: dict[str, list[SignalConfig]] = {}
         """The configured signals of each resolved topic."""
-        self._by_signal: Dict[str, Source] = {}
+        self._by_signal: dict[str, Source] = {}
 
     def __iter__(self) -> Iterator[Source]:
         return iter(self._by_name.values())
@@ -192,7 +192,7 @@ class Sources:
         """Returns the name of the source of a topic as it is configured; in no namespace if its name is not known."""
         return self._names.get(topic) or (topic if topic.startswith("/") else f"/{topic}")
 
-    def of_signal(self, name: str) -> Optional[Source]:
+    def of_signal(self, name: str) -> Source | None:
         """Returns the source of a signal or element; None if it has none."""
         return self._by_signal.get(name) or self._by_signal.get(template_name(name))
 
@@ -201,7 +201,7 @@ class Sources:
         source = self.of_signal(signal)
         return source is None or source.is_heard
 
-    def get(self, name: str) -> Optional[Source]:
+    def get(self, name: str) -> Source | None:
         """Returns a source by its name."""
         return self._by_name.get(name)
 
@@ -262,7 +262,7 @@ class Sources:
 
     def _fall_silent(self, due: Source, now_s: float, changes: Changes) -> None:
         due.head = next((each for each in self if each.is_silent and not each.head and _are_together(each, due)), None)
-        others: List[Source] = []
+        others: list[Source] = []
         if due.head is None:
             others = [each for each in self if each is not due and _falls_with(each, due, now_s)]
         due.speaks = due.head is None and bool(others or len(due.signals) > 1)
@@ -272,7 +272,7 @@ class Sources:
         for each in (due, *others):
             changes.add(each.fall_silent(now_s))
 
-    def restore(self, name: str, state: SavedSignal, now_s: float, downtime: Downtime) -> Optional[Transition]:
+    def restore(self, name: str, state: SavedSignal, now_s: float, downtime: Downtime) -> Transition | None:
         """Continues from a snapshot; the alert of a topic that is no longer watched ends.
 
         Raises UnusableStateError. `relate` must follow.

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import Optional
 
 from ..config import SignalConfig
 from .rule import TIME_TOLERANCE_S
@@ -35,7 +34,7 @@ class Staleness:
         """Whether the silence was too long; the next sample ends it."""
         self.waiting = True
         """Whether no sample has come yet, and the silence is not yet too long."""
-        self.unreachable_since_s: Optional[float] = None
+        self.unreachable_since_s: float | None = None
         """Since when the link has been down; None while it is up."""
         self.without_link_s = 0.0
         """How long the link was down since the latest sample."""

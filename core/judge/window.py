@@ -22,7 +22,7 @@ import operator
 from array import array
 from bisect import bisect_right
 from collections import deque
-from typing import Callable, Deque, Dict, List, Optional, Sequence, Tuple
+from typing import Callable, Sequence, Tuple
 
 Samples = Sequence[Tuple[float, float]]
 """(time in seconds, value), oldest first."""
@@ -45,7 +45,7 @@ class Sums:
 
     __slots__ = ("_begin", "_end", "_products", "_scale", "_squares", "_x", "_xs", "_y", "_ys")
 
-    def __init__(self, xs: Sequence[float], ys: Optional[Sequence[float]] = None) -> None:
+    def __init__(self, xs: Sequence[float], ys: Sequence[float] | None = None) -> None:
         """Starts with an empty range; only the ends of the sequences may change."""
         self._xs, self._ys = xs, ys
         self._begin = self._end = self._scale = self._x = self._y = self._squares = self._products = 0
@@ -96,7 +96,7 @@ class Sums:
         except OverflowError:
             return math.isqrt(squares << 2 * _DIGITS) / (self._total_unit << _DIGITS)
 
-    def slope(self) -> Optional[float]:
+    def slope(self) -> float | None:
         """Returns the slope of the least-squares line of y over x; None if it is vertical or too steep for a double."""
         count = self._end - self._begin
         squares, products = count * self._squares - self._x * self._x, count * self._products - self._x * self._y
@@ -129,7 +129,7 @@ class Window:
         """Removes every sample."""
         self._times = array("d")
         self._values = array("d")
-        self._began_s: Optional[float] = None
+        self._began_s: float | None = None
         self._first = 0
         """Index of the oldest sample; those before it have left."""
         self._discard()
@@ -139,9 +139,9 @@ class Window:
         del self._times[: self._first]
         del self._values[: self._first]
         self._first = 0
-        self._sums: Optional[Sums] = None
-        self._sums_of_line: Optional[Sums] = None
-        self._candidates: Dict[Callable[[float, float], bool], Deque[int]] = {}
+        self._sums: Sums | None = None
+        self._sums_of_line: Sums | None = None
+        self._candidates: dict[Callable[[float, float], bool], deque[int]] = {}
         """Indices of the samples that may be the smallest or the largest, by what compares two of them."""
 
     def __len__(self) -> int:
@@ -183,17 +183,17 @@ class Window:
         began_s = self._began_s
         return began_s is not None and self._times[-1] - began_s >= self.window_min_s - _TIME_TOLERANCE_S
 
-    def statistic(self, name: str) -> Optional[float]:
+    def statistic(self, name: str) -> float | None:
         """Returns a statistic to judge by its name in the configuration, None while it is undefined."""
         if name not in ("last", "count") and not self.is_long_enough:
             return None
-        value: Optional[float] = getattr(self, name)()
+        value: float | None = getattr(self, name)()
         return value
 
     def arrive(self, silence_s: float, now_s: float) -> None:
         """Notes the arrival of a sample, good or bad, after a silence; only a `GapWindow` keeps it."""
 
-    def statistics(self) -> Dict[str, float]:
+    def statistics(self) -> dict[str, float]:
         """Returns every statistic that can be computed, to show, by its name in the configuration."""
         values = {name: getattr(self, name)() for name in STATISTICS_OF_SAMPLES} if len(self) else {}
         return {name: value for name, value in values.items() if value is not None}
@@ -210,7 +210,7 @@ class Window:
             return samples
         inner, parts = len(samples) - 2, (limit - 2) // 2
         values = [value for _, value in samples]
-        chosen: List[Tuple[float, float]] = [samples[0]]
+        chosen: list[tuple[float, float]] = [samples[0]]
         for part in range(parts):
             places = range(1 + part * inner // parts, 1 + (part + 1) * inner // parts)
             extremes = {min(places, key=values.__getitem__), max(places, key=values.__getitem__)}
@@ -221,19 +221,19 @@ class Window:
         """The time of the newest value, in seconds; NaN without one."""
         return self._times[-1] if self._values else math.nan
 
-    def last(self) -> Optional[float]:
+    def last(self) -> float | None:
         """The newest value."""
         return self._values[-1] if self._values else None
 
-    def min(self) -> Optional[float]:
+    def min(self) -> float | None:
         """The smallest value."""
         return self._best(operator.lt)
 
-    def max(self) -> Optional[float]:
+    def max(self) -> float | None:
         """The largest value."""
         return self._best(operator.gt)
 
-    def _best(self, is_better: Callable[[float, float], bool]) -> Optional[float]:
+    def _best(self, is_better: Callable[[float, float], bool]) -> float | None:
         """Returns the value of which no other one is better."""
         values = self._values
         if not len(self):
@@ -247,11 +247,11 @@ class Window:
             candidates.popleft()
         return values[candidates[0]]
 
-    def mean(self) -> Optional[float]:
+    def mean(self) -> float | None:
         """The arithmetic mean."""
         return self._sums_of_values().mean() if len(self) else None
 
-    def stddev(self) -> Optional[float]:
+    def stddev(self) -> float | None:
         """The population standard deviation."""
         return self._sums_of_values().stddev() if len(self) else None
 
@@ -259,14 +259,14 @@ class Window:
         self._sums = self._sums or Sums(self._values)
         return self._sums.cover(self._first)
 
-    def rate(self) -> Optional[float]:
+    def rate(self) -> float | None:
         """Slope of the least-squares line per second, as Prometheus's `deriv`; None also where it is no double."""
         if len(self) < LEAST_OF_LINE:
             return None
         self._sums_of_line = self._sums_of_line or Sums(self._times, self._values)
         return self._sums_of_line.cover(self._first).slope()
 
-    def frequency_hz(self) -> Optional[float]:
+    def frequency_hz(self) -> float | None:
         """Arrivals per second from the oldest to the newest sample."""
         times = self._times
         span_s = times[-1] - times[self._first] if times else 0.0
@@ -300,7 +300,7 @@ class GapWindow(Window):
             self._gaps.take_over(other._gaps)
             self._arrived = other._arrived
 
-    def largest_gap_s(self) -> Optional[float]:
+    def largest_gap_s(self) -> float | None:
         """The longest time before an arrival, in seconds."""
         return self._gaps.max()
 
@@ -349,7 +349,7 @@ class CountWindow(Window):
         if isinstance(other, CountWindow):
             self._from_s = other._from_s
 
-    def count(self) -> Optional[float]:
+    def count(self) -> float | None:
         """The number of samples."""
         is_known = self._now_s - self._from_s >= self.window_s - _TIME_TOLERANCE_S or self._from_s == -math.inf
         return float(len(self)) if is_known else None

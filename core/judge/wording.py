@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from types import MappingProxyType
-from typing import Dict, Mapping, NamedTuple, Optional, Sequence
+from typing import Mapping, NamedTuple, Sequence
 
 from ..config import ACTIVE, CONDITIONS, LINK, SignalConfig, doubt_of
 from ..values import (
@@ -98,11 +98,11 @@ class Judgement(NamedTuple):
     """Name of the alert that it suffers from; empty without one."""
     latest: object = None
     """The latest datum as received; None before the first."""
-    latest_good: Optional[float] = None
+    latest_good: float | None = None
     """The latest value; None while there is none, it is bad, or the signal is stale or unreachable."""
-    judged: Optional[float] = None
+    judged: float | None = None
     """Value of the signal's statistic; None while it is undefined."""
-    rule: Optional[Rule] = None
+    rule: Rule | None = None
     """The rule that explains the level; None where none does."""
     is_invalid: bool = False
     """Whether the level is ERROR for invalid data."""
@@ -113,7 +113,7 @@ class Judgement(NamedTuple):
     statistics: Mapping[str, float] = MappingProxyType({})
     """The statistics of the window that can be computed, the judged one where it is defined, and the trend of a
     forecast (`trend_per_min`)."""
-    forecast: Optional[Forecast] = None
+    forecast: Forecast | None = None
     """None if the statistic is not `forecast` or is undefined, or if the latest value is not known (`latest_good`)."""
     window_samples: int = 0
     window_is_long_enough: bool = False
@@ -140,7 +140,7 @@ class Judgement(NamedTuple):
         return isinstance(self.latest, DriverStatus) and not self.config.bounds
 
 
-def status(judgement: Judgement, message: Optional[str] = None) -> Status:
+def status(judgement: Judgement, message: str | None = None) -> Status:
     """Returns the status of a signal; `message` replaces the reason for its level."""
     config = judgement.config
     lasts_s = judgement.now_s - judgement.since_s
@@ -189,7 +189,7 @@ def alert_line(
     message: str,
     announced: Level,
     announced_since_s: float,
-    unknown_s: Optional[float] = None,
+    unknown_s: float | None = None,
     caused: str = "",
 ) -> str:
     """Returns the text of a transition; `message` is the reason for its level.
@@ -255,7 +255,7 @@ def judged_unit(config: SignalConfig) -> str:
     return units.get(config.statistic, config.unit)
 
 
-def judged_text(config: SignalConfig, judged: float, bound: Optional[float] = None, *, is_named: bool = True) -> str:
+def judged_text(config: SignalConfig, judged: float, bound: float | None = None, *, is_named: bool = True) -> str:
     """Returns a value of the statistic with its unit, as a reason begins: `rate 5 Hz`; only `5 Hz` unless `is_named`.
 
     A forecast and a count always say over which time. A count is no more than the window holds.
@@ -356,7 +356,7 @@ def _element_text(config: SignalConfig, element: Element) -> str:
     return element_path(config.field, printable(element.name)[:_LONGEST_NAME])
 
 
-def _reduction_values(judgement: Judgement) -> Dict[str, str]:
+def _reduction_values(judgement: Judgement) -> dict[str, str]:
     """Returns the key-values of a signal with `reduce`."""
     latest = judgement.latest
     if not isinstance(latest, Reduced):
@@ -549,7 +549,7 @@ def _undefined_reason(judgement: Judgement) -> str:
     return f"{config.statistic} is undefined: too few samples"
 
 
-def _settings(config: SignalConfig) -> Dict[str, str]:
+def _settings(config: SignalConfig) -> dict[str, str]:
     """Returns the key-values that come from the configuration."""
     names = ["valid_min", "valid_max", "hysteresis", "for_s", "keep_firing_for_s", "stale_after_s"]
     if config.statistic != "last":

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any, Callable, Mapping, NamedTuple, Sequence
+from typing import Any, Callable, NamedTuple, Sequence
 
+from ..values import JsonObject
 from .definitions import Field
 
-Message = Mapping[str, Any]
+Message = JsonObject
 """A message, request or response in rosbridge's form."""
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 import struct
-from typing import Any, Callable, Iterator, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Callable, Iterator, Mapping, Sequence, Tuple
 
 from ..values import TIME_TYPES, MessageError, stamp_of
 from .definitions import NUMBERS, Definitions
@@ -32,12 +32,12 @@ _DEEPEST = 32
 """Types that a plain field may be in; a damaged definition may contain itself."""
 
 
-def number_getter(definitions: Definitions, type_name: str, field: str, *, is_cdr: bool) -> Optional[Getter]:
+def number_getter(definitions: Definitions, type_name: str, field: str, *, is_cdr: bool) -> Getter | None:
     """Returns a getter of a number (`orientation.x`) or a time in serialized messages: CDR with its header, or ROS 1's.
 
     None if something of variable size, other than strings, precedes it, and for a part of a time.
     """
-    before: List[Place] = []
+    before: list[Place] = []
     for path, place in itertools.islice(_plain_fields(definitions, type_name, "", 0), _MOST_FIELDS):
         if place is None:
             return None
@@ -49,7 +49,7 @@ def number_getter(definitions: Definitions, type_name: str, field: str, *, is_cd
 
 def _plain_fields(
     definitions: Definitions, type_name: str, prefix: str, depth: int
-) -> Iterator[Tuple[str, Optional[Place]]]:
+) -> Iterator[tuple[str, Place | None]]:
     """Yields path (of an array with `[]`) and place (None if its size varies) of each plain field, in their order."""
     fields = definitions[type_name].fields if depth <= _DEEPEST and type_name in definitions else ()
     if not fields:
@@ -72,7 +72,7 @@ def _getter(before: Sequence[Place], place: Place, is_cdr: bool) -> Getter:
     The places up to a string have a fixed size except for their alignment, which depends on where the string before
     them ended: a table per string gives the bytes up to the next string for each of the eight alignments.
     """
-    steps: List[List[Place]] = [[]]
+    steps: list[list[Place]] = [[]]
     for each in (*before, place):
         if each[0] == STRING:
             steps[-1].append(("I", 1))
@@ -101,7 +101,7 @@ def _getter(before: Sequence[Place], place: Place, is_cdr: bool) -> Getter:
     return get
 
 
-def _distances(places: Sequence[Place], is_aligned: bool) -> Tuple[int, ...]:
+def _distances(places: Sequence[Place], is_aligned: bool) -> tuple[int, ...]:
     """Returns, for each alignment of the start, the bytes from there to the last of the places."""
     distances = []
     for start in range(8):

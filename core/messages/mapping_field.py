@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Optional
+from typing import Any
 
 from ..values import Elements, Getter, mapping_getter, parse_field_path, selected
 from .dialect import Message
@@ -24,7 +24,7 @@ class MappingField:
     null_is_nan = False
     """Whether a None is a NaN, which JSON has no number for. Not with an index in the field: the array is too short."""
 
-    def __init__(self, topic: str, type_name: str, field: Optional[str]) -> None:
+    def __init__(self, topic: str, type_name: str, field: str | None) -> None:
         """Binds the field, with arguments, and errors, as of `Middleware.subscribe`, and the resolved topic."""
         if type_name:
             check_field(topic, type_name, field or "")

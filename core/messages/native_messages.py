@@ -17,13 +17,13 @@ import os
 import re
 import sys
 from array import array
-from typing import Any, Dict, Mapping, Sequence, Tuple
+from typing import Any, Mapping, Sequence
 
 from ..values import ConfigError, Getter, MessageError, describe, split_type_name
 from .definitions import NUMBERS, OTHER_NAMES, SEQUENCE, Field
 from .dialect import Dialect, Message
 
-_INTEGER_RANGES: Mapping[str, Tuple[int, int]] = {
+_INTEGER_RANGES: Mapping[str, tuple[int, int]] = {
     **{f"int{bits}": (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1) for bits in (8, 16, 32, 64)},
     **{f"uint{bits}": (0, 2**bits - 1) for bits in (8, 16, 32, 64)},
     "octet": (0, 255),
@@ -75,7 +75,7 @@ class NativeMessages:
         """Returns whether messages of this class have a header, and so a stamp."""
         return ("header", "std_msgs/Header", None) in [field[:3] for field in self._dialect.fields(native_class)]
 
-    def to_mapping(self, message: Any) -> Dict[str, Any]:
+    def to_mapping(self, message: Any) -> dict[str, Any]:
         """Returns a native message as a mapping: octets as ints, byte arrays as base64 text, NaN unchanged."""
         native_class: Any = type(message)
         return {name: read(getattr(message, name)) for name, read in self._readers(native_class)}

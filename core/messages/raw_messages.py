@@ -10,9 +10,9 @@ import base64
 import functools
 import json
 import math
-from typing import Any, Dict, Mapping, NamedTuple, Sequence
+from typing import Any, Mapping, NamedTuple, Sequence
 
-from ..values import MessageError, canonical_type, split_type_name
+from ..values import JsonObject, MessageError, canonical_type, split_type_name
 from .definitions import NUMBERS, ROS1_KINDS, TEXTS, Definitions, Field, parse_msg
 from .dialect import Message
 
@@ -21,7 +21,7 @@ _MOST_PROPERTIES = 5_000
 _DEEPEST = 32
 _BASE64 = {"type": "string", "contentEncoding": "base64"}
 _STAMP = {"type": "object", "properties": {name: {"type": "integer"} for name in ("secs", "nsecs")}}
-_PLAIN: Mapping[str, Mapping[str, Any]] = {
+_PLAIN: Mapping[str, JsonObject] = {
     **{kind: {"type": "number" if "float" in kind else "integer"} for kind in NUMBERS},
     **{kind: {"type": "string"} for kind in TEXTS},
     "bool": {"type": "boolean"},
@@ -103,23 +103,23 @@ class _Schemas:
         self._definitions = definitions
         self._properties_left = _MOST_PROPERTIES
 
-    def of_type(self, name: str, depth: int) -> Dict[str, Any]:
+    def of_type(self, name: str, depth: int) -> dict[str, Any]:
         definition = self._definitions.get(name)
         fields: Sequence[Field] = definition.fields if definition is not None and depth < _DEEPEST else ()
-        properties: Dict[str, Any] = {}
+        properties: dict[str, Any] = {}
         for field in fields:
             if self._properties_left > 0:
                 self._properties_left -= 1
                 properties[field.name] = self._of_field(field, depth)
         return {"type": "object", "properties": properties}
 
-    def _of_field(self, field: Field, depth: int) -> Mapping[str, Any]:
+    def _of_field(self, field: Field, depth: int) -> JsonObject:
         kind = ROS1_KINDS.get(field.kind, field.kind)
         if field.size is not None:
             return _BASE64 if kind == "uint8" else {"type": "array", "items": self._of_kind(kind, depth)}
         return self._of_kind(kind, depth)
 
-    def _of_kind(self, kind: str, depth: int) -> Mapping[str, Any]:
+    def _of_kind(self, kind: str, depth: int) -> JsonObject:
         return _PLAIN[kind] if kind in _PLAIN else self.of_type(kind, depth + 1)
 
 

@@ -15,7 +15,7 @@ import json
 import struct
 import sys
 from array import array
-from typing import Any, Callable, Dict, List, Literal, NamedTuple, Optional, Sequence, Set, Tuple, cast
+from typing import Any, Callable, Literal, NamedTuple, Sequence, Tuple, cast
 
 from ..values import ConfigError, printable
 from .definitions import NUMBERS, SEQUENCE, Definitions, Field, parse_definition
@@ -58,7 +58,7 @@ class SerializedType:
         self._topic = topic
         self.raw_format = raw_format
         self._is_cdr = raw_format.message_encoding == "cdr"
-        self._data: Optional[bytes] = None
+        self._data: bytes | None = None
         self._message: Any = None
 
     @functools.cached_property
@@ -154,7 +154,7 @@ class Deserializer:
         self._is_cdr = is_cdr
         self._shapes = {kind: _Shape(struct.calcsize(f"<{letter}"), 1) for kind, letter in NUMBERS.items()}
         self._shapes["string"] = _Shape(4, 1)
-        self._readers: Dict[Tuple[str, str], _Read] = {}
+        self._readers: dict[tuple[str, str], _Read] = {}
         self._elements_left = 0
 
     def bind(self, name: str) -> Callable[[bytes], Any]:
@@ -184,7 +184,7 @@ class Deserializer:
             raise ValueError(f"the definition of {name} is missing")
         return self._definitions[name].fields or ((_EMPTY,) if self._is_cdr else ())
 
-    def _measure(self, name: str, above: Set[str]) -> _Shape:
+    def _measure(self, name: str, above: set[str]) -> _Shape:
         """Computes the shapes of a type and of the types in it."""
         if name in self._shapes:
             return self._shapes[name]
@@ -210,8 +210,8 @@ class Deserializer:
         names = [field.name for field in fields]
         readers = [self._field_reader(field, order) for field in fields]
 
-        def read(data: bytes, at: int) -> Tuple[Any, int]:
-            values: List[Any] = []
+        def read(data: bytes, at: int) -> tuple[Any, int]:
+            values: list[Any] = []
             for reader in readers:
                 value, at = reader(data, at)
                 values.append(value)
@@ -235,7 +235,7 @@ class Deserializer:
         unpack, size = number.unpack_from, number.size
         alignment = size if self._is_cdr else 1
 
-        def read(data: bytes, at: int) -> Tuple[Any, int]:
+        def read(data: bytes, at: int) -> tuple[Any, int]:
             at += (_CDR_HEADER - at) % alignment
             return unpack(data, at)[0], at + size
 
@@ -245,7 +245,7 @@ class Deserializer:
         unpack = struct.Struct(f"{order}I").unpack_from
         alignment, terminator = (4, 1) if self._is_cdr else (1, 0)
 
-        def read(data: bytes, at: int) -> Tuple[Any, int]:
+        def read(data: bytes, at: int) -> tuple[Any, int]:
             start = at + -at % alignment + 4
             end = start + unpack(data, start - 4)[0]
             if end > len(data):
@@ -263,7 +263,7 @@ class Deserializer:
         alignment = item if self._is_cdr else 1
         is_native = item == 1 or order == _NATIVE
 
-        def read(data: bytes, at: int) -> Tuple[Any, int]:
+        def read(data: bytes, at: int) -> tuple[Any, int]:
             count, at = count_at(data, at)
             if count:
                 at += (_CDR_HEADER - at) % alignment
@@ -282,12 +282,12 @@ class Deserializer:
     def _elements_reader(self, one: _Read, least: int, size: int, order: str) -> _Read:
         count_at = self._count_reader(size, order)
 
-        def read(data: bytes, at: int) -> Tuple[Any, int]:
+        def read(data: bytes, at: int) -> tuple[Any, int]:
             count, at = count_at(data, at)
             self._elements_left -= count
             if at + count * least > len(data) or self._elements_left < 0:
                 raise ValueError(f"an array of {count} elements, expected at most {_MOST_ELEMENTS} within the message")
-            elements: List[Any] = []
+            elements: list[Any] = []
             for _ in range(count):
                 element, at = one(data, at)
                 elements.append(element)

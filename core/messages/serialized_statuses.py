@@ -7,7 +7,7 @@ times what level and message of each status do. Formats as in `fixed_fields.py`.
 from __future__ import annotations
 
 import struct
-from typing import Any, Optional, Tuple
+from typing import Any
 
 from ..values import (
     ABSENT,
@@ -31,13 +31,13 @@ _STATUS = ["level", "name", "message", "hardware_id", "values"]
 _OWN = OWN_KEY.encode()
 
 
-def serialized_getter(definitions: Definitions, type_name: str, field: str, *, is_cdr: bool) -> Optional[Getter]:
+def serialized_getter(definitions: Definitions, type_name: str, field: str, *, is_cdr: bool) -> Getter | None:
     """Returns a getter of a number, a time or several statuses in serialized messages; None if it needs messages."""
     get = number_getter(definitions, type_name, field, is_cdr=is_cdr)
     return get or statuses_getter(definitions, type_name, field, is_cdr=is_cdr)
 
 
-def statuses_getter(definitions: Definitions, type_name: str, field: str, *, is_cdr: bool) -> Optional[Getter]:
+def statuses_getter(definitions: Definitions, type_name: str, field: str, *, is_cdr: bool) -> Getter | None:
     """Returns a getter of `status["pattern"]` in serialized messages, as `field_getter` is for others.
 
     It raises MessageError for what is no DiagnosticArray. None for other types and fields.
@@ -68,7 +68,7 @@ def _reader(pattern: str, *, is_cdr: bool) -> Getter:
     def read(data: bytes) -> Any:
         length = lengths[data[1] if is_cdr else 1]
 
-        def text(at: int) -> Tuple[bytes, int]:
+        def text(at: int) -> tuple[bytes, int]:
             begin = at + (-at & padding) + 4
             end = begin + length(data, begin - 4)[0]
             return data[begin : end - zero], end

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import functools
 import operator
-from typing import Any, Callable, Dict, FrozenSet, Mapping, Sequence, Tuple
+from typing import Any, Callable, Mapping, Sequence
 
 from ..values import STATUS_TYPE, DriverStatus, canonical_type, parse_field_path, split_type_name, steps_getter
 from .definitions import NUMBERS, ROS1_TIMES, Definitions, Field, parse_definition, parse_msg
@@ -117,9 +117,9 @@ std_srvs/Trigger: ---; bool success; string message
 """
 
 
-def _definitions(text: str) -> Dict[str, str]:
+def _definitions(text: str) -> dict[str, str]:
     """Returns the definition of each type: `package/Type:` and its lines, with a semicolon between them."""
-    definitions: Dict[str, str] = {}
+    definitions: dict[str, str] = {}
     name = ""
     for row in text.strip().splitlines():
         if not row.startswith(" "):
@@ -136,7 +136,7 @@ MESSAGES: Mapping[str, str] = {
 }
 """Definition of each message, by type."""
 
-SERVICES: Mapping[str, Tuple[str, str]] = {
+SERVICES: Mapping[str, tuple[str, str]] = {
     name: (request, response)
     for name, text in _definitions(_SERVICES).items()
     for request, _, response in (text.partition("---\n"),)
@@ -197,7 +197,7 @@ def _fields(type_name: Any) -> Sequence[Field]:
 
 
 @functools.lru_cache(maxsize=1)
-def _constants_by_fields() -> Mapping[FrozenSet[str], Mapping[str, float]]:
+def _constants_by_fields() -> Mapping[frozenset[str], Mapping[str, float]]:
     """Returns the constants of each type by the names of all its fields, which tell types of JSON apart."""
     by_fields = {}
     for type_name, known in _definitions_known().items():
@@ -239,7 +239,7 @@ def _class_of(kind: str) -> Any:
     return kind if "/" in kind else None
 
 
-def _new(type_name: Any) -> Dict[str, Any]:
+def _new(type_name: Any) -> dict[str, Any]:
     """Returns a message with default values: zeros, empty texts and empty lists."""
     return {field.name: _default(field) for field in _fields(type_name) if not _is_ros2(type_name, field.name)}
 
@@ -299,10 +299,10 @@ def is_number(type_name: str, path: str) -> bool:
     return kind in NUMBERS and kind != "bool"
 
 
-def complete(type_name: str, message: Message) -> Dict[str, Any]:
+def complete(type_name: str, message: Message) -> dict[str, Any]:
     """Returns a message with all fields, where its type is known here; raises MessageError if it does not match."""
     known = check_type(type_name)
-    completed: Dict[str, Any] = messages.to_native(known, message) if known else dict(message)
+    completed: dict[str, Any] = messages.to_native(known, message) if known else dict(message)
     return completed
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Callable, List, NamedTuple, Sequence
+from typing import Any, Callable, NamedTuple, Sequence
 
 from ..values import NAME_ARRAYS, ConfigError, Every, Getter, Step, key_field, parse_field_path, selected, steps_getter
 from .definitions import OTHER_NAMES, TEXTS, Definitions, Field
@@ -24,7 +24,7 @@ def bound_path(definitions: Definitions, type_name: str, path: Sequence[Step]) -
     above = owner = type_name
     target = Field(type_name, type_name, None if not path or isinstance(path[0], str) else 1)
     siblings: Sequence[Field] = ()
-    steps: List[Step] = []
+    steps: list[Step] = []
     for step in path:
         if isinstance(step, str):
             siblings = definitions[target.kind].fields if target.size is None and target.kind in definitions else ()

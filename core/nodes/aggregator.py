@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from functools import partial
-from typing import Any, Dict, Mapping, Optional, Tuple
+from typing import Any, Mapping
 
 from ..config import (
     DEFAULT_SIGNALS,
@@ -21,7 +21,7 @@ from ..config import (
 from ..judge.monitor import Monitor
 from ..port import Middleware, Severity, Subscription
 from ..sensors.configuration import METRICS
-from ..values import ARRAY_TYPE, OWN_TOPICS, ConfigError, Level, Sample, Status, number_text
+from ..values import ARRAY_TYPE, OWN_TOPICS, ConfigError, JsonObject, Level, Sample, Status, number_text
 from .node import DIAGNOSTICS, FLOAT_TYPE, RateTimer, base_name, describe_changes, host_name, refuse_changes
 from .outlets import array_message
 
@@ -46,7 +46,7 @@ AGGREGATOR_PARAMETERS = (
 _MAX_INPUTS = 100
 
 
-def has_inputs(parameters: Mapping[str, Any]) -> bool:
+def has_inputs(parameters: JsonObject) -> bool:
     """Returns whether an aggregator with these parameters has something to average.
 
     Its default inputs are the metrics of battery_sensor, which does not run with `sensors: none`.
@@ -61,7 +61,7 @@ class Aggregator:
         """Starts listening; raises ConfigError if the configuration cannot be used."""
         self._middleware = middleware
         self._node = base_name(middleware)
-        self._subscriptions: Dict[str, Subscription] = {}
+        self._subscriptions: dict[str, Subscription] = {}
         self._timer = RateTimer(middleware, self._publish)
         values = _read_values(middleware.given_parameters())
         self._monitor = Monitor(MonitorConfig({}), values["robot_name"] or host_name())
@@ -77,7 +77,7 @@ class Aggregator:
         """Leaves the middleware."""
         self._middleware.close()
 
-    def _use(self, values: Dict[str, Any]) -> None:
+    def _use(self, values: dict[str, Any]) -> None:
         """Averages by these parameters from now on."""
         inputs = _signal_names(values["inputs"])
         self._thresholds = _read_thresholds(values, inputs)
@@ -116,14 +116,14 @@ class Aggregator:
             statuses = [*self._monitor.report(now_s).statuses.values(), status]
             self._middleware.publish(DIAGNOSTICS, array_message(statuses, self._node))
 
-    def _reconfigure(self, tree: Mapping[str, Any]) -> str:
+    def _reconfigure(self, tree: JsonObject) -> str:
         old, values = self._values, _read_values(tree)
         refuse_changes(old, values, except_for=("thresholds",))
         self._use(values)
         return describe_changes({"": old}, {"": values})
 
 
-def _read_values(tree: Mapping[str, Any]) -> Dict[str, Any]:
+def _read_values(tree: JsonObject) -> dict[str, Any]:
     values = read_parameters(tree, AGGREGATOR_PARAMETERS)
     inputs = values["inputs"]
     if len(inputs) > _MAX_INPUTS or len(set(inputs)) != len(inputs):
@@ -131,9 +131,9 @@ def _read_values(tree: Mapping[str, Any]) -> Dict[str, Any]:
     return values
 
 
-def _signal_names(topics: Tuple[str, ...]) -> Dict[str, str]:
+def _signal_names(topics: tuple[str, ...]) -> dict[str, str]:
     """Returns the topics by the name of their signal: the topic itself where it is a signal's name."""
-    names: Dict[str, str] = {}
+    names: dict[str, str] = {}
     for topic in topics:
         name = re.sub(r"\W", "_", topic.strip("/~"), flags=re.ASCII)
         if not re.fullmatch(r"[/~]?\w+(/\w+)*", topic, re.ASCII) or name[0].isdigit():
@@ -144,7 +144,7 @@ def _signal_names(topics: Tuple[str, ...]) -> Dict[str, str]:
     return names
 
 
-def _read_thresholds(values: Mapping[str, Any], inputs: Mapping[str, str]) -> Mapping[str, SignalConfig]:
+def _read_thresholds(values: JsonObject, inputs: Mapping[str, str]) -> Mapping[str, SignalConfig]:
     """Returns the thresholds that the score uses, by input: those of the file, else the defaults."""
     if values["method"] != "score":
         return {}
@@ -161,7 +161,7 @@ def _read_thresholds(values: Mapping[str, Any], inputs: Mapping[str, str]) -> Ma
     return thresholds
 
 
-def _window_config(values: Mapping[str, Any], inputs: Mapping[str, str]) -> MonitorConfig:
+def _window_config(values: JsonObject, inputs: Mapping[str, str]) -> MonitorConfig:
     settings = {name: values[name] for name in ("window_s", "stale_after_s")}
     return MonitorConfig({name: read_signal(name, {**settings, "topic": topic}) for name, topic in inputs.items()})
 
@@ -179,7 +179,7 @@ def health_score(value: float, signal: SignalConfig) -> float:
 
 
 def _side_score(
-    value: float, warn: Optional[float], error: Optional[float], worst: Optional[float], best: Optional[float]
+    value: float, warn: float | None, error: float | None, worst: float | None, best: float | None
 ) -> float:
     if warn is None:
         return 100.0

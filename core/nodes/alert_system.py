@@ -8,7 +8,7 @@ announcements.py     the outlets, the topic `alerts`, /diagnostics
 from __future__ import annotations
 
 from types import MappingProxyType
-from typing import Any, Callable, List, Mapping, Optional, Set, Tuple
+from typing import Any, Callable, Mapping
 
 from ..config import DEFAULT_SIGNALS, MonitorConfig, described_parameters, is_whole_file
 from ..judge.continuity import Continuity, SignalHistory
@@ -17,7 +17,7 @@ from ..judge.monitor import Monitor
 from ..judge.sources import is_source
 from ..judge.wording import source_text
 from ..port import Middleware, Result, Severity
-from ..values import ABSENT, Fault, Level, Sample, Transition, with_ages
+from ..values import ABSENT, Fault, JsonObject, Level, Sample, Transition, with_ages
 from . import node
 from .announcements import Announcements
 from .outlets import Outlet
@@ -44,9 +44,9 @@ class AlertSystem:
         outlets: Mapping[str, Outlet] = _NO_OUTLETS,
         *,
         log_alerts: bool = True,
-        history: Optional[SignalHistory] = None,
+        history: SignalHistory | None = None,
         announce_pauses: bool = True,
-        silence_of: Callable[[str], Optional[str]] = lambda signal: None,
+        silence_of: Callable[[str], str | None] = lambda signal: None,
         black_box_of: Callable[[Transition], str] = lambda transition: "",
         self_report: SelfReport = EMPTY_REPORT,
     ) -> None:
@@ -64,13 +64,13 @@ class AlertSystem:
         """
         self._middleware = middleware
         self._announce_pauses = announce_pauses
-        self._excused_since_s: Optional[float] = None
-        self._begun: Optional[Tuple[float, float]] = None
+        self._excused_since_s: float | None = None
+        self._begun: tuple[float, float] | None = None
         """When a restored state began to count, until the first tick: in s, and in s of steady time."""
         given = middleware.given_parameters()
         self._watches_defaults = "signals" not in given and not is_whole_file(given)
         config, unknown = read_config(middleware, given, adds_defaults=self._watches_defaults)
-        self._excess: Set[str] = set()
+        self._excess: set[str] = set()
         self.robot = config.robot_name or node.host_name()
         self.node_name = middleware.name
         self.samples = 0
@@ -107,7 +107,7 @@ class AlertSystem:
         middleware.subscribe(node.UNAVAILABLE_SENSORS, node.STRING_TYPE, note_unavailable, field="data")
         middleware.advertise_service("~reset", TRIGGER_TYPE, lambda _: {"success": True, "message": self._reset()})
         self._tick_timer = middleware.create_timer(TICK_PERIOD_S, self._tick)
-        self.on_tick: List[Callable[[float], None]] = []
+        self.on_tick: list[Callable[[float], None]] = []
         """Called with the time of each tick, in s."""
         middleware.create_timer(CHECK_PERIOD_S, self._check, steady=True)
         self.announcements.set_rate(config.publish_rate)
@@ -291,7 +291,7 @@ class AlertSystem:
         cleared = ", ".join(transition.signal for transition in transitions) or "nothing was latched"
         return f"reset: {cleared}"
 
-    def _reconfigure(self, tree: Mapping[str, Any]) -> str:
+    def _reconfigure(self, tree: JsonObject) -> str:
         old = self.configuration
         config, unknown = read_config(self._middleware, tree, adds_defaults=self._watches_defaults)
         given = self._middleware.given_parameters()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Callable, Mapping, Optional
+from typing import Callable, Mapping
 
 from ..judge.continuity import Continuity
 from ..judge.monitor import Monitor
@@ -36,8 +36,8 @@ class Announcements:
         report: SelfReport,
         *,
         log_alerts: bool,
-        continuity: Optional[Continuity],
-        silence_of: Callable[[str], Optional[str]],
+        continuity: Continuity | None,
+        silence_of: Callable[[str], str | None],
         black_box_of: Callable[[Transition], str],
     ) -> None:
         """Announces nothing yet; `report` is of `SelfMonitor`, the others of `AlertSystem`."""
@@ -90,7 +90,7 @@ class Announcements:
         signals = self._monitor.report(now_s).statuses.values()
         return array_message([*map(self._with_silence, signals), self.self_monitor.status()], self._node)
 
-    def status(self, signal: str) -> Optional[Status]:
+    def status(self, signal: str) -> Status | None:
         """Returns the status of a signal, with its silence; None if it is unknown or before the first call."""
         status = self._monitor.status(signal, self._middleware.now_s())
         return None if status is None else self._with_silence(status)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any, Dict, List, Mapping, Optional, Set, Tuple
+from typing import Any
 
 from ..config import NODE_PARAMETERS, Parameter, read_parameters
 from ..port import Middleware, Severity
 from ..sensors import configuration
 from ..sensors.computer import Computer
 from ..sensors.source import NoSuchSensor, NotMeasuredYet, SensorError, Source
-from ..values import ARRAY_TYPE, OWN_TOPICS, Level, Problems, Status, number_text
+from ..values import ARRAY_TYPE, OWN_TOPICS, JsonObject, Level, Problems, Status, number_text
 from . import node
 from .outlets import array_message
 
@@ -31,12 +31,12 @@ class BatterySensor:
     A metric that cannot be read is not published; the log reports it once, and once when it can be read again.
     """
 
-    def __init__(self, middleware: Middleware, computer: Optional[Computer] = None) -> None:
+    def __init__(self, middleware: Middleware, computer: Computer | None = None) -> None:
         """Starts publishing; the sources of the host read `computer`, else this one. Raises ConfigError."""
         self._middleware = middleware
         self._computer = computer or Computer()
-        self._failed: Dict[str, SensorError] = {}
-        self._seen: Set[str] = set()
+        self._failed: dict[str, SensorError] = {}
+        self._seen: set[str] = set()
         tree = middleware.given_parameters()
         self._values, sources = _read_sensor(tree, self._computer)
         self._robot = self._values["robot_name"] or node.host_name()
@@ -55,7 +55,7 @@ class BatterySensor:
         """Leaves the middleware."""
         self._middleware.close()
 
-    def _use(self, tree: Mapping[str, Any], sources: Dict[str, Source]) -> None:
+    def _use(self, tree: JsonObject, sources: dict[str, Source]) -> None:
         """Takes over a configuration; announces which topics are simulated before their first value."""
         self._tree, self._sources = tree, sources
         metrics = dict.fromkeys([*configuration.METRICS, *sources])
@@ -109,7 +109,7 @@ class BatterySensor:
             status = self._status(unavailable)
             self._middleware.publish(node.DIAGNOSTICS, array_message([status], node.base_name(self._middleware)))
 
-    def _status(self, unavailable: List[str]) -> Status:
+    def _status(self, unavailable: list[str]) -> Status:
         broken = [metric for metric in self._failed if metric not in unavailable]
         values = {"simulated": "true" if self._simulated else "false", **self._kinds, OWN_TOPICS: self._own_topics}
         values.update((metric, f"not published: {error}") for metric, error in self._failed.items())
@@ -121,7 +121,7 @@ class BatterySensor:
             level, message = Level.OK, f"{len(self._sources) - len(self._failed)} metrics published"
         return Status("sensors", level, message, self._robot, values)
 
-    def _reconfigure(self, tree: Mapping[str, Any]) -> str:
+    def _reconfigure(self, tree: JsonObject) -> str:
         values, sources = _read_sensor(tree, self._computer)
         old, old_settings = self._values, self._settings
         node.refuse_changes(old, values, except_for=("sensors",))
@@ -135,11 +135,11 @@ class BatterySensor:
         return node.describe_changes({"": old, **old_settings}, {"": values, **self._settings})
 
 
-def _read_sensor(tree: Mapping[str, Any], computer: Computer) -> Tuple[Dict[str, Any], Dict[str, Source]]:
+def _read_sensor(tree: JsonObject, computer: Computer) -> tuple[dict[str, Any], dict[str, Source]]:
     """Returns the values of the node's own parameters, and the source of each metric; raises all mistakes at once."""
     problems = Problems()
-    values: Dict[str, Any] = {}
-    sources: Dict[str, Source] = {}
+    values: dict[str, Any] = {}
+    sources: dict[str, Source] = {}
     with problems:
         values = read_parameters(tree, SENSOR_PARAMETERS, sections=configuration.SECTION_NAMES)
     if problems.errors:  # those of these keys are known; they would be found again with every metric

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from typing import Callable, List, Mapping, Optional, Tuple
+from typing import Callable, Mapping
 
 from ..config import NODE_PARAMETERS, MonitorConfig
 from ..port import NOTHING_CHANGED, Middleware, Timer
@@ -35,7 +35,7 @@ class RateTimer:
         """Does not call yet."""
         self._middleware, self._callback = middleware, callback
         self._rate_hz = 0.0
-        self._timer: Optional[Timer] = None
+        self._timer: Timer | None = None
 
     def set_rate(self, rate_hz: float) -> None:
         """Calls so often per second from now on."""
@@ -56,7 +56,7 @@ def base_name(middleware: Middleware) -> str:
     return middleware.name.rpartition("/")[2]
 
 
-def refuse_changes(old: Mapping[str, object], new: Mapping[str, object], *, except_for: Tuple[str, ...] = ()) -> None:
+def refuse_changes(old: Mapping[str, object], new: Mapping[str, object], *, except_for: tuple[str, ...] = ()) -> None:
     """Raises ConfigError if common parameters change that are fixed at the start: not `log_level` and `except_for`."""
     problems = Problems()
     for parameter in NODE_PARAMETERS:
@@ -74,7 +74,7 @@ def sections_of(config: MonitorConfig, **own: object) -> Sections:
 
 def describe_changes(old: Sections, new: Sections) -> str:
     """Returns what differs, in the order of `new`: `wheel.warn_below: 20 -> 25; added imu`, or `nothing changed`."""
-    texts: List[str] = []
+    texts: list[str] = []
     for section, values in new.items():
         if section not in old:
             texts.append(f"added {section}")

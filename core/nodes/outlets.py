@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import math
-from typing import Any, Callable, Dict, Iterable, Mapping, NamedTuple, Optional, Union
+from typing import Any, Callable, Iterable, Mapping, NamedTuple, Union
 
 from ..messages.dialect import Message
 from ..port import Severity
@@ -52,7 +52,7 @@ class Outlets:
     def __init__(self, faults: Faults) -> None:
         """Starts without outlets; one that fails is reported to `faults` as `outlet <name>`."""
         self._faults = faults
-        self._outlets: Dict[str, Outlet] = {}
+        self._outlets: dict[str, Outlet] = {}
 
     def add(self, name: str, outlet: Outlet) -> None:
         """Adds an outlet, in place of an earlier one of the same name."""
@@ -80,7 +80,7 @@ def json_line(transition: object, **further: object) -> str:
     A value longer than 2,000 characters, which is not a measurement, is truncated. `transition` may be another object
     with the fields of a Transition; `further` fields are added.
     """
-    fields: Dict[str, Any] = {**{name: getattr(transition, name) for name in FIELDS}, **further}
+    fields: dict[str, Any] = {**{name: getattr(transition, name) for name in FIELDS}, **further}
     written = {name: _as_json(value) for name, value in fields.items()}
     if not isinstance(fields["value"], float) and len(json.dumps(written["value"])) > _MOST_VALUE_CHARS:
         written["value"] = datum_text(fields["value"])
@@ -124,7 +124,7 @@ def array_message(statuses: Iterable[Status], node: str) -> Message:
     return {"status": [status_message(status, node) for status in statuses]}
 
 
-def alert_message(transition: Transition, node: str, silence: Optional[str] = None) -> Message:
+def alert_message(transition: Transition, node: str, silence: str | None = None) -> Message:
     """Returns the DiagnosticStatus of one transition: its message is the alert line.
 
     `node` is the base name of the node that judged it, `silence` the text of its signal's silence, None without one.
@@ -132,7 +132,7 @@ def alert_message(transition: Transition, node: str, silence: Optional[str] = No
     value = "" if transition.value is None else datum_text(transition.value)
     if isinstance(transition.value, float):  # in full
         value = repr(transition.value)
-    values: Dict[str, str] = {
+    values: dict[str, str] = {
         "from_level": transition.from_level.name,
         "to_level": transition.to_level.name,
         "value": value,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from types import MappingProxyType
-from typing import Any, Callable, Dict, Mapping, Optional
+from typing import Any, Callable, Mapping
 
 from ..port import Middleware, Severity
 from ..values import Level, Status, duration_text, number_text, package_version, summary_of
@@ -71,7 +71,7 @@ _FORMATS: Mapping[str, Callable[[Any], str]] = {
 }
 
 
-def _text(key: str, read: Callable[[], object]) -> Optional[str]:
+def _text(key: str, read: Callable[[], object]) -> str | None:
     """Returns a key-value as /diagnostics shows it. A function that raises does not hide the others."""
     try:
         value = read()
@@ -96,8 +96,8 @@ class SelfMonitor:
         self._robot = robot
         self._emit = emit
         self._start_s = self._checked_s = middleware.steady_s()
-        self._announced: Dict[str, Level] = {}
-        self._healthy_since_s: Dict[str, float] = {}
+        self._announced: dict[str, Level] = {}
+        self._healthy_since_s: dict[str, float] = {}
         self._clock_reminder_s = _CLOCK_GRACE_S
         self._samples = 0
         self._samples_per_s = 0.0
@@ -117,7 +117,7 @@ class SelfMonitor:
             "tick_late_s": self._lateness_s,
         }
 
-    def find_pause(self, now_s: float, *, announce: bool = True) -> Optional[float]:
+    def find_pause(self, now_s: float, *, announce: bool = True) -> float | None:
         """Returns the time of the last call, in s, if the process was stopped since; else None.
 
         Stopped by SIGSTOP, a debugger, a machine that swaps; not by a paused simulator: steady time goes on. Call at

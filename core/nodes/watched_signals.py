@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
-from typing import Any, Callable, Dict, FrozenSet, Mapping, Optional, Set, Tuple, Union
+from typing import Any, Callable, Mapping, Optional, Tuple
 
 from ..config import DEFAULT_SIGNALS, LINK, MonitorConfig, SignalConfig, causes_first, load_config
 from ..judge.monitor import Monitor
 from ..port import Counts, Middleware, Subscription, Timer, Unread, Wanted
-from ..values import ABSENT, STATUS_TOPICS, ConfigError, Goals, ServiceError, resolve_name
+from ..values import ABSENT, STATUS_TOPICS, ConfigError, Goals, JsonObject, ServiceError, resolve_name
 
 _MAX_LIST = 10_000  # characters
 _NO_SENSOR = "battery_sensor reports that its host has no such sensor"
@@ -48,16 +48,16 @@ class WatchedSignals:
         """Why signals of the graph cannot be watched here, by name."""
         self._unread = ""
         """Why none of the others can, as long as the graph has never been read; empty once it has."""
-        self.without_sensor: Set[str] = set()
+        self.without_sensor: set[str] = set()
         """The signals for which this host has no sensor."""
         self.topics: Mapping[str, str] = {}
         """The resolved topic of each signal; of an action, which has two, the resolved name."""
-        self._subscriptions: Dict[_Source, Subscription] = {}
+        self._subscriptions: dict[_Source, Subscription] = {}
         self._of_graph: Mapping[str, Wanted] = {}
         """What each signal of the robot's graph counts."""
-        self._graph_timer: Optional[Timer] = None
+        self._graph_timer: Timer | None = None
         self._simulated_topics = ""
-        self._simulated: FrozenSet[str] = frozenset()
+        self._simulated: frozenset[str] = frozenset()
 
     def follow(self, config: MonitorConfig, unknown: Mapping[str, str]) -> None:
         """Subscribes to new topics, then ends old subscriptions; one that is refused is a ConfigError and no change.
@@ -70,7 +70,7 @@ class WatchedSignals:
             if name != LINK
             for topic in signal.topics
         }
-        added: Dict[_Source, Subscription] = {}
+        added: dict[_Source, Subscription] = {}
         # Signals with a type and a field first: those that only count messages can share their subscription. Of one
         # message, they are handed over in this order: causes first.
         order = {name: place for place, name in enumerate(causes_first(config.signals))}
@@ -170,7 +170,7 @@ class WatchedSignals:
         # The last message says which goals had ended before.
         return self._middleware.subscribe(topic, type_name, take_goals, latched=True)
 
-    def _take_counts(self, counts: Union[Counts, Unread], now_s: float) -> None:
+    def _take_counts(self, counts: Counts | Unread, now_s: float) -> None:
         """Passes on what was counted in the robot's graph, or notes why it cannot be read."""
         self._unread = counts.reason if isinstance(counts, Unread) and not counts.is_watched else ""
         self._update(now_s)
@@ -180,7 +180,7 @@ class WatchedSignals:
             elif wanted in counts:
                 self._take(name, counts[wanted], now_s)
 
-    def _signals_on(self, names: Any) -> Set[str]:
+    def _signals_on(self, names: Any) -> set[str]:
         """Returns the signals on the topics of a list from battery_sensor."""
         given = [name.strip() for name in str(names)[:_MAX_LIST].split(",")]
         topics = {resolve_name(name, self._middleware.name) for name in given if name}
@@ -193,8 +193,8 @@ class WatchedSignals:
 
 
 def read_config(
-    middleware: Middleware, tree: Mapping[str, Any], *, adds_defaults: bool
-) -> Tuple[MonitorConfig, Mapping[str, str]]:
+    middleware: Middleware, tree: JsonObject, *, adds_defaults: bool
+) -> tuple[MonitorConfig, Mapping[str, str]]:
     """Reads the configuration in a tree, and why signals of the robot's graph cannot be watched here.
 
     With `adds_defaults`, the tree has changes of the default signals. Raises ConfigError.
@@ -207,13 +207,13 @@ def read_config(
             merged[name] = {**merged[name], **given} if changes_default else given
         tree = {**tree, "signals": merged}
     config = load_config(tree)
-    resolved: Dict[str, SignalConfig] = {}
-    unknown: Dict[str, str] = {}
+    resolved: dict[str, SignalConfig] = {}
+    unknown: dict[str, str] = {}
     for name, signal in config.signals.items():
         if signal.graph is not None:
             key, graph_name = signal.graph
             try:
-                changed: Mapping[str, Any] = {key: middleware.graph_name(key, graph_name)}
+                changed: JsonObject = {key: middleware.graph_name(key, graph_name)}
                 resolved[name] = replace(signal, **changed)
             except ServiceError as error:
                 unknown[name] = str(error)

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import abc
 import threading
-from typing import Any, Callable, List, Mapping, Optional, Protocol, Tuple
+from typing import Any, Callable, Protocol
 
 from ..messages.dialect import Message
-from ..values import ConfigError, Faults, ServiceError, printable
+from ..values import Clock, ConfigError, Faults, JsonObject, ServiceError, printable
 from .hints import Answer, Hints
 from .log_limit import LimitedLog
 from .middleware import Callback, OnChange, Result, Severity
@@ -34,9 +34,9 @@ class ClockedNode(abc.ABC):
         self,
         name: str,
         *,
-        clock: Callable[[], float],
-        wall_clock: Callable[[], float],
-        sim_time_s: Optional[float],
+        clock: Clock,
+        wall_clock: Clock,
+        sim_time_s: float | None,
     ) -> None:
         """Creates a node that is not connected to anything, by its fully qualified name.
 
@@ -56,8 +56,8 @@ class ClockedNode(abc.ABC):
         self._hints = Hints(self.look_up_silence, clock)
         self.failures = LimitedLog(self.log, clock)
         """Writes what is wrong with messages, by topic: a robot may invent topics."""
-        self._waiting: List[Tuple[Delivery, Any]] = []
-        self._clock_subscription: Optional[Delivery] = None
+        self._waiting: list[tuple[Delivery, Any]] = []
+        self._clock_subscription: Delivery | None = None
         """Brings simulated time, and waits for nothing."""
 
     @abc.abstractmethod
@@ -146,7 +146,7 @@ class ClockedNode(abc.ABC):
             except Exception as error:
                 raise ServiceError(self.log_failure(error)) from error
 
-    def change(self, on_change: OnChange, tree: Mapping[str, Any]) -> str:
+    def change(self, on_change: OnChange, tree: JsonObject) -> str:
         """Proposes a configuration under the node's lock; returns what changed.
 
         Raises ConfigError if the node rejects it, or fails; ServiceError if it is closed.

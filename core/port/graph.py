@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any, Callable, Collection, Counter, Dict, Iterable, Mapping, NamedTuple, Set, Tuple, Union
+from typing import Callable, Collection, Counter, Dict, Iterable, NamedTuple, Tuple, Union
 
-from ..values import matches_pattern
+from ..values import JsonObject, matches_pattern
 
 Wanted = Tuple[str, str]
 """One of `GRAPH_KEYS`, and a resolved name or pattern."""
@@ -36,7 +36,7 @@ def is_pattern(name: str) -> bool:
     return "*" in name or "?" in name
 
 
-def matching(wanted: Collection[Wanted], key: str, names: Iterable[str]) -> Set[str]:
+def matching(wanted: Collection[Wanted], key: str, names: Iterable[str]) -> set[str]:
     """Returns the names that are counted for a key."""
     exact = {name for its_key, name in wanted if its_key == key}
     patterns = [name for name in exact if is_pattern(name)]
@@ -64,6 +64,6 @@ def count(
     return counts
 
 
-def state_of(response: Mapping[str, Any]) -> float:
+def state_of(response: JsonObject) -> float:
     """Returns the id in a response of lifecycle_msgs/GetState; raises LookupError, TypeError or ValueError."""
     return float(response["current_state"]["id"])

@@ -9,9 +9,9 @@ import difflib
 import math
 from collections import deque
 from itertools import islice
-from typing import Callable, Deque, Dict, Iterable, Mapping, Optional, Sequence, Tuple
+from typing import Callable, Iterable, Mapping, Optional, Sequence
 
-from ..values import canonical_type, list_text, printable
+from ..values import Clock, canonical_type, list_text, printable
 
 INCOMPATIBLE_QOS = "its publishers are not compatible in QoS"
 
@@ -35,7 +35,7 @@ _MOST_GONE = 3
 class Hints:
     """Answers of a middleware by topic and type; each is looked up at most every 10 s, and 20 at once at most."""
 
-    def __init__(self, look_up: Callable[[str, str, Answer], None], clock: Callable[[], float]) -> None:
+    def __init__(self, look_up: Callable[[str, str, Answer], None], clock: Clock) -> None:
         """Starts without answers; `clock` returns monotonic seconds.
 
         `look_up` is called with the resolved topic, the configured type and what receives the answer, at once or later.
@@ -43,11 +43,11 @@ class Hints:
         """
         self._look_up = look_up
         self._clock = clock
-        self._known: Dict[Tuple[str, str], Tuple[float, Optional[str]]] = {}
+        self._known: dict[tuple[str, str], tuple[float, str | None]] = {}
         """By topic and type: when it was looked up, and the answer."""
-        self._latest_s: Deque[float] = deque(maxlen=_MOST_PER_BURST)
+        self._latest_s: deque[float] = deque(maxlen=_MOST_PER_BURST)
 
-    def get(self, topic: str, type_name: str) -> Optional[str]:
+    def get(self, topic: str, type_name: str) -> str | None:
         """Returns the latest answer; begins to look it up again if it is older than 10 s."""
         now_s, key = self._clock(), (topic, type_name)
         asked_s, text = self._known.get(key, (-math.inf, None))
@@ -65,8 +65,8 @@ class Hints:
 
 
 def explain(
-    topic: str, type_name: str, types: Sequence[str], gone: Iterable[str] = (), similar: Optional[str] = None
-) -> Optional[str]:
+    topic: str, type_name: str, types: Sequence[str], gone: Iterable[str] = (), similar: str | None = None
+) -> str | None:
     """Returns why a topic brings no samples; None if its publishers give no reason.
 
     >>> explain("/battery", "std_msgs/Float32", [], similar="/battery_state")
@@ -90,7 +90,7 @@ def explain(
     return f"{_shown(topic)} is published as {_shown(published[0])}, configured as {wanted}"
 
 
-def similar_topic(topic: str, type_name: str, published: Mapping[str, str]) -> Optional[str]:
+def similar_topic(topic: str, type_name: str, published: Mapping[str, str]) -> str | None:
     """Returns the topic that may be meant in place of one that has no publisher; None if there is none.
 
     It has a similar last part of the name, else the configured type, unless that is one of std_msgs, which says nothing

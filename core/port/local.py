@@ -11,12 +11,12 @@ import contextlib
 import math
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any, Callable, Collection, Dict, Iterable, List, Mapping, NamedTuple, Optional, Tuple, Union
+from typing import Any, Callable, Collection, Iterable, Mapping, NamedTuple
 
 from ..messages.dialect import Message
 from ..messages.raw_messages import RawFormat, json_format
 from ..messages.standard_messages import check_type, definition
-from ..values import ConfigError, ServiceError, full_name, split_type_name
+from ..values import Clock, ConfigError, JsonObject, ServiceError, full_name, split_type_name
 from .graph import Counts, GraphCallback, Wanted, count, state_of
 from .hints import Answer, explain, similar_topic
 from .mapping_node import CLOCK, MappingNode, MappingSubscription, RawSubscription
@@ -43,7 +43,7 @@ class _Topic:
     type_name: str = ""
     publisher: str = ""
     """The node that published last."""
-    listeners: List[_Deliver] = field(default_factory=list)
+    listeners: list[_Deliver] = field(default_factory=list)
 
 
 class LocalBus:
@@ -52,9 +52,9 @@ class LocalBus:
     def __init__(
         self,
         start_s: float = 0.0,
-        on_log: Optional[Callable[[LogLine], None]] = None,
-        wall_time_s: Optional[Callable[[], float]] = None,
-        clock: Optional[Callable[[], float]] = None,
+        on_log: Callable[[LogLine], None] | None = None,
+        wall_time_s: Clock | None = None,
+        clock: Clock | None = None,
     ) -> None:
         """Creates a bus without nodes, whose time begins at `start_s`, in s.
 
@@ -64,14 +64,14 @@ class LocalBus:
         """
         self._now_s = start_s
         self._clock = clock
-        self.wall_time_s: Callable[[], float] = wall_time_s or (lambda: self.now_s)
-        self.log_lines: List[LogLine] = []
-        self._on_log: List[Callable[[LogLine], None]] = [on_log or self.log_lines.append]
-        self.nodes: List[LocalMiddleware] = []
+        self.wall_time_s: Clock = wall_time_s or (lambda: self.now_s)
+        self.log_lines: list[LogLine] = []
+        self._on_log: list[Callable[[LogLine], None]] = [on_log or self.log_lines.append]
+        self.nodes: list[LocalMiddleware] = []
         """The nodes that are not closed."""
-        self._topics: Dict[str, _Topic] = {}
+        self._topics: dict[str, _Topic] = {}
         """Those that are advertised or subscribed to."""
-        self._services: Dict[str, Tuple[str, Callable[[Message], Message]]] = {}
+        self._services: dict[str, tuple[str, Callable[[Message], Message]]] = {}
         """Type and handler of each service."""
 
     @property
@@ -84,8 +84,8 @@ class LocalBus:
         name: str,
         *,
         namespace: str = "",
-        parameters: Optional[Mapping[str, Any]] = None,
-        remap: Optional[Mapping[str, str]] = None,
+        parameters: JsonObject | None = None,
+        remap: Mapping[str, str] | None = None,
         use_sim_time: bool = False,
     ) -> LocalMiddleware:
         """Adds a node by its base name, in a namespace such as `robot1`, `/fleet/robot1` or, empty, in none.
@@ -116,7 +116,7 @@ class LocalBus:
         services = {service: type_name for service, (type_name, _) in self._services.items()}
         return Graph(topics, services, nodes)
 
-    def next_due_s(self) -> Optional[float]:
+    def next_due_s(self) -> float | None:
         """Returns when the next timer is due, in s; None without timers."""
         due_s = min((node.next_steady_s() for node in self.nodes), default=math.inf)
         return None if due_s == math.inf else due_s
@@ -138,7 +138,7 @@ class LocalBus:
             due_s = self.next_due_s()
         self.run_due(now_s)
 
-    def call_service(self, service: str, request: Optional[Message] = None) -> Message:
+    def call_service(self, service: str, request: Message | None = None) -> Message:
         """Calls a service by its absolute name; raises ServiceError if it does not exist, or if it failed."""
         if service not in self._services:
             available = ", ".join(sorted(self._services)) or "none"
@@ -167,15 +167,15 @@ class LocalMiddleware(MappingNode):
     """One node on a `LocalBus`; implements `core.middleware.ServedMiddleware`."""
 
     def __init__(
-        self, bus: LocalBus, name: str, parameters: Mapping[str, Any], remap: Mapping[str, str], use_sim_time: bool
+        self, bus: LocalBus, name: str, parameters: JsonObject, remap: Mapping[str, str], use_sim_time: bool
     ) -> None:
         """Use `LocalBus.node`."""
-        clocks: Dict[str, Callable[[], float]] = {"clock": lambda: bus.now_s, "wall_clock": lambda: bus.wall_time_s()}
+        clocks: dict[str, Clock] = {"clock": lambda: bus.now_s, "wall_clock": lambda: bus.wall_time_s()}
         super().__init__(name, parameters, remap, **clocks, use_sim_time=use_sim_time)
         self._bus = bus
-        self._subscriptions: List[Any] = []
-        self._services: List[str] = []
-        self._latched: Dict[str, Optional[Message]] = {}
+        self._subscriptions: list[Any] = []
+        self._services: list[str] = []
+        self._latched: dict[str, Message | None] = {}
         if use_sim_time:
             bus._topic(CLOCK, "").listeners.append(self.take_clock)
 
@@ -202,7 +202,7 @@ class LocalMiddleware(MappingNode):
         return bool(self._bus._topics[self.require_advertised(topic)].listeners)
 
     def subscribe(
-        self, topic: str, type_name: str, callback: Callback, *, field: Optional[str] = "", latched: bool = False
+        self, topic: str, type_name: str, callback: Callback, *, field: str | None = "", latched: bool = False
     ) -> MappingSubscription:
         subscription = MappingSubscription(self, self.resolve(topic), type_name, field, callback)
         self._add(subscription, type_name)
@@ -279,7 +279,7 @@ class LocalMiddleware(MappingNode):
     def log(self, severity: Severity, text: str) -> None:
         self.faults.guard("log", self._bus.log, LogLine(self._bus.now_s, self.name, severity, text))
 
-    def _add(self, subscription: Union[MappingSubscription, RawSubscription], type_name: str) -> None:
+    def _add(self, subscription: MappingSubscription | RawSubscription, type_name: str) -> None:
         topic = self._bus._topic(subscription.topic, type_name)
         # What is captured comes first: its time must not include that which an alert takes.
         is_first = isinstance(subscription, RawSubscription)

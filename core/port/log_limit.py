@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Callable, Dict, Tuple
+from typing import Callable
 
+from ..values import Clock
 from .middleware import Severity
 
 _PERIOD_S = 60.0
@@ -13,12 +14,12 @@ _MOST_KINDS = 100
 class LimitedLog:
     """Writes some lines per kind and minute, with the number of lines that were left out in the minute before."""
 
-    def __init__(self, write: Callable[[Severity, str], None], clock: Callable[[], float], most: int = 1) -> None:
+    def __init__(self, write: Callable[[Severity, str], None], clock: Clock, most: int = 1) -> None:
         """Starts with nothing written; `clock` gives monotonic seconds, `most` is the most lines per minute."""
         self._write = write
         self._clock = clock
         self._most = most
-        self._minutes: Dict[str, Tuple[float, int]] = {}
+        self._minutes: dict[str, tuple[float, int]] = {}
         """Of each kind, the begin of the minute in s, and the lines in it."""
 
     def write(self, kind: str, severity: Severity, text: str) -> None:

@@ -6,14 +6,24 @@ subscribing, services and `log`.
 
 from __future__ import annotations
 
-from typing import Any, Callable, Collection, Dict, Mapping, Optional, Sequence, Tuple
+from typing import Callable, Collection, Mapping, Sequence
 
 from ..config import Parameter
 from ..messages.dialect import Message
 from ..messages.mapping_field import MISSING, MappingField
 from ..messages.raw_messages import RawFormat, json_bytes, json_format
 from ..messages.standard_messages import check_type, complete, definition, is_stamped
-from ..values import ABSENT, MessageError, ServiceError, Stamp, mapping_getter, printable, resolve_name
+from ..values import (
+    ABSENT,
+    Clock,
+    JsonObject,
+    MessageError,
+    ServiceError,
+    Stamp,
+    mapping_getter,
+    printable,
+    resolve_name,
+)
 from .clocked_node import ClockedNode
 from .graph import GraphCallback, Wanted
 from .middleware import Callback, OnChange, RawCallback, Severity, Timer
@@ -43,7 +53,7 @@ class LoggedSubscription:
 class MappingSubscription(LoggedSubscription, MappingField):
     """A subscription that reads one field from messages that are mappings. Implements `middleware.Subscription`."""
 
-    def __init__(self, node: MappingNode, topic: str, type_name: str, field: Optional[str], callback: Callback) -> None:
+    def __init__(self, node: MappingNode, topic: str, type_name: str, field: str | None, callback: Callback) -> None:
         """Binds the field, with arguments, and errors, as of `Middleware.subscribe`, and the resolved topic."""
         super().__init__(topic, type_name, field)
         self.active = True
@@ -104,11 +114,11 @@ class MappingNode(ClockedNode):
     def __init__(
         self,
         name: str,
-        parameters: Mapping[str, Any],
+        parameters: JsonObject,
         remap: Mapping[str, str],
         *,
-        clock: Callable[[], float],
-        wall_clock: Callable[[], float],
+        clock: Clock,
+        wall_clock: Clock,
         use_sim_time: bool = False,
     ) -> None:
         """Creates a node that is not connected to anything, by its fully qualified name.
@@ -118,12 +128,12 @@ class MappingNode(ClockedNode):
         """
         super().__init__(name, clock=clock, wall_clock=wall_clock, sim_time_s=0.0 if use_sim_time else None)
         self._given = parameters
-        self._on_change: Optional[OnChange] = None
+        self._on_change: OnChange | None = None
         self._remap = {resolve_name(old, name): resolve_name(new, name) for old, new in remap.items()}
-        self._resolved: Dict[str, str] = {}
-        self._advertised: Dict[str, str] = {}
+        self._resolved: dict[str, str] = {}
+        self._advertised: dict[str, str] = {}
 
-    def why_silent(self, topic: str, type_name: str) -> Optional[str]:
+    def why_silent(self, topic: str, type_name: str) -> str | None:
         return self._hints.get(self.resolve(topic), type_name)
 
     def graph_name(self, key: str, name: str) -> str:
@@ -132,13 +142,13 @@ class MappingNode(ClockedNode):
     def follow_graph(self, wanted: Callable[[], Collection[Wanted]], callback: GraphCallback) -> Timer:
         raise ServiceError("the robot's graph is not known here")
 
-    def given_parameters(self) -> Mapping[str, Any]:
+    def given_parameters(self) -> JsonObject:
         return self._given
 
     def declare_parameters(self, parameters: Sequence[Parameter], on_change: OnChange) -> None:
         self._on_change = on_change
 
-    def set_parameters(self, tree: Mapping[str, Any]) -> str:
+    def set_parameters(self, tree: JsonObject) -> str:
         """Proposes a new configuration, nested, as `ros2 param set` and `~reload` do elsewhere; returns what changed.
 
         Raises ConfigError if the node rejects it; the old values stay in force.
@@ -158,7 +168,7 @@ class MappingNode(ClockedNode):
         """Returns the type of a topic by its resolved name, empty if it is not known."""
         return ""
 
-    def raw_format_of(self, topic: str, type_name: str) -> Optional[RawFormat]:
+    def raw_format_of(self, topic: str, type_name: str) -> RawFormat | None:
         """Returns the format of a topic's messages as they are captured; None if it is not known yet."""
         type_name = type_name or self.type_of(topic)
         return json_format(type_name, definition(type_name))
@@ -173,7 +183,7 @@ class MappingNode(ClockedNode):
             known = self._resolved[name] = self._remap.get(resolved, resolved)
         return known
 
-    def serialize(self, type_name: str, message: Message) -> Tuple[bytes, RawFormat]:
+    def serialize(self, type_name: str, message: Message) -> tuple[bytes, RawFormat]:
         return json_bytes(self.transported(type_name, message)), json_format(type_name, definition(type_name))
 
     def transported(self, type_name: str, message: Message) -> Message:
@@ -193,7 +203,7 @@ class MappingNode(ClockedNode):
         return resolved
 
 
-def read_clock(message: Message) -> Optional[float]:
+def read_clock(message: Message) -> float | None:
     """Returns the time of a rosgraph_msgs/Clock in s, with the stamp of ROS 1 or ROS 2; None if it is not valid."""
     stamp = _clock_of(message) if "clock" in message else None
     return float(stamp) if type(stamp) is Stamp else None

@@ -24,12 +24,12 @@ Every implementation guarantees:
 from __future__ import annotations
 
 import enum
-from typing import Any, Callable, Collection, Mapping, NamedTuple, Optional, Protocol, Sequence, Tuple, TypeVar
+from typing import Any, Callable, Collection, Mapping, NamedTuple, Protocol, Sequence, Tuple, TypeVar
 
 from ..config import Parameter
 from ..messages.dialect import Message
 from ..messages.raw_messages import RawFormat
-from ..values import Faults
+from ..values import Faults, JsonObject
 from .graph import GraphCallback, Wanted
 
 Callback = Callable[[Any, float], None]
@@ -42,7 +42,7 @@ RawMessage = Tuple[bytes, RawFormat]
 RawCallback = Callable[[RawMessage, float], None]
 """Receives a message as bytes, and the time of its arrival, in s."""
 
-OnChange = Callable[[Mapping[str, Any]], str]
+OnChange = Callable[[JsonObject], str]
 """Takes a proposed configuration; see `Middleware.declare_parameters`."""
 
 Result = TypeVar("Result")
@@ -106,7 +106,7 @@ class Middleware(Protocol):
         The wall clock of this machine, or ROS time under `use_sim_time`; the log time in a recording.
         """
 
-    def given_parameters(self) -> Mapping[str, Any]:
+    def given_parameters(self) -> JsonObject:
         """Returns this node's configuration, nested as in its file; ConfigError if the middleware's is no mapping."""
 
     def declare_parameters(self, parameters: Sequence[Parameter], on_change: OnChange) -> None:
@@ -137,7 +137,7 @@ class Middleware(Protocol):
         """Returns whether an advertised topic has subscribers; True where this is unknown. Raises as `publish`."""
 
     def subscribe(
-        self, topic: str, type_name: str, callback: Callback, *, field: Optional[str] = "", latched: bool = False
+        self, topic: str, type_name: str, callback: Callback, *, field: str | None = "", latched: bool = False
     ) -> Subscription:
         """Calls back with the value of a field for every message; with `latched`, for the last `latched` one at once.
 
@@ -170,7 +170,7 @@ class Middleware(Protocol):
         definition, the callback receives the messages after its answer.
         """
 
-    def serialize(self, type_name: str, message: Message) -> Tuple[bytes, RawFormat]:
+    def serialize(self, type_name: str, message: Message) -> tuple[bytes, RawFormat]:
         """Returns a message as `subscribe_raw` would deliver it if this node published it.
 
         A header without a stamp is stamped. Raises ConfigError for an unknown type, MessageError for a wrong message.
@@ -183,7 +183,7 @@ class Middleware(Protocol):
         Raises ServiceError if the middleware does not answer.
         """
 
-    def why_silent(self, topic: str, type_name: str) -> Optional[str]:
+    def why_silent(self, topic: str, type_name: str) -> str | None:
         """Returns why a topic that is subscribed to brings no samples, as a short text; None if nothing is known.
 
         Never waits. Where a server has to be asked, the first call returns None and asks; a later call returns the

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from operator import attrgetter
-from typing import Callable, List
+from typing import Callable
 
 
 class ClockTimer:
@@ -42,7 +42,7 @@ class ClockTimers:
 
     def __init__(self) -> None:
         """Starts without timers."""
-        self._timers: List[ClockTimer] = []
+        self._timers: list[ClockTimer] = []
         self._last_s = float("-inf")
 
     def add(self, timer: ClockTimer) -> None:
@@ -64,7 +64,7 @@ class ClockTimers:
         """Returns when the next timer is due, in s; infinity without timers."""
         return min([timer.due_s for timer in self._running()], default=math.inf)
 
-    def take_due(self, now_s: float) -> List[ClockTimer]:
+    def take_due(self, now_s: float) -> list[ClockTimer]:
         """Returns the timers that are due, earliest first, each once. If time went back, all periods restart."""
         if now_s < self._last_s:
             self.restart(now_s)
@@ -75,5 +75,5 @@ class ClockTimers:
             timer.advance(now_s)
         return due
 
-    def _running(self) -> List[ClockTimer]:
+    def _running(self) -> list[ClockTimer]:
         return [timer for timer in self._timers if not timer.cancelled]

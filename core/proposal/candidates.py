@@ -12,12 +12,9 @@ from typing import (
     Dict,
     Iterable,
     Iterator,
-    List,
     Mapping,
     NamedTuple,
-    Optional,
     Sequence,
-    Set,
     Tuple,
 )
 
@@ -113,7 +110,7 @@ class Topic(NamedTuple):
     """Its absolute name."""
     type_name: str
     """`package/Type`."""
-    definitions: Optional[Definitions]
+    definitions: Definitions | None
     """The types in its definition; None if that is not known, so that only arrivals can be watched."""
 
 
@@ -122,8 +119,8 @@ class Names:
 
     def __init__(self, taken: Iterable[str] = ()) -> None:
         """Starts with names that are taken."""
-        self._used: Set[str] = set(taken)
-        self._names: Dict[Tuple[str, ...], str] = {}
+        self._used: set[str] = set(taken)
+        self._names: dict[tuple[str, ...], str] = {}
 
     def of(self, *words: str) -> str:
         """Returns the name for a topic or a field, which no other one has."""
@@ -154,14 +151,14 @@ class Candidates:
         """
         self.namespace = namespace
         self.names = Names(taken)
-        self.topics: Dict[str, str] = {}
+        self.topics: dict[str, str] = {}
         """Types of the topics, by their absolute names."""
-        self.signals: Dict[str, Signal] = {}
+        self.signals: dict[str, Signal] = {}
         """By their names; the arrivals of a topic come first."""
-        self.not_watched: Dict[str, str] = {}
+        self.not_watched: dict[str, str] = {}
         """Why topics are not looked at, by their names."""
         self.fields: Fields = {}
-        self.own_topics: Set[str] = {TICKS}
+        self.own_topics: set[str] = {TICKS}
         """Topics that this package's nodes publish, as their statuses say: a monitor is not watched by itself."""
         self._counts: Counter[object] = Counter()
         """Numbers by their topics, all numbers (True), and all other signals (False)."""
@@ -169,7 +166,7 @@ class Candidates:
 
     def add(self, topics: Iterable[Topic]) -> None:
         """Adds the signals of topics; topics that were added before are ignored."""
-        new: List[Signal] = []
+        new: list[Signal] = []
         for each in sorted(topics, key=lambda each: each.topic):
             first = self.topics.get(each.topic)
             if first is not None:
@@ -232,7 +229,7 @@ class Candidates:
         return max((each.needed_s for each in parts), default=0.0)
 
     @property
-    def statuses(self) -> List[Tuple[str, str]]:
+    def statuses(self) -> list[tuple[str, str]]:
         """The drivers' statuses that are watched: the name of a signal, and the name of the status."""
         signals = [each for each in self.signals.values() if each.kind == "statuses"]
         return [(each.name, status) for each in signals for status in each.measured.elements]
@@ -282,7 +279,7 @@ class Candidates:
                 yield self._signal(topic, "number", f"{path}[*]", *words, reduce, reduce=reduce, unit=unit)
 
     def _signal(
-        self, topic: Topic, kind: str, field: str, *words: str, rules: Optional[Rules] = None, **settings: str
+        self, topic: Topic, kind: str, field: str, *words: str, rules: Rules | None = None, **settings: str
     ) -> Signal:
         short = relative(topic.topic, self.namespace)
         short = topic.topic if short[0].isdigit() else short  # `2d` is no name
@@ -290,11 +287,11 @@ class Candidates:
         given = {"topic": short, "type": topic.type_name, "field": field, **settings}
         return Signal(self.names.of(short, *words), topic.topic, kind, given, rules)
 
-    def _only_signal(self, topic: Topic) -> Optional[Signal]:
+    def _only_signal(self, topic: Topic) -> Signal | None:
         """Returns the signal of a topic that has no other one: goals of an action, the drivers' statuses, the log."""
         short = relative(topic.topic, self.namespace)
-        words: Tuple[str, ...] = (topic.topic,)
-        given: Dict[str, Any] = {"topic": topic.topic, "type": topic.type_name}
+        words: tuple[str, ...] = (topic.topic,)
+        given: dict[str, Any] = {"topic": topic.topic, "type": topic.type_name}
         action = next((short[: -len(end)] for end in STATUS_TOPICS if short.endswith(end)), "")
         if topic.type_name in STATUS_TYPES and action:
             kind, words = "action", (action, "goals")
@@ -320,8 +317,8 @@ def _priority(signal: Signal) -> int:
 
 
 def _walk(
-    definitions: Definitions, type_name: str, prefix: str = "", above: Tuple[Tuple[str, int], ...] = ()
-) -> Iterator[Tuple[str, Field, str]]:
+    definitions: Definitions, type_name: str, prefix: str = "", above: tuple[tuple[str, int], ...] = ()
+) -> Iterator[tuple[str, Field, str]]:
     """Yields path, field and unit of the fields of a type and of the messages in it, in place of these."""
     above = (*above, (type_name, len(prefix)))
     definition = definitions.get(type_name)
@@ -335,9 +332,9 @@ def _walk(
 
 
 @lru_cache(maxsize=None)
-def _units() -> Mapping[Tuple[str, str], str]:
+def _units() -> Mapping[tuple[str, str], str]:
     """Returns the units by type and field."""
-    units: Dict[Tuple[str, str], str] = {}
+    units: dict[tuple[str, str], str] = {}
     for type_name, *fields in filter(None, map(str.split, _UNITS.splitlines())):
         for path, _, unit in (field.partition("=") for field in fields):
             units.update({(type_name, path.replace(".xyz", f".{axis}")): unit for axis in "xyz"})
@@ -359,12 +356,12 @@ def _why_no_number(type_name: str, field: Field, *, is_bulk: bool) -> str:
     return "8 bits: a state or a code" if field.kind in _EIGHT_BITS and is_code else ""
 
 
-def _is_bulk(type_name: str, fields: Sequence[Tuple[str, Field, str]]) -> bool:
+def _is_bulk(type_name: str, fields: Sequence[tuple[str, Field, str]]) -> bool:
     """Returns whether a message is an image, a cloud or another block of bytes."""
     return type_name in _CLOUDS or any(field.kind in _EIGHT_BITS and field.size == SEQUENCE for _, field, _ in fields)
 
 
-def _is_names(entry: Tuple[str, Field, str]) -> bool:
+def _is_names(entry: tuple[str, Field, str]) -> bool:
     """Returns whether a field has the names of the elements of arrays beside it, as in a JointState."""
     path, field, _ = entry
     return path in NAME_ARRAYS and field.kind in TEXTS and field.size is not None

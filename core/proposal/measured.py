@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from statistics import fmean, pvariance
-from typing import Dict, Optional
 
 from ..config import BOUNDS, SignalConfig, read_signal
 from ..judge.signal_monitor import SignalMonitor
@@ -51,11 +50,11 @@ class Measured:
         self.bad_samples = 0
         self.rises = self.falls = 0
         """Values that are larger, and smaller, than the one before."""
-        self.elements: Dict[str, Measured] = {}
+        self.elements: dict[str, Measured] = {}
         """Each element, by its name, of a signal that selects several."""
         self.is_cut = False
         """Whether there are more than `MOST_ELEMENTS`."""
-        self._monitor: Optional[SignalMonitor] = None
+        self._monitor: SignalMonitor | None = None
         self._last_s = math.nan
         self._last = math.nan
         self._bins = [0] * _BINS
@@ -97,7 +96,7 @@ class Measured:
         self._monitor.observe(value, now_s)
         self.add(now_s, self._monitor.latest_good if self.config.statistic == "last" else self._monitor.judged)
 
-    def add(self, now_s: float, value: Optional[float]) -> None:
+    def add(self, now_s: float, value: float | None) -> None:
         """Adds a sample; None if it is not valid or its statistic not yet defined. Times must not decrease."""
         self._arrive(now_s)
         if value is None or not math.isfinite(value):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from typing import Dict, List, Mapping, Sequence, Set, Tuple, Union
+from typing import Mapping, Sequence
 
 from ..config import ACTIVE, is_element_name, template_name
 from ..port import Counts, Middleware, NodeInfo, Unread, Wanted
@@ -30,11 +30,11 @@ class Nodes:
         """Knows no node."""
         self.problem = ""
         """Why the graph is not known; empty if it is."""
-        self._publishers: Dict[str, Set[str]] = {}
+        self._publishers: dict[str, set[str]] = {}
         """Names of the nodes that publish each topic."""
         self._has_lifecycle = True
-        self._wanted: Tuple[Wanted, ...] = ()
-        self._seen: Dict[Wanted, Set[float]] = {}
+        self._wanted: tuple[Wanted, ...] = ()
+        self._seen: dict[Wanted, set[float]] = {}
         """The numbers that were counted; of lifecycle nodes their states."""
 
     def begin(self, node: Middleware) -> None:
@@ -61,7 +61,7 @@ class Nodes:
     def add_to(self, proposed: Proposed, candidates: Candidates) -> None:
         """Adds the nodes to what is proposed, and what depends on what where the names make that certain."""
         own = {node for topic in candidates.own_topics for node in self._publishers.get(topic, ())}
-        watched: Dict[str, List[Signal]] = {}
+        watched: dict[str, list[Signal]] = {}
         for signal in tuple(proposed.signals):
             if signal.kind == "log":  # which every node publishes
                 if not self.problem and all(map(_TOOLS.match, self._publishers.get(signal.topic, own) - own)):
@@ -70,7 +70,7 @@ class Nodes:
             elif not signal.is_shown_only:
                 watched.setdefault(signal.topic, []).append(signal)
         statuses = self._statuses(candidates)
-        others: List[str] = []
+        others: list[str] = []
         for node in sorted(name for key, name in self._wanted if key == "node" and name not in own):
             published = [topic for topic in watched if node in self._publishers.get(topic, ())]
             alone = {topic: watched[topic] for topic in published if len(self._publishers[topic]) == 1}
@@ -96,9 +96,9 @@ class Nodes:
         if self.problem:
             proposed.not_watched["nodes"] = self.problem
 
-    def _statuses(self, candidates: Candidates) -> Mapping[str, List[str]]:
+    def _statuses(self, candidates: Candidates) -> Mapping[str, list[str]]:
         """Returns the signals of the statuses of each node, by whose name they begin: `laser: scan` of `/laser`."""
-        statuses: Dict[str, List[str]] = {}
+        statuses: dict[str, list[str]] = {}
         for template, status in candidates.statuses:
             driver = status.partition(":")[0].strip().lstrip("/")
             nodes = {node for _, node in self._wanted if driver in (node.lstrip("/"), node.rpartition("/")[2])}
@@ -118,7 +118,7 @@ class Nodes:
             return "" if min(seen) >= 1.0 else "not there all the time"
         return "" if seen == {ACTIVE} else "not active all the time"
 
-    def _note(self, numbers: Union[Counts, Unread], now_s: float) -> None:
+    def _note(self, numbers: Counts | Unread, now_s: float) -> None:
         if isinstance(numbers, Unread):
             self.problem = "" if self._seen else numbers.reason
             return

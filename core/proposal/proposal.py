@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from itertools import groupby
-from typing import Dict, Iterator, List, Mapping, Optional, Set
+from typing import Iterator, Mapping
 
 from ..config import BOUNDS, read_signal
 from ..values import ConfigError, Level, duration_text, element_path, list_text
@@ -39,14 +39,14 @@ _OF_BOUNDS = ("hysteresis", "for_s")
 class Proposed:
     """Everything that is proposed for a robot."""
 
-    signals: List[Signal]
+    signals: list[Signal]
     """Sorted by topic; signals that were given are in their order."""
-    not_watched: Dict[str, str] = field(default_factory=dict)
+    not_watched: dict[str, str] = field(default_factory=dict)
     """Why topics and nodes are not watched, by their absolute names."""
     fields: Fields = field(default_factory=dict)
 
 
-def propose(candidates: Candidates, longest_s: Optional[Mapping[str, float]] = None) -> Proposed:
+def propose(candidates: Candidates, longest_s: Mapping[str, float] | None = None) -> Proposed:
     """Returns what is proposed of candidates that were listened to.
 
     `longest_s` has the longest healthy excursion, as `suggest` takes it, of every signal that raised an alert in a
@@ -54,7 +54,7 @@ def propose(candidates: Candidates, longest_s: Optional[Mapping[str, float]] = N
     """
     proposed = Proposed([], dict(candidates.not_watched), dict(candidates.fields))
     every = sorted(candidates.signals.values(), key=lambda each: "" if each.kind == "given" else each.topic)
-    silent: Set[str] = set()
+    silent: set[str] = set()
     lasted_s = max((each.measured.duration_s for each in every), default=0.0)
     for topic, group in groupby(every, key=lambda each: each.topic):
         of_topic = list(group)
@@ -122,7 +122,7 @@ def _sort_in(signal: Signal, proposed: Proposed) -> None:
         proposed.fields[signal.topic, signal.given["field"]] = (signal.left_out or ["no bounds"])[0]
 
 
-def _derived(signal: Signal, names: Names, longest_s: Optional[Mapping[str, float]]) -> Iterator[Signal]:
+def _derived(signal: Signal, names: Names, longest_s: Mapping[str, float] | None) -> Iterator[Signal]:
     """Yields what else the topic or the value of a signal is watched by.
 
     The largest gap of a topic so fast that its rate and its silence miss short gaps, and the forecast of a charge or a

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import random
 from array import array
-from typing import Set, Tuple
 
 SIZE = 16_384
 """Numbers that are kept."""
@@ -47,7 +46,7 @@ class Quantiles:
         self.min *= factor
         self.max *= factor
 
-    def within(self, low: float, high: float) -> Tuple[float, float, float]:
+    def within(self, low: float, high: float) -> tuple[float, float, float]:
         """Returns the smallest and the largest number in a range, and the fraction of the numbers outside of it.
 
         Estimated, as quantiles are. Without a number in the range its ends are returned.
@@ -66,6 +65,6 @@ class Quantiles:
         at = math.ceil(fraction * len(self._sample) * (1.0 - 1e-12)) - 1
         return sorted(self._sample)[max(0, at)]
 
-    def different(self) -> Set[float]:
+    def different(self) -> set[float]:
         """Returns the different numbers of the sample."""
         return set(self._sample)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Tuple
+from typing import Any, Callable, Mapping, NamedTuple
 
 from ..config import BOUNDS, SignalConfig
 from ..values import bound_text, count_text, duration_text
@@ -64,22 +64,22 @@ class Signal:
     kind: str
     """What it is measured by: `rate`, `age`, `statuses`, `action`, `log`, `frames`, `elements`, `number`,
     `node`; `given` was configured before, and stays."""
-    given: Dict[str, Any]
+    given: dict[str, Any]
     """Settings that say what it is; all settings of one that was configured before."""
-    rules: Optional[Rules] = None
+    rules: Rules | None = None
     measured: Measured = field(default_factory=Measured)
-    proposed: Dict[str, Setting] = field(default_factory=dict)
+    proposed: dict[str, Setting] = field(default_factory=dict)
     """The proposed keys of thresholds.yaml."""
-    seen: Dict[str, Setting] = field(default_factory=dict)
+    seen: dict[str, Setting] = field(default_factory=dict)
     """Keys that are comments, such as those of a range that was not seen for long enough."""
-    left_out: List[str] = field(default_factory=list)
+    left_out: list[str] = field(default_factory=list)
     """One line for each key that the data cannot justify."""
     note: str = ""
     alerts: Mapping[str, str] = field(default_factory=dict)
     """How often keys alerted in a replay: `0 alerts`; empty for one that raises none."""
 
     @property
-    def settings(self) -> Dict[str, Any]:
+    def settings(self) -> dict[str, Any]:
         """All settings."""
         return {**self.given, **{key: setting.value for key, setting in self.proposed.items()}}
 
@@ -95,11 +95,11 @@ class Signal:
 
     def copy(self, **changes: Any) -> Signal:
         """Returns it as it was before anything was proposed."""
-        fresh: Dict[str, Any] = {"given": dict(self.given), "proposed": {}, "seen": {}, "left_out": []}
+        fresh: dict[str, Any] = {"given": dict(self.given), "proposed": {}, "seen": {}, "left_out": []}
         return replace(self, **{**fresh, **changes})
 
 
-def suggest(signal: Signal, longest_excursion_s: Optional[float] = None) -> None:
+def suggest(signal: Signal, longest_excursion_s: float | None = None) -> None:
     """Derives the settings of a signal.
 
     `longest_excursion_s` is the longest time for which a healthy value was beyond a bound that this function suggested
@@ -116,7 +116,7 @@ def suggest(signal: Signal, longest_excursion_s: Optional[float] = None) -> None
         signal.proposed["stale_after_s"] = staleness(signal.measured.gaps)
 
 
-def _add_range(signal: Signal, longest_excursion_s: Optional[float]) -> None:
+def _add_range(signal: Signal, longest_excursion_s: float | None) -> None:
     measured = signal.measured
     reason = measured.unsuitable()
     if reason:
@@ -179,7 +179,7 @@ def _add_rules(signal: Signal, rules: Rules) -> None:
         signal.left_out.append(f"no bounds: {spread}")
 
 
-def _without_outliers(values: Quantiles, fence: float, low: float, high: float) -> Tuple[float, float]:
+def _without_outliers(values: Quantiles, fence: float, low: float, high: float) -> tuple[float, float]:
     """Returns the two ends of a range, without the few values that are far from all others.
 
     One error of a sensor must not widen a bound: in 600 samples it is beyond the quantile of 99.9 %.
@@ -223,7 +223,7 @@ def _add_bounds(signal: Signal, from_extreme: bool) -> None:
         signal.proposed[key] = Setting(bound, f"{evidence}; margin {measured.text(margin)}")
 
 
-def _limits(config: SignalConfig, lowest_value: float) -> Tuple[float, float]:
+def _limits(config: SignalConfig, lowest_value: float) -> tuple[float, float]:
     """Returns what no value of a signal can be beyond; those of one that was never negative stay so."""
     low = (-math.inf, config.valid_min, _LOWEST.get(config.unit), 0.0 if lowest_value >= 0.0 else None)
     high = (math.inf, config.valid_max, _HIGHEST.get(config.unit))

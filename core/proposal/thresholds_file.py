@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 import re
 from itertools import chain, groupby
-from typing import Any, Dict, Iterable, List, Mapping, Tuple
+from typing import Any, Iterable
 
-from ..values import count_text, duration_text, list_text, number_text, printable
+from ..values import JsonObject, count_text, duration_text, list_text, number_text, printable
 from .proposal import ORDER, Proposed
 from .suggestion import Signal
 
@@ -19,7 +19,7 @@ _COLUMN = 36
 """Column of the comments."""
 
 
-def thresholds_text(heading: Iterable[str], others: Mapping[str, Any], proposed: Proposed) -> str:
+def thresholds_text(heading: Iterable[str], others: JsonObject, proposed: Proposed) -> str:
     """Returns the file: `heading` as a comment at its head, `others` as further keys of alert_system, and signals."""
     lines = [*(f"# {line}" for line in heading), "alert_system:", "  ros__parameters:"]
     lines += [f"    {key}: {yaml_text(value)}" for key, value in others.items()]
@@ -27,7 +27,7 @@ def thresholds_text(heading: Iterable[str], others: Mapping[str, Any], proposed:
     lines.append("    signals:" if watched else "    signals: {}")
     fields = _fields(proposed)
     for topic, signals in groupby(proposed.signals, key=lambda signal: signal.topic):
-        comments: List[str] = []
+        comments: list[str] = []
         for signal in signals:
             if signal.is_shown_only:
                 comments.append(_shown_only(signal))
@@ -45,18 +45,18 @@ def thresholds_text(heading: Iterable[str], others: Mapping[str, Any], proposed:
     return "".join(f"{printable(line)}\n" for line in lines)
 
 
-def _fields(proposed: Proposed) -> Dict[str, List[str]]:
+def _fields(proposed: Proposed) -> dict[str, list[str]]:
     """Returns the lines of the fields of each topic that are not watched, those with the same reason together."""
-    reasons: Dict[Tuple[str, str], List[str]] = {}
+    reasons: dict[tuple[str, str], list[str]] = {}
     for (topic, field), reason in proposed.fields.items():
         reasons.setdefault((topic, reason), []).append(field)
-    lines: Dict[str, List[str]] = {}
+    lines: dict[str, list[str]] = {}
     for (topic, reason), fields in reasons.items():
         lines.setdefault(topic, []).append(f"      # {topic}, {list_text(fields, _MOST_FIELDS)}: {reason}")
     return {topic: _at_most(each, topic, "more without bounds") for topic, each in lines.items()}
 
 
-def _signal(signal: Signal) -> List[str]:
+def _signal(signal: Signal) -> list[str]:
     settings, measured = signal.given, signal.measured
     lines = [f"      {signal.name}:"]
     if measured.samples or not signal.note:
@@ -99,12 +99,12 @@ def _shown_only(signal: Signal) -> str:
     return f"      # {signal.name}: {yaml_text(keys)}  # {seen} in {duration_text(signal.measured.duration_s)}"
 
 
-def _at_most(lines: List[str], topic: str, what: str) -> List[str]:
+def _at_most(lines: list[str], topic: str, what: str) -> list[str]:
     more = len(lines) - _MOST_FIELDS
     return lines if more <= 0 else [*lines[:_MOST_FIELDS], f"      # {topic}: {more} {what}"]
 
 
-def _unit(settings: Mapping[str, Any]) -> str:
+def _unit(settings: JsonObject) -> str:
     return {"frequency_hz": "Hz", "largest_gap_s": "s"}.get(
         settings.get("statistic", ""), str(settings.get("unit", ""))
     )

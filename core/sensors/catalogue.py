@@ -10,15 +10,16 @@ from __future__ import annotations
 
 import os
 from functools import partial
-from typing import Any, Callable, Iterable, Mapping, NamedTuple, Sequence, Tuple
+from typing import Any, Callable, Iterable, Mapping, NamedTuple, Sequence
 
 from ..config import Parameter
+from ..values import JsonObject
 from . import daemons, disks, gpu, host, network, operating_system, processes
 from .computer import Computer, Growth, HostPaths, HostReading, load_psutil
 from .processes import ProcessSource
 from .source import Source
 
-Options = Mapping[str, Any]
+Options = JsonObject
 _NONE: Options = {}
 
 
@@ -29,7 +30,7 @@ class HostSource(NamedTuple):
     description: str
     make: Callable[..., Source]
     """Creates the source; takes the computer, and the options by their names."""
-    options: Tuple[Parameter, ...] = ()
+    options: tuple[Parameter, ...] = ()
     """Select one where a machine may have several."""
     available: Callable[[HostPaths], Iterable[Options]] = lambda paths: ()
     """Returns the options of each that this machine has; raises SensorError if they cannot be read."""
@@ -76,7 +77,7 @@ _SWAP = _asked("the swap", lambda paths: load_psutil(paths).swap_memory(), opera
 _REDUCE = Parameter("reduce", str, "sum", "of several processes", choices=tuple(processes.REDUCTIONS))
 
 
-def _process(metric: str, unit: str, description: str, *options: Parameter) -> Tuple[Any, ...]:
+def _process(metric: str, unit: str, description: str, *options: Parameter) -> tuple[Any, ...]:
     selecting = (
         Parameter("command", str, "", "pattern of the whole command line, with * and ?"),
         Parameter("node", str, "", "name of a ROS node: of __node:= or __name:=, or the executable"),
@@ -95,7 +96,7 @@ def _gpu(name: str) -> Callable[..., Source]:
 
 def _option(
     names: Callable[[HostPaths], Iterable[Any]], name: str, kind: type, default: Any, *declared: Any
-) -> Tuple[Tuple[Parameter, ...], Callable[[HostPaths], Iterable[Options]]]:
+) -> tuple[tuple[Parameter, ...], Callable[[HostPaths], Iterable[Options]]]:
     """Returns an option that selects one of `names`, and what lists its values."""
     option = Parameter(name, kind, default, *declared)
     return (option,), lambda paths: [{name: each} for each in names(paths)]
@@ -118,7 +119,7 @@ _OF_INTERFACE = _interface(network.read_counters, "network interface; left out: 
 _OF_WIFI = _interface(network.wifi_signals, "Wi-Fi interface; left out: the first")
 _OF_GPU = _option(gpu.gpus, "device", int, 0, "number of the graphics processor", 0, 63)
 
-_TABLE: Sequence[Tuple[Any, ...]] = (
+_TABLE: Sequence[tuple[Any, ...]] = (
     (
         "cpu_percent", "%", "CPU load", _asked("the CPU", host.core_ticks, host.busy_percent, kind=Growth), *_OF_CORE,
     ),

@@ -13,7 +13,7 @@ import re
 import warnings
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Callable, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Tuple, TypeVar
+from typing import Any, Callable, Iterable, Mapping, NamedTuple, Sequence, TypeVar
 
 from ..values import ServiceError, list_text, printable
 from .source import NoSuchSensor, NotMeasuredYet, SensorError
@@ -65,7 +65,7 @@ class _Question:
     is_late: bool = False
     """Whether the answer came after its period, and has not been given yet."""
     value: Any = None
-    error: Optional[SensorError] = None
+    error: SensorError | None = None
 
     def run(self, subject: str, function: Callable[..., Any], *arguments: Any) -> None:
         try:
@@ -85,8 +85,8 @@ class Computer:
         """Reads the files below `paths`; `background` runs what may hang."""
         self.paths = paths
         self._background = background
-        self._questions: Dict[Tuple[Any, ...], _Question] = {}
-        self.shared: Dict[type, Any] = {}
+        self._questions: dict[tuple[Any, ...], _Question] = {}
+        self.shared: dict[type, Any] = {}
         """State that several sources share, such as the processes."""
 
     def ask(
@@ -144,7 +144,7 @@ class Growth:
     """A source of how much counters grew between two reads."""
 
     def __init__(
-        self, ask: Callable[[float], Counters], value: Callable[[List[List[float]], float], Optional[float]]
+        self, ask: Callable[[float], Counters], value: Callable[[list[list[float]], float], float | None]
     ) -> None:
         """Reads nothing yet.
 
@@ -156,7 +156,7 @@ class Growth:
         self._value_of = value
         self._counters: Counters = {}
         self._at_s = math.nan
-        self._value: Optional[float] = None
+        self._value: float | None = None
 
     def read(self, now_s: float) -> float:
         """Returns the value since the previous read, or that of before if no time has passed; raises SensorError."""
@@ -198,7 +198,7 @@ def read_bytes(path: str, most: int = MOST_BYTES) -> bytes:
         os.close(file)
 
 
-def read_text(*parts: str) -> Optional[str]:
+def read_text(*parts: str) -> str | None:
     """Returns the content of a small file below folders, None if it cannot be read."""
     try:
         return read_bytes(os.path.join(*parts)).decode("utf-8", "replace").strip()
@@ -206,7 +206,7 @@ def read_text(*parts: str) -> Optional[str]:
         return None
 
 
-def read_float(*parts: str) -> Optional[float]:
+def read_float(*parts: str) -> float | None:
     """Returns the number in a file, None if there is none: the file of a sensor that is switched off is empty."""
     try:
         number = float(read_text(*parts) or "")
@@ -215,16 +215,16 @@ def read_float(*parts: str) -> Optional[float]:
     return number if math.isfinite(number) else None
 
 
-def sorted_paths(pattern: str) -> List[str]:
+def sorted_paths(pattern: str) -> list[str]:
     """Returns the paths that match, hwmon2 before hwmon10."""
 
-    def key(path: str) -> List[object]:
+    def key(path: str) -> list[object]:
         return [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", path)]
 
     return sorted(glob.glob(pattern), key=key)
 
 
-def chosen(parts: Mapping[Any, Result], noun: str, name: Any, default: Iterable[Any]) -> Dict[Any, Result]:
+def chosen(parts: Mapping[Any, Result], noun: str, name: Any, default: Iterable[Any]) -> dict[Any, Result]:
     """Returns the part of this computer with a name, such as one disk; without a name those of `default`.
 
     Raises SensorError if there is none with this name, and NoSuchSensor if `default` is empty.

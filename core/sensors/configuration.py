@@ -9,11 +9,11 @@ from __future__ import annotations
 import random
 import re
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Dict, List, Mapping, Optional, Sequence, Tuple
+from typing import TYPE_CHECKING, Any, Mapping, Sequence
 
 from ..config import Parameter, read_parameters, require_mapping
 from ..config.schema import parameters
-from ..values import ConfigError, Path, Problems
+from ..values import ConfigError, JsonObject, Path, Problems
 from .computer import Computer
 from .simulated import SimulatedBattery, SimulatedCpuUsage, SimulatedTemperature
 from .source import Source
@@ -26,7 +26,7 @@ METRICS: Mapping[str, str] = {"battery_level": "%", "temperature": "degC", "cpu_
 
 SEED = Parameter("seed", int, None, "seed of the simulated values; left out: different values at every start")
 
-PRESETS: Mapping[str, Tuple[str, ...]] = {
+PRESETS: Mapping[str, tuple[str, ...]] = {
     "none": (),
     "standard": (
         "load_5min",
@@ -63,11 +63,11 @@ _SOURCE = Parameter(
     choices=("simulated", "host", "none"),
 )
 
-_SIMULATED: Mapping[str, Any] = {
+_SIMULATED: JsonObject = {
     "battery_level": SimulatedBattery, "temperature": SimulatedTemperature, "cpu_usage": SimulatedCpuUsage
 }  # fmt: skip
 
-METRIC_PARAMETERS: Mapping[str, Tuple[Parameter, ...]] = {
+METRIC_PARAMETERS: Mapping[str, tuple[Parameter, ...]] = {
     metric: (_SOURCE, *parameters(simulated)) for metric, simulated in _SIMULATED.items()
 }
 """Parameters of the standard metrics, each in the section of its name; the first is `source`."""
@@ -82,7 +82,7 @@ _HOST_METRICS = {"battery_level": "battery_percent", "temperature": "temperature
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*\Z")
 
 
-def read_sources(tree: Mapping[str, Any], path: Path = (), computer: Optional[Computer] = None) -> Dict[str, Source]:
+def read_sources(tree: JsonObject, path: Path = (), computer: Computer | None = None) -> dict[str, Source]:
     """Creates a source per metric, in the order of `METRICS` and then of the section `host`; none for `source: none`.
 
     Reads `seed`, `sensors`, `host_preset` and the sections of a node's whole configuration; the sources share
@@ -90,7 +90,7 @@ def read_sources(tree: Mapping[str, Any], path: Path = (), computer: Optional[Co
     allowed.
     """
     computer = computer or Computer()
-    sources: Dict[str, Source] = {}
+    sources: dict[str, Source] = {}
     problems = Problems()
     seed = random.getrandbits(32)
     with problems:
@@ -110,15 +110,15 @@ def read_sources(tree: Mapping[str, Any], path: Path = (), computer: Optional[Co
     return sources
 
 
-def settings_of(tree: Mapping[str, Any], metric: str) -> Mapping[str, Any]:
+def settings_of(tree: JsonObject, metric: str) -> JsonObject:
     """Returns the settings of one metric in a valid configuration, defaults included."""
     _, table, given = _section(tree, metric, ())
     return {**{parameter.name: parameter.default for parameter in table}, **given}
 
 
-def declared_parameters(tree: Mapping[str, Any]) -> Tuple[Parameter, ...]:
+def declared_parameters(tree: JsonObject) -> tuple[Parameter, ...]:
     """Returns the parameters of every metric in a valid configuration, by their dotted names."""
-    declared: List[Parameter] = []
+    declared: list[Parameter] = []
     for metric in [*METRICS, *_host_sections(tree, ())]:
         where, (source, *options), given = _section(tree, metric, ())
         # A middleware that fills in defaults must not fill in another source than `sensors` does.
@@ -127,9 +127,7 @@ def declared_parameters(tree: Mapping[str, Any]) -> Tuple[Parameter, ...]:
     return tuple(declared)
 
 
-def _section(
-    tree: Mapping[str, Any], metric: str, path: Path
-) -> Tuple[Tuple[str, ...], Sequence[Parameter], Dict[str, Any]]:
+def _section(tree: JsonObject, metric: str, path: Path) -> tuple[tuple[str, ...], Sequence[Parameter], dict[str, Any]]:
     """Returns where the settings of a metric are, the parameters that it can have, and what is given of them."""
     if metric in METRICS:
         where = (*path, metric)
@@ -146,7 +144,7 @@ def _section(
     return where, (source, *options), given
 
 
-def _host_sections(tree: Mapping[str, Any], path: Path) -> Mapping[str, Mapping[str, Any]]:
+def _host_sections(tree: JsonObject, path: Path) -> Mapping[str, JsonObject]:
     sections = require_mapping(tree.get(HOST_SECTION, {}), (*path, HOST_SECTION))
     preset = HOST_PRESET.read(tree.get("host_preset") or "none", (*path, "host_preset"))
     problems = Problems()
@@ -168,7 +166,7 @@ def _host_sources() -> Mapping[str, HostSource]:
     return HOST_SOURCES
 
 
-def _source(metric: str, values: Dict[str, Any], seed: str, path: Path, computer: Computer) -> Optional[Source]:
+def _source(metric: str, values: dict[str, Any], seed: str, path: Path, computer: Computer) -> Source | None:
     """Returns the source of a metric with these settings; None if it has none."""
     kind = values.pop("source")
     if kind == "none":

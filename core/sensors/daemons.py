@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import subprocess
-from typing import List, NamedTuple, Optional
+from typing import NamedTuple
 
 from ..values import printable
 from .computer import HostPaths
@@ -21,7 +21,7 @@ class Clock(NamedTuple):
     """What the time daemon knows of this computer's clock."""
 
     is_synchronized: bool
-    offset_ms: Optional[float]
+    offset_ms: float | None
     """Time of the servers minus that of this clock; None if it is not measured."""
 
 
@@ -43,7 +43,7 @@ def clock_offset_ms(clock: Clock) -> float:
     return clock.offset_ms
 
 
-def read_chrony(*options: str) -> Optional[Clock]:
+def read_chrony(*options: str) -> Clock | None:
     """Returns what chronyd knows, as chronyc prints it in CSV: the offset is the fifth field. None if none answers."""
     try:
         done = _run("chronyc", "-n", "-c", *options, "tracking")
@@ -68,7 +68,7 @@ def _run(*command: str) -> subprocess.CompletedProcess[str]:
     )
 
 
-def _timesyncd_offset_ms(paths: HostPaths) -> Optional[float]:
+def _timesyncd_offset_ms(paths: HostPaths) -> float | None:
     """Returns the offset of the latest answer of the server (RFC 5905, section 8), None without one."""
     try:
         words = read_property(paths, "org.freedesktop.timesync1", "NTPMessage")
@@ -86,7 +86,7 @@ def failed_units(paths: HostPaths) -> float:
     return float(number)
 
 
-def read_property(paths: HostPaths, service: str, name: str) -> List[str]:
+def read_property(paths: HostPaths, service: str, name: str) -> list[str]:
     """Returns a property of a service's manager on the system's D-Bus, as busctl prints it: its type, then its values.
 
     Starts no service. Raises SensorError.

@@ -10,7 +10,7 @@ from __future__ import annotations
 import contextlib
 import os
 import re
-from typing import Dict, List, NamedTuple, Tuple
+from typing import NamedTuple
 
 from .computer import HostPaths, chosen, load_psutil, read_bytes
 from .source import NoSuchSensor, SensorError
@@ -74,19 +74,19 @@ def inodes_percent(space: Space) -> float:
     return 100.0 * (space.inodes - space.free_inodes) / space.inodes
 
 
-def mount_points(paths: HostPaths) -> List[str]:
+def mount_points(paths: HostPaths) -> list[str]:
     """Returns where disks are mounted, each disk once."""
     partitions = [each for each in load_psutil(paths).disk_partitions(all=False) if os.path.isdir(each.mountpoint)]
     first = {each.device: each.mountpoint for each in reversed(partitions)}
     return sorted(path for path in {"/", *first.values()} if os.path.ismount(path))
 
 
-def read_requests(paths: HostPaths, device: str = "") -> Dict[str, Tuple[int, int]]:
+def read_requests(paths: HostPaths, device: str = "") -> dict[str, tuple[int, int]]:
     """Returns the number of reads and writes that disks finished, and the time that they took in ms.
 
     Of one device or, without a name, of all disks: no partitions, no loops.
     """
-    requests: Dict[str, Tuple[int, int]] = {}
+    requests: dict[str, tuple[int, int]] = {}
     for line in read_bytes(f"{paths.proc}/diskstats").decode("utf-8", "replace").splitlines():
         columns = line.split(None, 11)
         with contextlib.suppress(IndexError, ValueError):
@@ -94,6 +94,6 @@ def read_requests(paths: HostPaths, device: str = "") -> Dict[str, Tuple[int, in
     return chosen(requests, "disk", device, [name for name in requests if not _NO_DISK.match(name)])
 
 
-def latency_ms(grown: List[List[float]], elapsed_s: float) -> float:
+def latency_ms(grown: list[list[float]], elapsed_s: float) -> float:
     """Returns the mean time that the slowest disk took for each request, in ms, 0 without a request."""
     return max(ms / requests if requests else 0.0 for requests, ms in grown)

@@ -6,7 +6,7 @@ NVIDIA's library waits for its driver, so `read_gpu` is called with `Computer.as
 from __future__ import annotations
 
 import os
-from typing import List, NamedTuple, Optional
+from typing import NamedTuple
 
 from .computer import HostPaths, read_float, read_text, sorted_paths
 from .source import NoSuchSensor, SensorError
@@ -19,10 +19,10 @@ _LOADS = ("devices/gpu.0/load", "devices/platform/gpu.0/load", "class/devfreq/*g
 class Gpu(NamedTuple):
     """What a graphics processor does."""
 
-    percent: Optional[float]
-    memory_percent: Optional[float]
+    percent: float | None
+    memory_percent: float | None
     """None if it shares the memory of the computer."""
-    celsius: Optional[float]
+    celsius: float | None
 
 
 def read_gpu(paths: HostPaths, device: int = 0) -> Gpu:
@@ -46,7 +46,7 @@ def read_gpu(paths: HostPaths, device: int = 0) -> Gpu:
         nvml.nvmlShutdown()
 
 
-def _jetson_celsius(paths: HostPaths) -> Optional[float]:
+def _jetson_celsius(paths: HostPaths) -> float | None:
     for zone in sorted_paths(f"{paths.sys}/class/thermal/thermal_zone*"):
         if (read_text(zone, "type") or "").lower().startswith("gpu"):
             number = read_float(zone, "temp")
@@ -56,15 +56,15 @@ def _jetson_celsius(paths: HostPaths) -> Optional[float]:
 
 def gpu_value(gpu: Gpu, name: str) -> float:
     """Returns one figure of a graphics processor by its name; raises NoSuchSensor if it does not have it."""
-    value: Optional[float] = getattr(gpu, name)
+    value: float | None = getattr(gpu, name)
     if value is None:
         raise NoSuchSensor(f"this graphics processor has no {name}; a Jetson shares the memory of the computer")
     return value
 
 
-def gpus(paths: HostPaths) -> List[int]:
+def gpus(paths: HostPaths) -> list[int]:
     """Returns the numbers of the graphics processors that can be read."""
-    numbers: List[int] = []
+    numbers: list[int] = []
     try:
         while len(numbers) < 16:
             read_gpu(paths, len(numbers))

@@ -10,7 +10,7 @@ online instead of naming them.
 from __future__ import annotations
 
 import os
-from typing import Counter, Dict, List, Mapping, Optional, Tuple
+from typing import Counter, Mapping, Tuple
 
 from ..values import list_text, printable
 from .computer import HostPaths, chosen, read_bytes, read_float, read_text, sorted_paths
@@ -23,9 +23,9 @@ CpuTicks = Tuple[int, int, int]
 """Ticks that were busy, idle, and waiting for a disk, which may step back."""
 
 
-def read_cpu_ticks(paths: HostPaths) -> Dict[Optional[int], CpuTicks]:
+def read_cpu_ticks(paths: HostPaths) -> dict[int | None, CpuTicks]:
     """Returns the ticks of each core that is online, and of all together (None), as proc_stat(5) has them."""
-    ticks: Dict[Optional[int], CpuTicks] = {}
+    ticks: dict[int | None, CpuTicks] = {}
     for line in read_bytes(f"{paths.proc}/stat").splitlines():
         if not line.startswith(b"cpu"):
             break  # the lines of the cores come first
@@ -36,24 +36,24 @@ def read_cpu_ticks(paths: HostPaths) -> Dict[Optional[int], CpuTicks]:
     return ticks
 
 
-def core_ticks(paths: HostPaths, core: Optional[int] = None) -> Dict[Optional[int], CpuTicks]:
+def core_ticks(paths: HostPaths, core: int | None = None) -> dict[int | None, CpuTicks]:
     """Returns the ticks of a core that is online, without a number those of all together."""
     return chosen(read_cpu_ticks(paths), "core", core, [None])
 
 
-def busy_percent(grown: List[List[float]], elapsed_s: float) -> Optional[float]:
+def busy_percent(grown: list[list[float]], elapsed_s: float) -> float | None:
     """Returns the load in % of the growth of ticks; None if there is no tick."""
     ((busy, idle, iowait),) = grown
     return 100.0 * busy / (busy + idle + iowait) if busy + idle + iowait else None
 
 
-def find_sensors(paths: HostPaths, kind: str) -> Dict[str, str]:
+def find_sensors(paths: HostPaths, kind: str) -> dict[str, str]:
     """Returns where the reading of each sensor of a kind (temp, fan, in) is, by its name. Reads no value.
 
     The name is chip/label; without a label that no other sensor has chip/fan1 or chip/in1 or, of a temperature,
     chip/number: the sensors of chips of this name are counted from 0. Boards such as Jetson have thermal zones only.
     """
-    sensors: Dict[str, str] = {}
+    sensors: dict[str, str] = {}
     numbers: Counter[str] = Counter()
 
     def add(chip: str, label: str, path: str) -> None:
@@ -75,13 +75,13 @@ def find_sensors(paths: HostPaths, kind: str) -> Dict[str, str]:
     return sensors
 
 
-def _select(paths: HostPaths, kind: str, noun: str, sensor: str) -> Dict[str, str]:
+def _select(paths: HostPaths, kind: str, noun: str, sensor: str) -> dict[str, str]:
     """Returns the sensors of a kind; only the one with a name, if it is given, so that no other is read."""
     sensors = find_sensors(paths, kind)
     return chosen(sensors, noun, sensor, ()) if sensor and sensors else sensors
 
 
-def _read(sensors: Mapping[str, str], sensor: str) -> Dict[str, float]:
+def _read(sensors: Mapping[str, str], sensor: str) -> dict[str, float]:
     """Returns the numbers of the sensors that have one; the one with a name must have one."""
     numbers = {name: read_float(path) for name, path in sensors.items()}
     readings = {name: number for name, number in numbers.items() if number is not None}
@@ -98,7 +98,7 @@ def temperature(paths: HostPaths, sensor: str = "") -> float:
     sensors = _select(paths, "temp", "temperature sensor", sensor)
     # A chip that is none of the CPU is not even read if one of the CPU answers.
     of_cpu = {name: path for name, path in sensors.items() if name.lower().startswith(_CPU_CHIPS)}
-    readings: Dict[str, float] = {}
+    readings: dict[str, float] = {}
     for group in (of_cpu, {name: path for name, path in sensors.items() if name not in of_cpu}):
         readings.update((name, number / 1000.0) for name, number in _read(group, sensor).items())
         plausible = [celsius for celsius in readings.values() if _is_plausible(celsius)]
@@ -123,7 +123,7 @@ def rail_volts(paths: HostPaths, sensor: str = "") -> float:
     return _read_all(paths, "in", "voltage sensor", sensor)[0] / 1000.0
 
 
-def _read_all(paths: HostPaths, kind: str, noun: str, sensor: str) -> List[float]:
+def _read_all(paths: HostPaths, kind: str, noun: str, sensor: str) -> list[float]:
     """Returns the readings of all sensors of a kind, of at least one; only that of `sensor` if there is a name."""
     readings = _read(_select(paths, kind, noun, sensor), sensor)
     if not readings:

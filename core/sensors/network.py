@@ -10,7 +10,7 @@ import os
 import re
 import socket
 import struct
-from typing import Callable, Dict, List, Sequence, Tuple
+from typing import Callable, Sequence
 
 from .computer import HostPaths, chosen, load_psutil, read_bytes, read_text
 from .source import NoSuchSensor, SensorError
@@ -23,13 +23,13 @@ _GET_RATE = 0x8B21
 """SIOCGIWRATE of wireless.h."""
 
 
-def read_counters(paths: HostPaths, interface: str = "") -> Dict[str, Sequence[int]]:
+def read_counters(paths: HostPaths, interface: str = "") -> dict[str, Sequence[int]]:
     """Returns the counters of a network interface or, without a name, of all but the loopback, as psutil has them."""
     counters = load_psutil(paths).net_io_counters(pernic=True, nowrap=False)
     return chosen(counters, "network interface", interface, sorted(name for name in counters if name != "lo"))
 
 
-def read_can_counters(paths: HostPaths, interface: str = "") -> Dict[str, Sequence[int]]:
+def read_can_counters(paths: HostPaths, interface: str = "") -> dict[str, Sequence[int]]:
     """Returns the counters of a CAN interface or, without a name, of all of them."""
     names = can_interfaces(paths)
     counters = {name: each for name, each in read_counters(paths).items() if name in names}
@@ -40,12 +40,12 @@ RECEIVED, SENT, ERRORS, DROPS = slice(1, 2), slice(0, 1), slice(4, 6), slice(6, 
 """The places of counters; those of errors and drops are of both directions."""
 
 
-def rate(counters: slice, scale: float = 1.0) -> Callable[[List[List[float]], float], float]:
+def rate(counters: slice, scale: float = 1.0) -> Callable[[list[list[float]], float], float]:
     """Returns what makes a rate per second of the growth of the counters of interfaces, added up."""
     return lambda grown, elapsed_s: scale * sum(sum(each[counters]) for each in grown) / elapsed_s
 
 
-def can_interfaces(paths: HostPaths) -> List[str]:
+def can_interfaces(paths: HostPaths) -> list[str]:
     """Returns the names of the CAN interfaces; raises NoSuchSensor if there is none."""
     folder = os.path.join(paths.sys, "class", "net")
     names = [name for name in _names(folder) if read_text(folder, name, "type") == _CAN_TYPE]
@@ -63,14 +63,14 @@ def carrier(paths: HostPaths, interface: str = "") -> float:
     return float(any(read_text(folder, name, "carrier") == "1" for name in chosen_names))
 
 
-def _names(folder: str) -> List[str]:
+def _names(folder: str) -> list[str]:
     try:
         return sorted(os.listdir(folder))
     except OSError:
         return []
 
 
-def wifi_signals(paths: HostPaths) -> Dict[str, float]:
+def wifi_signals(paths: HostPaths) -> dict[str, float]:
     """Returns the signal in dBm of each Wi-Fi interface that is connected; raises NoSuchSensor if there is none."""
     file = os.path.join(paths.proc, "net", "wireless")
     try:
@@ -84,7 +84,7 @@ def wifi_signals(paths: HostPaths) -> Dict[str, float]:
     return {name: level - 256.0 if level >= 64.0 else level for name, level in signals.items()}
 
 
-def _wifi(paths: HostPaths, interface: str) -> Tuple[str, float]:
+def _wifi(paths: HostPaths, interface: str) -> tuple[str, float]:
     """Returns the name and the signal of a Wi-Fi interface, without a name of the first."""
     signals = wifi_signals(paths)
     (named_signal,) = chosen(signals, "Wi-Fi interface", interface, [*signals][:1]).items()

@@ -16,7 +16,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
 from statistics import fmean
-from typing import Any, Callable, Dict, FrozenSet, List, Mapping, NamedTuple, Optional, Set
+from typing import Any, Callable, Mapping, NamedTuple
 from weakref import WeakSet
 
 from ..values import matches_pattern
@@ -34,7 +34,7 @@ OLD_SCANS = 60
 
 _TICKS_PER_S = os.sysconf("SC_CLK_TCK")
 
-REDUCTIONS: Mapping[str, Callable[[List[float]], float]] = {
+REDUCTIONS: Mapping[str, Callable[[list[float]], float]] = {
     "sum": sum,
     "max": max,
     "min": min,
@@ -55,7 +55,7 @@ class Known:
     """As of `Stat`."""
     command: str = ""
     """Empty for a zombie, a part of the kernel, or what another user hides."""
-    names: FrozenSet[str] = frozenset()
+    names: frozenset[str] = frozenset()
 
 
 class ProcessSource:
@@ -71,14 +71,14 @@ class ProcessSource:
         self._command, self._node = command, node
         self._metric = metric
         self._reduce = REDUCTIONS[reduce]
-        self.pids: Set[int] = set()
+        self.pids: set[int] = set()
         """The numbers of those that are selected."""
         self.at_s = 0.0
         """Time of the readings, in s since the computer started."""
-        self.cpu_s: Dict[Any, float] = {}
+        self.cpu_s: dict[Any, float] = {}
         """CPU time of each process of psutil that is selected."""
         self.last_s = 0.0
-        self.last_cpu_s: Dict[Any, float] = {}
+        self.last_cpu_s: dict[Any, float] = {}
         """The readings before."""
         self.starts = 0
         """Processes that were seen since the monitor began."""
@@ -91,7 +91,7 @@ class ProcessSource:
         is_selected = _is_selected(self._command, self._node, process.command, process.names)
         (self.pids.add if is_selected else self.pids.discard)(pid)
 
-    def use(self, at_s: float, cpu_s: Dict[Any, float]) -> None:
+    def use(self, at_s: float, cpu_s: dict[Any, float]) -> None:
         """Takes over the readings of a period."""
         self.starts += len(cpu_s.keys() - self.cpu_s.keys())
         self.most_at_once = max(self.most_at_once, len(cpu_s))
@@ -126,7 +126,7 @@ class Processes:
 
     def __init__(self) -> None:
         """Reads nothing yet."""
-        self._known: Dict[int, Known] = {}
+        self._known: dict[int, Known] = {}
         self._scans = 0
         self._sources: WeakSet[ProcessSource] = WeakSet()
 
@@ -165,7 +165,7 @@ class Processes:
             source.use(now_s, dict(cpu_s[pid] for pid in source.pids if pid in cpu_s))
         return self
 
-    def nodes(self) -> List[str]:
+    def nodes(self) -> list[str]:
         """Returns the names of the ROS nodes that were started with one, without their namespaces."""
         named = (process for process in self._known.values() if "__n" in process.command)
         return sorted({name for process in named for name in process.names if "/" not in name})
@@ -175,13 +175,13 @@ class Processes:
         """Whether those of other users are not listed (`hidepid`)."""
         return 1 not in self._known or not self._known[1].command
 
-    def _selected(self) -> Set[int]:
+    def _selected(self) -> set[int]:
         return set().union(*(each.pids for each in list(self._sources) if len(each.pids) <= MOST_MATCHES))
 
     def _identify(self, pid: int) -> None:
         """Reads the command line of a process."""
         known = self._known[pid]
-        words: List[str] = []
+        words: list[str] = []
         with suppress(Exception):  # as above, or it is hidden
             words = known.process.cmdline()
         command = " ".join(words)[:MOST_LETTERS]
@@ -204,7 +204,7 @@ class Stat(NamedTuple):
     cpu_s: float
 
 
-def read_stat(paths: HostPaths, pid: int) -> Optional[Stat]:
+def read_stat(paths: HostPaths, pid: int) -> Stat | None:
     """Returns what proc(5) has in `stat`, None of a process that has ended. Psutil takes several times as long."""
     with suppress(Exception):  # as above
         # The name, in parentheses, may contain anything.
@@ -215,7 +215,7 @@ def read_stat(paths: HostPaths, pid: int) -> Optional[Stat]:
 
 
 @lru_cache(maxsize=256)
-def _is_selected(pattern: str, node: str, command: str, names: FrozenSet[str]) -> bool:
+def _is_selected(pattern: str, node: str, command: str, names: frozenset[str]) -> bool:
     """Returns whether a process is selected; most sources are one of several with the same selection."""
     if not command or (node and node not in names):
         return False
@@ -223,7 +223,7 @@ def _is_selected(pattern: str, node: str, command: str, names: FrozenSet[str]) -
     return any(matches_pattern(text, pattern or "*") for text in (command, f"{command} "))
 
 
-def node_names(words: List[str]) -> FrozenSet[str]:
+def node_names(words: list[str]) -> frozenset[str]:
     """Returns the names of the ROS nodes that a command starts: those of its arguments, else the executable.
 
     A name with a namespace is there with and without it.
@@ -245,7 +245,7 @@ def node_names(words: List[str]) -> FrozenSet[str]:
     return frozenset([*names, *(prefix + name for name in names)])
 
 
-def _cpu_percent(source: ProcessSource) -> List[float]:
+def _cpu_percent(source: ProcessSource) -> list[float]:
     period_s = source.at_s - source.last_s
     return [
         100.0 * max(0.0, cpu_s - source.last_cpu_s[process]) / period_s
@@ -254,13 +254,13 @@ def _cpu_percent(source: ProcessSource) -> List[float]:
     ]
 
 
-def _of_each(read: Callable[[Any], float]) -> Callable[[ProcessSource], List[float]]:
+def _of_each(read: Callable[[Any], float]) -> Callable[[ProcessSource], list[float]]:
     """Returns what reads a number of each process, of psutil."""
 
-    def values(source: ProcessSource) -> List[float]:
+    def values(source: ProcessSource) -> list[float]:
         import psutil
 
-        numbers: List[float] = []
+        numbers: list[float] = []
         for process in source.cpu_s:
             try:
                 numbers.append(read(process))
@@ -273,7 +273,7 @@ def _of_each(read: Callable[[Any], float]) -> Callable[[ProcessSource], List[flo
     return values
 
 
-METRICS: Mapping[str, Callable[[ProcessSource], List[float]]] = {
+METRICS: Mapping[str, Callable[[ProcessSource], list[float]]] = {
     "process_cpu_percent": _cpu_percent,
     "process_memory": _of_each(lambda process: process.memory_info().rss / 1e6),
     "process_threads": _of_each(lambda process: process.num_threads()),

@@ -6,7 +6,7 @@ Getters (`field_path.py`) return these, so that a field means the same on every 
 from __future__ import annotations
 
 import math
-from typing import Any, Callable, Iterable, List, NamedTuple, Sequence, Tuple, Union
+from typing import Any, Callable, Iterable, List, NamedTuple, Sequence, Tuple
 
 from .formatting import datum_text, number_text
 
@@ -107,7 +107,7 @@ def is_own_status(name: object, keys: Iterable[object]) -> bool:
     return (isinstance(name, str) and name.startswith(OWN_NAMES)) or OWN_KEY in keys
 
 
-def stamp_of(seconds: Any, nanoseconds: Any) -> Union[Stamp, BadDatum]:
+def stamp_of(seconds: Any, nanoseconds: Any) -> Stamp | BadDatum:
     """Returns a stamp from its two parts; neither need be a number in JSON.
 
     >>> stamp_of(1700000000, 500000000)
@@ -132,11 +132,11 @@ def with_ages(value: Any, stamp_s: Callable[[], float]) -> Any:
     return value
 
 
-def _age(stamp: Stamp, now_s: float) -> Union[Age, BadDatum]:
+def _age(stamp: Stamp, now_s: float) -> Age | BadDatum:
     return Age(now_s - stamp) if stamp else BadDatum("no time stamp")
 
 
-def numbered(values: Sequence[Any]) -> Union[Elements, BadDatum]:
+def numbered(values: Sequence[Any]) -> Elements | BadDatum:
     """Returns all elements of an array, named by their index."""
     if len(values) > MOST_ELEMENTS:
         return too_many(len(values))
@@ -158,7 +158,7 @@ def unnamed(place: str, name: Any) -> BadDatum:
     return BadDatum(f"{place} is not a text: {datum_text(name)}")
 
 
-_index_texts: List[str] = []
+_index_texts: list[str] = []
 
 
 def _index_names(number: int) -> Sequence[str]:

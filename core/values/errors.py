@@ -35,7 +35,7 @@ class                     is a                what cannot be used, does not matc
 
 from __future__ import annotations
 
-from typing import List, Optional, Sequence, Tuple
+from typing import Sequence, Tuple
 
 Path = Tuple[str, ...]
 """Keys from the root of a file (or of a node's parameters) down to the one in question."""
@@ -44,11 +44,11 @@ Path = Tuple[str, ...]
 class ConfigError(ValueError):
     """A configuration that cannot be used. `str()` is one line: file, line, key, what was expected, what was found."""
 
-    others: Tuple[ConfigError, ...] = ()
+    others: tuple[ConfigError, ...] = ()
     """Further mistakes of the same configuration, found in the same pass."""
 
     def __init__(
-        self, problem: str, path: Path = (), file: str = "", line: Optional[int] = None, details: str = ""
+        self, problem: str, path: Path = (), file: str = "", line: int | None = None, details: str = ""
     ) -> None:
         """The problem is what was expected and what was found; `file` is empty, or has `path` in `line`, from 1 on.
 
@@ -63,7 +63,7 @@ class ConfigError(ValueError):
         self.details = details
 
     @property
-    def all(self) -> Tuple[ConfigError, ...]:
+    def all(self) -> tuple[ConfigError, ...]:
         """This mistake, then the others."""
         return (self, *self.others)
 
@@ -71,7 +71,7 @@ class ConfigError(ValueError):
         """Returns this mistake and the others with `path` above their paths."""
         return self.joined([each.at((*path, *each.path), each.file, each.line) for each in self.all])
 
-    def at(self, path: Path, file: str, line: Optional[int]) -> ConfigError:
+    def at(self, path: Path, file: str, line: int | None) -> ConfigError:
         """Returns this mistake at another place, without the others."""
         return ConfigError(self.problem, path, file, line, self.details)
 
@@ -107,7 +107,7 @@ class Problems:
 
     def __init__(self) -> None:
         """Starts without errors."""
-        self.errors: List[ConfigError] = []
+        self.errors: list[ConfigError] = []
 
     def add(self, error: ConfigError) -> None:
         """Adds an error and its `others`; raises them when there are `LIMIT`."""
@@ -125,7 +125,7 @@ class Problems:
         """Begins a block whose errors are collected."""
         return self
 
-    def __exit__(self, kind: object, error: Optional[BaseException], traceback: object) -> bool:
+    def __exit__(self, kind: object, error: BaseException | None, traceback: object) -> bool:
         """Collects a ConfigError; other exceptions pass."""
         if isinstance(error, ConfigError):
             self.add(error)

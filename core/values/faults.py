@@ -7,7 +7,7 @@ them: a log line when one begins or ends, and the status `alert_system: monitor`
 from __future__ import annotations
 
 import threading
-from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Tuple
+from typing import Any, Callable, Mapping, NamedTuple
 
 from .formatting import printable
 from .model import Level
@@ -28,7 +28,7 @@ class Fault(NamedTuple):
     """One line: what does not work and why."""
 
 
-def summary_of(faults: Mapping[str, Fault]) -> Tuple[Level, str]:
+def summary_of(faults: Mapping[str, Fault]) -> tuple[Level, str]:
     """Returns level and text of the worst fault; OK and `no faults` without any."""
     if not faults:
         return Level.OK, "no faults"
@@ -46,8 +46,8 @@ class Faults:
     def __init__(self) -> None:
         """Starts without faults."""
         self._lock = threading.Lock()
-        self._faults: Dict[str, Fault] = {}
-        self._receivers: List[Faults] = []
+        self._faults: dict[str, Fault] = {}
+        self._receivers: list[Faults] = []
 
     def add(self, receiver: Faults) -> None:
         """Passes on these faults, present and later ones, to a node that shows them."""

@@ -16,7 +16,7 @@ import base64
 import re
 from functools import lru_cache
 from operator import itemgetter
-from typing import Any, Callable, Iterable, List, NamedTuple, Optional, Sequence, Tuple, Union
+from typing import Any, Callable, Iterable, NamedTuple, Sequence, Union
 
 from .elements import (
     MOST_ELEMENTS,
@@ -46,7 +46,7 @@ class Keyed(NamedTuple):
 class Every(NamedTuple):
     """A step to all elements by index, or to those whose names match a pattern."""
 
-    pattern: Optional[str] = None
+    pattern: str | None = None
     """With `*` for any text and `?` for any character; None selects all elements, by index."""
 
 
@@ -79,7 +79,7 @@ ABSENT = _Absent()
 """Result of a path whose keyed element is not in the message: the message does not concern the signal."""
 
 
-def parse_field_path(path: str) -> Tuple[Step, ...]:
+def parse_field_path(path: str) -> tuple[Step, ...]:
     """Splits a path into its steps; the empty path has none. Raises ValueError for what is no path.
 
     >>> parse_field_path('status["motor: left"].values[0]')
@@ -91,9 +91,9 @@ def parse_field_path(path: str) -> Tuple[Step, ...]:
     return steps
 
 
-def leading_path(text: str) -> Tuple[Tuple[Step, ...], str]:
+def leading_path(text: str) -> tuple[tuple[Step, ...], str]:
     """Returns the steps of the path with which a text begins, and the rest; raises ValueError as `parse_field_path`."""
-    steps: List[Step] = []
+    steps: list[Step] = []
     position = 0
     while True:
         part = _PART.match(text, position)
@@ -115,7 +115,7 @@ def leading_path(text: str) -> Tuple[Tuple[Step, ...], str]:
 
 
 @lru_cache(maxsize=1000)  # asked for each signal of each report
-def every_step(path: str) -> Optional[Every]:
+def every_step(path: str) -> Every | None:
     """Returns the step that selects several elements; None if there is none, or the text is no path."""
     try:
         return next((step for step in parse_field_path(path) if isinstance(step, Every)), None)
@@ -168,7 +168,7 @@ def steps_getter(steps: Sequence[Step]) -> Getter:
     return bind_steps(steps, _whole if isinstance(steps[-1], str) else _element_value)
 
 
-def key_field(fields: Iterable[str]) -> Optional[str]:
+def key_field(fields: Iterable[str]) -> str | None:
     """Returns the field of an element that a key is compared with, None if it has none."""
     present = set(fields)
     return next((name for name in _KEY_FIELDS if name in present), None)
@@ -209,18 +209,18 @@ def named_elements(
     return _unnamed_among(names, place) or _read_all(chosen, read) or ABSENT
 
 
-def _unnamed_among(names: Sequence[Any], place: str) -> Optional[BadDatum]:
+def _unnamed_among(names: Sequence[Any], place: str) -> BadDatum | None:
     """Returns the datum for the first name that is not a text; None if all are."""
     return next((unnamed(f"{place}[{at}]", name) for at, name in enumerate(names) if type(name) is not str), None)
 
 
-def numbered_elements(elements: Sequence[Any], read: Optional[Getter]) -> Any:
+def numbered_elements(elements: Sequence[Any], read: Getter | None) -> Any:
     """Returns the values of all elements, named by their index; without `read`, the elements are the values."""
     named = numbered(elements)
     return _read_all(named, read) if isinstance(named, Elements) and read is not None else named
 
 
-def _read_all(elements: Iterable[Tuple[str, Any]], read: Getter) -> Elements:
+def _read_all(elements: Iterable[tuple[str, Any]], read: Getter) -> Elements:
     """Reads the rest of the path from each element; those that lack a keyed element there are left out."""
     values = ((name, read(element)) for name, element in elements)
     return Elements((name, value) for name, value in values if value is not ABSENT)
@@ -289,7 +289,7 @@ def _is_own(element: Any) -> bool:
     return is_own_status(element["name"], [pair["key"] for pair in pairs if type(pair) is dict and "key" in pair])
 
 
-def _names_of(elements: Sequence[Any], above: Any, array: str) -> Tuple[Sequence[Any], str]:
+def _names_of(elements: Sequence[Any], above: Any, array: str) -> tuple[Sequence[Any], str]:
     """Returns the names of elements, their own or those in an array beside `array` in the message above, and its name.
 
     Its own name is that of the array.

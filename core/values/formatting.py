@@ -8,13 +8,13 @@ import math
 import re
 import reprlib
 import unicodedata
-from typing import Mapping, Optional, Sequence, Tuple
+from typing import Mapping, Sequence
 
 _DIGITS = (4, 6, 9, 17)
 _DEGREE_CELSIUS = re.compile(r"\bdegC\b")
 
 
-def number_text(value: float, bound: Optional[float] = None) -> str:
+def number_text(value: float, bound: float | None = None) -> str:
     """Returns a number with four digits, or as many as show on which side of `bound` it lies.
 
     >>> number_text(19.299999237060547)
@@ -113,7 +113,7 @@ def printable(text: str) -> str:
     return "".join(letter if letter.isprintable() or unicodedata.category(letter) == "Zs" else "?" for letter in text)
 
 
-def _two_units(numbers: Tuple[int, int], large_unit: str, small_unit: str) -> str:
+def _two_units(numbers: tuple[int, int], large_unit: str, small_unit: str) -> str:
     large, small = numbers
     return f"{large} {large_unit} {small} {small_unit}" if small else f"{large} {large_unit}"
 

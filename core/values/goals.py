@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Dict, List, Mapping, Optional
+from typing import Any, Mapping
 
 STATUS_TOPICS = ("/_action/status", "/status")
 """Topics of the states below an action's name: that of ROS 2 and that of ROS 1."""
@@ -14,9 +14,9 @@ MOST_GOALS = 1000
 """Most goals of one action that are remembered; the server lists them until some seconds after their end."""
 
 _SUCCEEDED, _ABORTED = 0.0, 1.0
-_ENDS_OF_ROS2: Mapping[int, Optional[float]] = {4: _SUCCEEDED, 5: None, 6: _ABORTED}
+_ENDS_OF_ROS2: Mapping[int, float | None] = {4: _SUCCEEDED, 5: None, 6: _ABORTED}
 """action_msgs/GoalStatus: SUCCEEDED, CANCELED, ABORTED."""
-_ENDS_OF_ROS1: Mapping[int, Optional[float]] = {
+_ENDS_OF_ROS1: Mapping[int, float | None] = {
     2: None, 3: _SUCCEEDED, 4: _ABORTED, 5: _ABORTED, 8: None, 9: _ABORTED
 }  # fmt: skip
 """actionlib_msgs/GoalStatus: PREEMPTED, SUCCEEDED, ABORTED, REJECTED, RECALLED, LOST."""
@@ -28,10 +28,10 @@ class Goals:
     def __init__(self) -> None:
         """Knows no goal."""
         self._has_begun = False
-        self._ended: Dict[str, None] = {}
+        self._ended: dict[str, None] = {}
         """The goals that have ended; the one that was listed longest ago comes first."""
 
-    def take(self, message: Any) -> List[float]:
+    def take(self, message: Any) -> list[float]:
         """Returns a sample for each goal that has ended since the last message: 0 succeeded, 1 aborted.
 
         A message of another type has none. Of a longer list than `MOST_GOALS`, the newest goals are read: the last.
@@ -39,7 +39,7 @@ class Goals:
         listed = message.get("status_list") if isinstance(message, Mapping) else None
         if not isinstance(listed, list):
             return []
-        samples: List[float] = []
+        samples: list[float] = []
         for entry in listed[-MOST_GOALS:]:
             try:
                 is_ros2 = "goal_info" in entry

@@ -7,9 +7,15 @@ from __future__ import annotations
 
 import enum
 from dataclasses import dataclass, field
-from typing import Any, Dict, Iterable, List, Mapping, NamedTuple, NoReturn, Optional, Tuple, TypeVar
+from typing import Any, Callable, Dict, Iterable, List, Mapping, NamedTuple, NoReturn, TypeVar
 
 Value = TypeVar("Value")
+
+JsonObject = Mapping[str, Any]
+"""An object as JSON and YAML have them: a message, a section of a file, the arguments of a request."""
+
+Clock = Callable[[], float]
+"""Returns a time in seconds: since 1970 where its name says `wall`, else since an arbitrary moment."""
 
 
 class FrozenDict(Dict[str, Value]):
@@ -73,10 +79,10 @@ class Forecast(NamedTuple):
     """Slope of the line, in the unit per second."""
     forecast_s: float
     """Time from the newest sample to the horizon, in s."""
-    time_to_bound_s: Optional[float]
+    time_to_bound_s: float | None
     """Time from the newest sample until the line reaches the nearest bound that lies ahead, in s; None if that takes
     longer than 10 times `forecast_s`."""
-    bound: Optional[float]
+    bound: float | None
     """That bound; None if there is none."""
 
 
@@ -101,12 +107,12 @@ class Status:
     """One of `explanation.STATES`; empty for the status of a node."""
     lasts_s: float = field(default=0.0, compare=False)
     """How long the level has lasted, in seconds."""
-    forecast: Optional[Forecast] = field(default=None, compare=False)
+    forecast: Forecast | None = field(default=None, compare=False)
     """None if the statistic is not `forecast` or is undefined, or if the latest value is not known."""
     outlook: str = field(default="", compare=False)
     """When the forecast reaches the nearest bound ahead: `reaches 20 % in 24 min`; empty if it reaches none, or if
     that is not known now."""
-    silence: Optional[str] = field(default=None, compare=False)
+    silence: str | None = field(default=None, compare=False)
     """Reason and end of the silence of the signal; None if it is not silenced."""
     cause: str = field(default="", compare=False)
     """Name of the alert that keeps everything worse than the announced level from being announced; empty if none
@@ -130,11 +136,11 @@ class Transition:
     """The level announced until now."""
     to_level: Level
     """The level announced from now on; the same as `from_level` only in a repetition (`repeat_s`)."""
-    value: Optional[object]
+    value: object | None
     """Value of the statistic, or the bad datum as received; None before any sample."""
     statistic: str
     """Which statistic of the window `value` is."""
-    bound: Optional[float]
+    bound: float | None
     """The configured bound that was crossed, in the signal's unit; None if none was (stale, invalid)."""
     now_s: float
     """When it was decided, in seconds on the adapter's clock."""
@@ -174,10 +180,10 @@ class Transition:
 class Changes(List[Transition]):
     """The transitions that one call caused, and notices for the log."""
 
-    notices: Tuple[str, ...] = ()
+    notices: tuple[str, ...] = ()
     """INFO lines, for example that time went back."""
 
-    def add(self, transition: Optional[Transition]) -> None:
+    def add(self, transition: Transition | None) -> None:
         """Appends a transition; nothing for None."""
         if transition is not None:
             self.append(transition)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import re
-from typing import Optional, Sequence
+from typing import Sequence
 
 _LONG_TYPE = re.compile(r"\A(\w+)/(?:msg|srv|action)/(\w+)\Z")
 _NAMESPACE = re.compile(r"/?([A-Za-z_]\w*(/[A-Za-z_]\w*)*/?)?", re.ASCII)
 
 
-def split_type_name(type_name: str) -> Optional[Sequence[str]]:
+def split_type_name(type_name: str) -> Sequence[str] | None:
     """Splits `pkg/Type`, `pkg/msg/Type` or `pkg/srv/Type` into (package, type); None for other texts."""
     parts = type_name.split("/")
     if len(parts) == 3 and parts[1] in ("msg", "srv"):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Callable, List, NamedTuple, Optional, Tuple
+from typing import Callable, NamedTuple
 
 from .elements import NOT_A_NUMBER, Age, BadDatum, DriverStatus, Elements
 
@@ -24,7 +24,7 @@ class Reduced(float):
 
     __slots__ = ("decided", "measured", "remark", "skipped")
 
-    decided: Tuple[Element, ...]
+    decided: tuple[Element, ...]
     """The elements that decided: the smallest, the largest, or for `spread` both in this order. Empty for others."""
     measured: int
     """Number of elements that are measured."""
@@ -36,7 +36,7 @@ class Reduced(float):
     def __new__(
         cls,
         value: float = math.nan,
-        decided: Tuple[Element, ...] = (),
+        decided: tuple[Element, ...] = (),
         measured: int = 0,
         skipped: int = 0,
         remark: str = "",
@@ -59,8 +59,8 @@ def reduced(elements: Elements, reduction: str, number_of: Callable[[object], fl
 
     Elements that are not finite numbers there are not measured; `count` also counts texts and messages.
     """
-    numbers: List[float] = []
-    names: List[str] = []
+    numbers: list[float] = []
+    names: list[str] = []
     present = 0
     for name, value in elements:
         number = number_of(value)
@@ -70,8 +70,8 @@ def reduced(elements: Elements, reduction: str, number_of: Callable[[object], fl
         elif reduction == "count" and _is_present(value):
             present += 1
     measured = len(numbers) + present
-    result: Optional[float] = None
-    decided: Tuple[Element, ...] = ()
+    result: float | None = None
+    decided: tuple[Element, ...] = ()
     if reduction == "count":
         result = float(measured)
     elif reduction in ("sum", "mean"):
@@ -93,7 +93,7 @@ def _is_present(value: object) -> bool:
     return value is NOT_A_NUMBER or (isinstance(value, (str, DriverStatus)) and not isinstance(value, BadDatum))
 
 
-def _sum(numbers: List[float]) -> float:
+def _sum(numbers: list[float]) -> float:
     try:
         return math.fsum(numbers)
     except OverflowError:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import operator
 import re
-from typing import Any, Callable, List, Mapping, NamedTuple, Optional, Sequence
+from typing import Any, Callable, Mapping, NamedTuple, Sequence
 
 from .elements import BadDatum
 from .errors import ConfigError
@@ -54,7 +54,7 @@ class Comparison(NamedTuple):
 
     path: str
     operator: str
-    number: Optional[float]
+    number: float | None
     constant: str
     """Name of the constant that gives the number; empty if it is not a constant's."""
     text: str
@@ -72,9 +72,9 @@ class Comparison(NamedTuple):
         )
 
 
-def parse_where(where: str) -> List[Comparison]:
+def parse_where(where: str) -> list[Comparison]:
     """Returns the comparisons of a condition, all of which must hold; raises ValueError if it is none."""
-    comparisons: List[Comparison] = []
+    comparisons: list[Comparison] = []
     rest = where.strip()
     while True:
         steps, behind = leading_path(rest)
@@ -93,7 +93,7 @@ def parse_where(where: str) -> List[Comparison]:
             raise ValueError(f"expected == or != before a text, got {describe(match['operator'])}")
         if constant in _BOOLEANS:
             number, constant = str(_BOOLEANS[constant]), None
-        exact: Optional[float] = None
+        exact: float | None = None
         if number is not None:
             # As it is written: an id of 64 bits has more digits than a float.
             exact = int(number) if number.lstrip("+-").isdigit() and len(number) <= _MOST_DIGITS else float(number)
@@ -109,7 +109,7 @@ def parse_where(where: str) -> List[Comparison]:
         rest = rest[conjunction.end() :]
 
 
-def selection(field: str, where: str) -> Optional[str]:
+def selection(field: str, where: str) -> str | None:
     """Returns what a subscription reads of each message; None if it reads nothing, and each is a sample of value 1."""
     return f"{field}{_WHERE}{where}" if where else field or None
 

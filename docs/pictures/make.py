@@ -19,7 +19,7 @@ import sys
 import tempfile
 from pathlib import Path
 from types import MappingProxyType
-from typing import Dict, List, Mapping, Sequence
+from typing import Mapping, Sequence
 
 from rich.color import Color
 from rich.console import Console
@@ -56,7 +56,7 @@ class Terminal(TerminalProcess):
         self.run(10.0)
         super().end()
 
-    def lines(self, replaced: Mapping[str, str] = MappingProxyType({})) -> List[Text]:
+    def lines(self, replaced: Mapping[str, str] = MappingProxyType({})) -> list[Text]:
         """Returns the screen with its colours, without empty lines at the end, and with texts replaced."""
         lines = []
         for row in range(self.screen.lines):
@@ -93,7 +93,7 @@ def draw(name: str, parts: Sequence[Text], columns: int) -> None:
     print(f"{name}.svg: {len(parts)} lines")
 
 
-def live_view(variables: Dict[str, str]) -> None:
+def live_view(variables: dict[str, str]) -> None:
     """The live table of `robot-health run` after the battery's first alerts."""
     command = f"{shlex.quote(sys.executable)} -m {PACKAGE} run --robot robot1"
     terminal = Terminal(command, {**variables, "PYTHONPATH": str(ROOT)}, 110, 13)
@@ -104,7 +104,7 @@ def live_view(variables: Dict[str, str]) -> None:
     draw("live_view", [_prompt("make run"), *lines], 110)
 
 
-def recordings(variables: Dict[str, str]) -> None:
+def recordings(variables: dict[str, str]) -> None:
     """`suggest`, `replay` and `test` on recordings, and the report in chromium; needs the extra [recordings]."""
     from past import record
 
@@ -132,7 +132,7 @@ def recordings(variables: Dict[str, str]) -> None:
             subprocess.run([*browser, size, target, page], check=True, stderr=subprocess.DEVNULL, timeout=60)
 
 
-def web_page(variables: Dict[str, str]) -> None:
+def web_page(variables: dict[str, str]) -> None:
     """The web page of one robot with a forecast, a day and an alert, and of a fleet on a wide and a narrow window."""
     import web_page
 
@@ -142,7 +142,7 @@ def web_page(variables: Dict[str, str]) -> None:
         web_page.fleet(Path(name), variables, HERE / "fleet.png", HERE / "fleet_phone.png")
 
 
-def ros1(variables: Dict[str, str]) -> None:
+def ros1(variables: dict[str, str]) -> None:
     """The three nodes under roslaunch, and what rostopic shows of them."""
     with tempfile.TemporaryDirectory() as folder:
         workspace = Workspace(Path(folder), {**variables, "ROS_HOSTNAME": "localhost"})
@@ -151,7 +151,7 @@ def ros1(variables: Dict[str, str]) -> None:
         workspace.nodes("ros1", launch, ["rostopic list", "rostopic hz /robot1/battery_level"], first="NODES")
 
 
-def ros2(variables: Dict[str, str]) -> None:
+def ros2(variables: dict[str, str]) -> None:
     """`colcon build`, the three nodes under ros2 launch, and what ros2 topic shows of them."""
     with tempfile.TemporaryDirectory() as folder:
         workspace = Workspace(Path(folder), {**variables, "ROS_VERSION": "2"})
@@ -177,7 +177,7 @@ class Workspace:
         ignored = shutil.ignore_patterns(".*", "build", "install", "log", "__pycache__")
         shutil.copytree(ROOT, self._folder / "src" / PACKAGE, ignore=ignored)
 
-    def build(self, command: str, setup: str) -> List[Text]:
+    def build(self, command: str, setup: str) -> list[Text]:
         """Runs a build, then sources `setup`; returns the screen."""
         terminal = Terminal(f"cd {self._folder} && {command}", self._variables, 100, 24)
         terminal.run(120.0)
@@ -201,7 +201,7 @@ class Workspace:
         """
         launched = Terminal(launch, self._variables, 200, 48)
         launched.run(20.0)
-        seen: List[Text] = []
+        seen: list[Text] = []
         for look in looks:
             terminal = Terminal(look, self._variables, 70, 24)
             terminal.run(12.0, until="window: 4")

@@ -9,7 +9,7 @@ import sys
 import time
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Dict, Iterator, List
+from typing import Iterator
 
 from harness.reserved import free_port
 from harness.waiting import wait_for
@@ -34,7 +34,7 @@ _FORECAST = """\
 _BATTERY = "[...document.querySelectorAll('.signal-name')].find((e) => e.textContent === 'battery_level')"
 
 
-def one_robot(folder: Path, variables: Dict[str, str], pictures: Path) -> None:
+def one_robot(folder: Path, variables: dict[str, str], pictures: Path) -> None:
     """`robot-health run` with a forecast, after the first alert, and the plot of a day."""
     history = folder / "history.db"
     write_yesterday(history, ["robot1"])
@@ -67,7 +67,7 @@ def one_robot(folder: Path, variables: Dict[str, str], pictures: Path) -> None:
         driver.save_screenshot(str(pictures / "web_page_day.png"))
 
 
-def fleet(folder: Path, variables: Dict[str, str], picture: Path, phone: Path) -> None:
+def fleet(folder: Path, variables: dict[str, str], picture: Path, phone: Path) -> None:
     """`robot-health connect` to seven robots, of which one is hot, one sends nothing and one is gone."""
     (folder / "hot.yaml").write_text(_THRESHOLDS, encoding="utf-8")
     names = ["husky1", "husky2", "jackal", "carter", "ridgeback", "dingo", "boxer"]
@@ -100,7 +100,7 @@ def fleet(folder: Path, variables: Dict[str, str], picture: Path, phone: Path) -
 
 
 @contextmanager
-def _programs(commands: List[List[str]], variables: Dict[str, str]) -> Iterator[None]:
+def _programs(commands: list[list[str]], variables: dict[str, str]) -> Iterator[None]:
     with ExitStack() as stack:
         for command in commands:
             silent = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.DEVNULL)

@@ -11,9 +11,9 @@ import threading
 import time
 from collections import deque
 from dataclasses import dataclass, field
-from typing import Callable, Deque, Dict, List, Mapping, Optional
+from typing import Callable, Mapping
 
-from ...core.values import Faults, Level, ServiceError
+from ...core.values import Clock, Faults, Level, ServiceError
 from ...runtime.backoff import Backoff
 from ...runtime.libraries import libraries
 from ...runtime.threads import StepThread
@@ -66,7 +66,7 @@ class Recording:
     """Whether it cannot be written."""
     is_large: bool = False
     """Whether it should end, because it has its share of the folder."""
-    file: Optional[RecordingFile] = field(default=None, repr=False)
+    file: RecordingFile | None = field(default=None, repr=False)
 
 
 class BlackBox:
@@ -76,7 +76,7 @@ class BlackBox:
         self,
         settings: BlackBoxSettings,
         faults: Faults,
-        wall_time_s: Callable[[], float] = time.time,
+        wall_time_s: Clock = time.time,
     ) -> None:
         """Starts the thread; whatever is wrong with the folder is a fault.
 
@@ -95,11 +95,11 @@ class BlackBox:
         self._lost = 0
         self._faults = faults
         self._lock = threading.Lock()
-        self._names: Deque[str] = deque(maxlen=_KEPT_NAMES)
-        self._recordings: List[Recording] = []
-        self.open_files: Dict[str, Mapping[str, str]] = {}
+        self._names: deque[str] = deque(maxlen=_KEPT_NAMES)
+        self._recordings: list[Recording] = []
+        self.open_files: dict[str, Mapping[str, str]] = {}
         """By robot: the file of each open alert by its signal; they are not deleted. Each robot changes its own."""
-        self._folder: Optional[Folder] = None
+        self._folder: Folder | None = None
         self._backoff = Backoff(_FIRST_RETRY_S, _LAST_RETRY_S)
         self._retry_s = 0.0
         self._retention_s = time.monotonic() + _RETENTION_PERIOD_S  # by then the open alerts are known
@@ -173,7 +173,7 @@ class BlackBox:
             self._thread.close()
         return _IDLE_S
 
-    def _open_folder(self) -> Optional[Folder]:
+    def _open_folder(self) -> Folder | None:
         if self.is_broken or time.monotonic() < self._retry_s:
             return None
         try:

@@ -6,7 +6,7 @@ import itertools
 import math
 from dataclasses import dataclass
 from functools import partial
-from typing import Callable, Collection, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
+from typing import Callable, Collection, Iterator, Mapping, Sequence
 
 from ...core.config import LINK, MonitorConfig
 from ...core.messages.raw_messages import RawFormat
@@ -53,14 +53,14 @@ class _Topic:
     """One topic that is wanted: subscribed, or refused, or recorded under another name."""
 
     name: str
-    subscription: Optional[Subscription] = None
+    subscription: Subscription | None = None
     resolved: str = ""
     """The absolute name; empty if it is refused."""
-    format: Optional[RawFormat] = None
+    format: RawFormat | None = None
     """That of the latest message."""
     is_recorded: bool = False
     """Whether messages of this format are recorded."""
-    latest: Optional[Message] = None
+    latest: Message | None = None
     """The latest message; None before the first one, and if it is large."""
 
 
@@ -91,9 +91,9 @@ class Capture:
         """Whether the node's time is that of /clock, which may stand still: then messages have steady time."""
         self.topic_types: Mapping[str, str] = {}
         """The types of the robot's topics by name, for the patterns; set by another thread."""
-        self._config: Optional[MonitorConfig] = None
-        self._followed: Optional[Mapping[str, str]] = None
-        self._topics: Dict[Tuple[str, str], _Topic] = {}
+        self._config: MonitorConfig | None = None
+        self._followed: Mapping[str, str] | None = None
+        self._topics: dict[tuple[str, str], _Topic] = {}
         """By name and type."""
         self._log = LimitedLog(middleware.log, middleware.steady_s, _MOST_LINES)
 
@@ -102,15 +102,15 @@ class Capture:
         """The absolute name of each topic, by the name in the configuration."""
         return {name: topic.resolved for (name, _), topic in self._topics.items() if topic.resolved}
 
-    def quiet(self, now_s: float) -> List[Message]:
+    def quiet(self, now_s: float) -> list[Message]:
         """Returns the latest message of each topic that is quiet, at a time: of latched topics, and of slow ones.
 
         A topic is left out if its silence matters to a signal: it may be STALE, or its statistic counts messages.
         """
-        messages: List[Message] = []
+        messages: list[Message] = []
         left = _MOST_QUIET
         resolved = self.resolved
-        known_for_s: Dict[str, float] = {}
+        known_for_s: dict[str, float] = {}
         """How long the latest message of a topic with signals is as good as repeated; 0 if it counts as an arrival."""
         for signal in {} if self._config is None else self._config.signals.values():
             known_s = (signal.stale_after_s or math.inf) if signal.statistic == "last" else 0.0
@@ -129,7 +129,7 @@ class Capture:
         if config is self._config and self.topic_types == self._followed:
             return
         self._config, self._followed = config, self.topic_types
-        types: Dict[str, str] = {}
+        types: dict[str, str] = {}
         for name, signal in config.signals.items():
             if name != LINK and canonical_type(signal.type) not in LARGE_TYPES:
                 types[signal.topic] = types.get(signal.topic) or signal.type
@@ -150,14 +150,14 @@ class Capture:
             self._end(topic)
         self._topics = {}
 
-    def _matching(self, topics: Mapping[str, str]) -> Iterator[Tuple[str, str]]:
+    def _matching(self, topics: Mapping[str, str]) -> Iterator[tuple[str, str]]:
         """Yields the topics with their types that a pattern selects."""
         for name, type_name in sorted(topics.items()):
             is_wanted = name not in self._own and canonical_type(type_name) not in LARGE_TYPES
             if is_wanted and any(matches_pattern(name, pattern) for pattern in self._patterns):
                 yield name, type_name
 
-    def _subscribe(self, key: Tuple[str, str]) -> _Topic:
+    def _subscribe(self, key: tuple[str, str]) -> _Topic:
         topic = _Topic(key[0])
         try:
             subscription = self._middleware.subscribe_raw(*key, partial(self._take, topic))

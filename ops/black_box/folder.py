@@ -10,9 +10,9 @@ import contextlib
 import fcntl
 import os
 import re
-from typing import Callable, Collection, Iterator, List, NamedTuple, Optional
+from typing import Collection, Iterator, NamedTuple
 
-from ...core.values import ServiceError
+from ...core.values import Clock, ServiceError
 from ..configuration import BlackBoxSettings
 from ..store.retention import AgeClock
 from . import recording_file
@@ -35,7 +35,7 @@ class _File(NamedTuple):
     bytes: int
 
 
-def find_file(folder: str, name: str) -> Optional[str]:
+def find_file(folder: str, name: str) -> str | None:
     """Returns the path of a complete recording, whatever a client sent as its name; None if there is none."""
     path = os.path.join(folder, name)
     is_there = _OWN_NAME.fullmatch(name) and os.path.isfile(path) and not os.path.islink(path)
@@ -45,10 +45,10 @@ def find_file(folder: str, name: str) -> Optional[str]:
 class Folder:
     """The folder, locked by this process."""
 
-    def __init__(self, settings: BlackBoxSettings, wall_s: Callable[[], float]) -> None:
+    def __init__(self, settings: BlackBoxSettings, wall_s: Clock) -> None:
         """Creates and locks it. Raises FolderInUseError, or OSError."""
         self.path = settings.folder
-        self.problem: Optional[OSError] = None
+        self.problem: OSError | None = None
         """Why an old file could not be deleted, the last time."""
         self._settings = settings
         self._wall_s = wall_s
@@ -77,7 +77,7 @@ class Folder:
         except OSError:
             return False
 
-    def complete_files(self) -> List[OSError]:
+    def complete_files(self) -> list[OSError]:
         """Completes the files that a killed process left, or removes them; returns why one could be neither."""
         failed = []
         for name in sorted(os.listdir(self.path)):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import struct
-from typing import IO, Any, Dict, Iterable, Iterator, Mapping, Sequence, Tuple
+from typing import IO, Any, Iterable, Iterator, Mapping, Sequence
 
 from ...core.messages.raw_messages import RawFormat
 from ...core.values import package_version
@@ -31,9 +31,9 @@ class RecordingFile:
 
         self._path = path
         self._stream: IO[bytes] = open(path + PART, "xb")
-        self._channels: Dict[Tuple[str, RawFormat], int] = {}
-        self._schemas: Dict[RawFormat, int] = {}
-        self._counts: Dict[int, int] = {}
+        self._channels: dict[tuple[str, RawFormat], int] = {}
+        self._schemas: dict[RawFormat, int] = {}
+        self._counts: dict[int, int] = {}
         self.messages = 0
         """Number of messages that were written."""
         try:
@@ -144,8 +144,8 @@ def _copy(records: Iterable[Any], writer: Any) -> int:
     """Copies messages with their schemas, channels and attachments; returns how many messages there were."""
     from mcap import records as kinds
 
-    schemas: Dict[int, int] = {0: 0}
-    channels: Dict[int, int] = {}
+    schemas: dict[int, int] = {0: 0}
+    channels: dict[int, int] = {}
     number = 0
     for record in records:
         if isinstance(record, kinds.Header):

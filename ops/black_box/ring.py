@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import threading
 from collections import deque
-from typing import Deque, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+from typing import Mapping, NamedTuple, Sequence, Tuple
 
 from ...core.judge.saved_state import SavedSignal
 from ...core.messages.raw_messages import RawFormat
@@ -57,12 +57,12 @@ class Ring:
         self.used_bytes = 0
         self.dropped = 0
         """Messages that went before they were too old, because memory was full."""
-        self.too_large: Optional[Tuple[str, int]] = None
+        self.too_large: tuple[str, int] | None = None
         """Topic and bytes of the latest message that alone does not fit; it would cost all others."""
-        self.robots: List[RobotRing] = []
+        self.robots: list[RobotRing] = []
         """Those that have messages."""
         self.memory_bytes = memory_bytes
-        self._oldest: Optional[RobotRing] = None
+        self._oldest: RobotRing | None = None
         self._oldest_until_s = 0.0
 
     def use(self, size: int) -> None:
@@ -83,15 +83,15 @@ class RobotRing:
     def __init__(self, ring: Ring, before_s: float) -> None:
         """Starts without a segment; `before_s` is the time that messages wait."""
         self.ring = ring
-        self.messages: Deque[Message] = deque()
+        self.messages: deque[Message] = deque()
         self.first = 0
         """Number of the oldest message."""
         self._before_s = before_s
-        self._segments: Deque[Segment] = deque()
-        self._readers: List[Reader] = []
+        self._segments: deque[Segment] = deque()
+        self._readers: list[Reader] = []
 
     @property
-    def current(self) -> Optional[Segment]:
+    def current(self) -> Segment | None:
         """The latest segment; None before the first one."""
         return self._segments[-1] if self._segments else None
 
@@ -132,7 +132,7 @@ class RobotRing:
         if not self.messages:
             self.ring.robots.remove(self)
 
-    def release(self, closed: Optional[Reader] = None) -> None:
+    def release(self, closed: Reader | None = None) -> None:
         """Drops, with the lock held, what neither a recording nor the next one needs; `closed` needs nothing more."""
         self._readers = [reader for reader in self._readers if reader is not closed]
         needed = self._segments[0].number if self._segments else self.end
@@ -184,12 +184,12 @@ class Reader:
         """Number of the next message."""
         self.lost = 0
         """Messages that went before they were read."""
-        self.end: Optional[int] = None
+        self.end: int | None = None
         """Number of the first message that no longer belongs to the recording; None while it goes on."""
 
-    def read(self, most_bytes: int) -> List[Message]:
+    def read(self, most_bytes: int) -> list[Message]:
         """Returns the next messages, at most so many bytes and at least one; empty if there are none now."""
-        messages: List[Message] = []
+        messages: list[Message] = []
         size, robot = 0, self._robot
         with robot.ring.lock:
             end = robot.end if self.end is None else self.end

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from functools import partial
-from typing import Dict, Mapping, Optional
+from typing import Mapping
 
 from ...core.config import MonitorConfig
 from ...core.judge.attachments import STATE, THRESHOLDS, TICKS, SavedMonitor, thresholds_tree
@@ -44,10 +44,10 @@ class RobotBlackBox:
         self._topics[_TICK_TYPE] = TICKS
         self._capture = Capture(middleware, box.settings.topics, self._ring.add, self._topics.values())
         self._topics_thread = StepThread("black box topics", self._look_for_topics, lambda error: None)
-        self._alert_system: Optional[AlertSystem] = None
-        self._states: Dict[str, SavedSignal] = {}
-        self._rest: Dict[str, float] = {}
-        self._recording: Optional[Recording] = None
+        self._alert_system: AlertSystem | None = None
+        self._states: dict[str, SavedSignal] = {}
+        self._rest: dict[str, float] = {}
+        self._recording: Recording | None = None
         self._is_new = False
         """Whether the recording is still to be written. It waits for the announcement of its alert."""
         self._open = box.open_files[robot] = dict(open_files)
@@ -167,8 +167,8 @@ class RobotBlackBox:
         """Saves the states of the signals. Those at rest have not changed."""
         assert self._alert_system is not None
         monitor = self._alert_system.monitor
-        states: Dict[str, SavedSignal] = {}
-        rest: Dict[str, float] = {}
+        states: dict[str, SavedSignal] = {}
+        rest: dict[str, float] = {}
         changed = 0
         for name in monitor.saved_signals():
             at_rest_since_s = monitor.at_rest_since_s(name)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import os
 import re
-from typing import Dict, Mapping, NamedTuple, Optional, Sequence
+from typing import Mapping, NamedTuple, Sequence
 from urllib.parse import urlsplit
 
 from ...core.config import MonitorConfig
@@ -75,8 +75,8 @@ def require_address(address: str) -> str:
 
 
 def export_fleet(
-    settings: FleetSettings, config: MonitorConfig, expected: Optional[Sequence[str]] = None
-) -> Dict[str, str]:
+    settings: FleetSettings, config: MonitorConfig, expected: Sequence[str] | None = None
+) -> dict[str, str]:
     """Returns the files of both sides by their paths.
 
     `config` is that of the dashboard; `expected` are the robots that must report, None stands for those that did.

@@ -6,11 +6,11 @@ What does not depend on the signals is in `files/dashboard.json`, and what all s
 from __future__ import annotations
 
 import json
-from typing import Any, Dict, List, Mapping
+from typing import Any
 
 from ...core.config import LINK, MonitorConfig, SignalConfig
 from ...core.judge.wording import judged_unit
-from ...core.values import duration_text
+from ...core.values import JsonObject, duration_text
 from .prometheus import FILES
 
 _SIGNALS_Y, _ROW_HEIGHT = 20, 8
@@ -39,7 +39,7 @@ def _read(name: str) -> Any:
     return json.loads((FILES / name).read_text(encoding="utf-8"))
 
 
-def _signal_row(signal: SignalConfig) -> List[Dict[str, Any]]:
+def _signal_row(signal: SignalConfig) -> list[dict[str, Any]]:
     """Returns the plot of a signal's value, with its bounds as lines, and the timeline of its levels.
 
     The plot of a forecast has the latest value beside it.
@@ -64,9 +64,9 @@ def _signal_row(signal: SignalConfig) -> List[Dict[str, Any]]:
     return [plot, levels]
 
 
-def _steps(signal: SignalConfig) -> List[Mapping[str, Any]]:
+def _steps(signal: SignalConfig) -> list[JsonObject]:
     """Returns the colours by value: Grafana's thresholds apply from their value upwards."""
-    steps: List[Mapping[str, Any]] = []
+    steps: list[JsonObject] = []
     start = None
     for bound, color in ((signal.error_below, "red"), (signal.warn_below, "orange")):
         if bound is not None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import re
 from pathlib import Path
-from typing import Mapping, Optional, Sequence
+from typing import Mapping, Sequence
 
 from ...core.values import ConfigError, duration_text
 
@@ -44,7 +44,7 @@ def export_rules(*, robots: Sequence[str] = (), interval_s: float = 15.0) -> str
     return filled("scraped_rules.yaml", {**fields, "LATE_S": f"{max(30.0, 4.0 * interval_s):g}"})
 
 
-def export_fleet_rules(expected: Optional[Sequence[str]], *, interval_s: float, silent_after_s: float) -> str:
+def export_fleet_rules(expected: Sequence[str] | None, *, interval_s: float, silent_after_s: float) -> str:
     """Returns the rules for robots that push, and an alert for each that has not reported for `silent_after_s`.
 
     `expected` are the robots that must report; None stands for those that reported in the last 24 h. Raises ConfigError

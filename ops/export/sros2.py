@@ -6,14 +6,14 @@ to there is what they do on ROS 2. rclpy adds its own topics and services.
 
 from __future__ import annotations
 
-from typing import Any, Dict, Iterable, Iterator, Mapping, NamedTuple, Tuple
+from typing import Iterable, Iterator, Mapping, NamedTuple, Tuple
 from xml.sax.saxutils import escape, quoteattr
 
 from ...core.config import find_section, sections
 from ...core.nodes import Aggregator, AlertSystem, BatterySensor
 from ...core.nodes.aggregator import has_inputs
 from ...core.port import LocalBus, NodeInfo
-from ...core.values import ConfigError, package_version
+from ...core.values import ConfigError, JsonObject, package_version
 from ..configuration import OpsConfig
 
 Permissions = Mapping[Tuple[str, str], Iterable[str]]
@@ -47,7 +47,7 @@ class Robot(NamedTuple):
     ops: OpsConfig = OpsConfig()
 
 
-def export_policy(tree: Mapping[str, Any], robot: Robot, enclave: str = "") -> str:
+def export_policy(tree: JsonObject, robot: Robot, enclave: str = "") -> str:
     """Returns the policy in XML for the thresholds.yaml `tree`; raises ConfigError as the nodes do.
 
     All nodes share one enclave, because one launch file starts them: `health_monitor` in the namespace if `enclave` is
@@ -69,9 +69,9 @@ def export_policy(tree: Mapping[str, Any], robot: Robot, enclave: str = "") -> s
     return "\n".join(lines) + "\n"
 
 
-def permissions_of(tree: Mapping[str, Any], robot: Robot) -> Dict[str, Permissions]:
+def permissions_of(tree: JsonObject, robot: Robot) -> dict[str, Permissions]:
     """Returns what each node needs, by its full name."""
-    permissions: Dict[str, Permissions] = {}
+    permissions: dict[str, Permissions] = {}
     for name, info in _used(tree, robot).items():
         permissions[name] = {
             ("topic", "publish"): {*info.publishes, *RCLPY_PUBLISHES, f"{name}/{PROBE}"},
@@ -91,7 +91,7 @@ def permissions_of(tree: Mapping[str, Any], robot: Robot) -> Dict[str, Permissio
     return permissions
 
 
-def _used(tree: Mapping[str, Any], robot: Robot) -> Mapping[str, NodeInfo]:
+def _used(tree: JsonObject, robot: Robot) -> Mapping[str, NodeInfo]:
     """Returns what each node uses besides what rclpy adds, from nodes that are started and closed again."""
     bus = LocalBus()
     by_name = {"alert_system": find_section(tree, "alert_system"), **sections(tree)}

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import json
 from functools import partial
-from typing import Any, Callable, Dict, List, Optional, Sequence
+from typing import Any, Callable, Sequence
 
 from ...core.values import Level
 from ...runtime.times import utc_text
@@ -45,8 +45,8 @@ class Alertmanager(Webhook):
             part = alerts[first : first + _BATCH]
             self._post(lambda part=part: [self._alert(alert, alert.text) for alert in part])  # type: ignore[misc]
 
-    def _alerts(self, notification: Notification) -> List[Dict[str, Any]]:
-        alerts: List[Dict[str, Any]] = []
+    def _alerts(self, notification: Notification) -> list[dict[str, Any]]:
+        alerts: list[dict[str, Any]] = []
         before, text = notification.before, notification.text
         if before is not None and (notification.is_resolved or before.level is not notification.level):
             alerts.append(self._alert(before, text, max(notification.at_s, before.at_s)))
@@ -57,7 +57,7 @@ class Alertmanager(Webhook):
                 alert["labels"]["test"] = "true"
         return alerts
 
-    def _alert(self, alert: Notification, text: str, ended_s: Optional[float] = None) -> Dict[str, Any]:
+    def _alert(self, alert: Notification, text: str, ended_s: float | None = None) -> dict[str, Any]:
         labels = {
             "alertname": ALERT, "robot": alert.robot, "signal": alert.signal,
             "level": alert.level.name, "severity": SEVERITIES[alert.level],
@@ -69,7 +69,7 @@ class Alertmanager(Webhook):
         link = annotations.pop("link", "")
         return {"labels": labels, "annotations": annotations, **times, **({"generatorURL": link} if link else {})}
 
-    def _post(self, make: Callable[[], Sequence[Dict[str, Any]]]) -> str:
+    def _post(self, make: Callable[[], Sequence[dict[str, Any]]]) -> str:
         """Posts alerts, and again if the server refuses them because of this clock, which is then corrected."""
         answer = self.call(json.dumps(make()), _PATH)
         if answer.date_s is not None:

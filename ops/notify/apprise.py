@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 import logging
-from typing import Any, Dict, List, Set
+from typing import Any
 
 from ...core.values import Level
 from ...runtime.libraries import missing_text
@@ -23,7 +23,7 @@ class AppriseTarget(Sender):
     def __init__(self, *arguments: Any) -> None:
         """Imports nothing yet: the library is large."""
         super().__init__(*arguments)
-        self._accepted: Dict[str, Set[str]] = {}
+        self._accepted: dict[str, set[str]] = {}
         """The addresses that have accepted a notification which others have not: those are not sent it again."""
 
     def send(self, notification: Notification) -> str:
@@ -40,7 +40,7 @@ class AppriseTarget(Sender):
         further = [value for name, value in notification.annotations.items() if name != "black_box"]
         body = "\n".join([notification.text, *further])
         accepted = self._accepted.pop(key, set())
-        errors: List[DeliveryError] = []
+        errors: list[DeliveryError] = []
         for number, url in enumerate(self.addresses(), start=1):
             if url not in accepted:
                 try:

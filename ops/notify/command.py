@@ -8,7 +8,7 @@ import signal
 import subprocess
 import tempfile
 import threading
-from typing import Any, Optional
+from typing import Any
 
 from .sender import DeliveryError, Notification, Sender
 
@@ -26,7 +26,7 @@ class Command(Sender):
         """Runs nothing yet."""
         super().__init__(*arguments)
         self._lock = threading.Lock()
-        self._process: Optional[subprocess.Popen[bytes]] = None
+        self._process: subprocess.Popen[bytes] | None = None
         self._is_closed = False
 
     def send(self, notification: Notification) -> str:

@@ -7,9 +7,9 @@ import random
 import time
 from collections import Counter
 from functools import partial
-from typing import Any, Callable, Optional, TypeVar
+from typing import Any, Callable, TypeVar
 
-from ...core.values import Level, ServiceError
+from ...core.values import Clock, Level, ServiceError
 from ...runtime.backoff import Backoff
 from ...runtime.threads import StepThread
 from ..configuration import TargetSettings
@@ -41,8 +41,8 @@ class Delivery(StepThread):
         sender: Sender,
         queue: NotificationQueue,
         history: History,
-        clock: Callable[[], float] = time.monotonic,
-        chance: Callable[[], float] = random.random,
+        clock: Clock = time.monotonic,
+        chance: Clock = random.random,
     ) -> None:
         """Calls nothing yet; see `start`. `clock` gives monotonic seconds.
 
@@ -63,7 +63,7 @@ class Delivery(StepThread):
         self._repeat_at_s = clock() if self._period_s < math.inf else math.inf
         self._tick_s = -math.inf
         self._has_news = False
-        self._to_finish: Optional[Taken] = None
+        self._to_finish: Taken | None = None
         """Was sent, but that is not stored yet. Nothing else is sent before that, or it would be sent twice."""
         self._refusals: Counter[int] = Counter()
         super().__init__(
@@ -134,9 +134,9 @@ class Delivery(StepThread):
             wait_s = self._queue.wait_s.get(name, 0.0) if self._queue.waiting[name] else _IDLE_S
         return max(0.0, min(now_s + wait_s, repeat_at_s) - self._clock())
 
-    def _attempt(self, call: Callable[[], object]) -> Optional[DeliveryError]:
+    def _attempt(self, call: Callable[[], object]) -> DeliveryError | None:
         """Calls the target, and shows whether that works; returns its failure."""
-        failure: Optional[DeliveryError] = None
+        failure: DeliveryError | None = None
         try:
             call()
         except DeliveryError as error:
@@ -180,7 +180,7 @@ class Delivery(StepThread):
         elif not failure.may_have_arrived:
             self._run(self._queue.put_back, taken)
 
-    def _finish(self, taken: Optional[Taken]) -> None:
+    def _finish(self, taken: Taken | None) -> None:
         """Stores what was sent, or given up."""
         self._to_finish = taken
         if taken is not None:

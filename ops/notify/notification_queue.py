@@ -30,21 +30,13 @@ from typing import (
     Any,
     Callable,
     Collection,
-    Dict,
     Iterator,
-    List,
-    Mapping,
     NamedTuple,
-    Optional,
     Sequence,
-    Set,
-    Tuple,
-    Type,
-    Union,
 )
 
 from ...core.config import template_name
-from ...core.values import Level, Transition, matches_pattern
+from ...core.values import Clock, JsonObject, Level, Transition, matches_pattern
 from ..configuration import TargetSettings
 from ..store.active_silences import Silences
 from ..store.present_state import alert_json
@@ -110,7 +102,7 @@ class Known(NamedTuple):
     fingerprint: str
     level: Level
     at_s: float  # wall time in s since 1970
-    transition_json: Mapping[str, Any]
+    transition_json: JsonObject
 
     @property
     def notification(self) -> Notification:
@@ -126,10 +118,10 @@ class OpenAlert(NamedTuple):
     signal: str
     level: Level
     at_s: float
-    transition_json: Mapping[str, Any]
+    transition_json: JsonObject
     begun_s: float
     silenced_s: float
-    silenced_from_s: Optional[float]
+    silenced_from_s: float | None
 
 
 class Waiting(NamedTuple):
@@ -139,7 +131,7 @@ class Waiting(NamedTuple):
     fingerprint: str
     level: Level
     at_s: float
-    transition_json: Mapping[str, Any]
+    transition_json: JsonObject
     attempts: int
 
 
@@ -148,7 +140,7 @@ class Taken(NamedTuple):
 
     target: str
     notification: Notification
-    parts: Sequence[Tuple[int, Notification]]
+    parts: Sequence[tuple[int, Notification]]
     """The number of each row, and what it means."""
 
     @property
@@ -165,7 +157,7 @@ class NotificationQueue:
         targets: Sequence[TargetSettings],
         silences: Silences,
         is_simulated: Callable[[str, str], bool] = lambda robot, signal: False,
-        wall_time_s: Callable[[], float] = time.time,
+        wall_time_s: Clock = time.time,
         public_url: str = "",
     ) -> None:
         """Reads nothing yet; see `prepare`. `is_simulated`, of robot and signal, is called often.
@@ -178,9 +170,9 @@ class NotificationQueue:
         self._is_simulated = is_simulated
         self._wall_time_s = wall_time_s
         self._page = f"{public_url.rstrip('/')}/#alerts/" if public_url else ""
-        self.wait_s: Dict[str, float] = {}
+        self.wait_s: dict[str, float] = {}
         """How long what waits for a target has to wait for others, in s; as the next two, to be read in any thread."""
-        self._held: Set[Tuple[str, str]] = set()  # robot and signal of each alert that a silence holds back
+        self._held: set[tuple[str, str]] = set()  # robot and signal of each alert that a silence holds back
         self.waiting: Counter[str] = Counter()
         """How many notifications wait, by target."""
         self.dropped: Counter[str] = Counter()
@@ -229,12 +221,12 @@ class NotificationQueue:
                 self.waiting[name] += 1
                 self._drop_superseded(connection, name)
 
-    def take(self, connection: Connection, target: str) -> Optional[Taken]:
+    def take(self, connection: Connection, target: str) -> Taken | None:
         """Returns the next notification for a target and counts the attempt; None if nothing is to be sent now."""
         self._silences.look(connection)
         self.wait_s.pop(target, None)
         settings = self.targets[target]
-        parts: List[Tuple[int, Notification]] = []
+        parts: list[tuple[int, Notification]] = []
         for rows in (self._groups if settings.group_wait_s else self._heads)(connection, settings):
             parts = self._parts_of(connection, settings, rows)
             if parts:
@@ -268,9 +260,9 @@ class NotificationQueue:
 
     def _parts_of(
         self, connection: Connection, target: TargetSettings, rows: Rows[Waiting]
-    ) -> List[Tuple[int, Notification]]:
+    ) -> list[tuple[int, Notification]]:
         """Returns what rows mean, one part per alert, and counts the attempt; deletes those that mean nothing."""
-        parts: List[Tuple[int, Notification]] = []
+        parts: list[tuple[int, Notification]] = []
         done = {row[0] for row in rows.raw}
         if target.group_wait_s:
             for row in rows:
@@ -310,7 +302,7 @@ class NotificationQueue:
         ids = [(number,) for number, _ in taken.parts]
         connection.executemany("UPDATE notifications SET attempts = attempts - 1 WHERE id = ?", ids)
 
-    def open_at(self, connection: Connection, target: str) -> List[Notification]:
+    def open_at(self, connection: Connection, target: str) -> list[Notification]:
         """Returns the alerts that are open at a target and about which nothing else waits."""
         waiting, known = _waiting_at(connection, target), _known_at(connection, target).values()
         return [row.notification for row in known if row.fingerprint not in waiting and row.level is not _UNCONFIRMED]
@@ -340,7 +332,7 @@ class NotificationQueue:
         self,
         connection: Connection,
         target: str,
-        transition: Mapping[str, Any],
+        transition: JsonObject,
         at_s: float,
         is_wanted: bool = False,
     ) -> bool:
@@ -354,7 +346,7 @@ class NotificationQueue:
 
     def _unknown_to(
         self, connection: Connection, target: TargetSettings, now_s: float
-    ) -> Iterator[Tuple[Mapping[str, Any], float]]:
+    ) -> Iterator[tuple[JsonObject, float]]:
         """Yields the transition of each alert about which a target knows something else, with its time."""
         known = _known_at(connection, target.name)
         for alert in _open_alerts(connection):
@@ -370,7 +362,7 @@ class NotificationQueue:
         for row in known.values():  # the history lost its end
             yield _no_longer_watched(row.transition_json), row.at_s
 
-    def _decide(self, connection: Connection, target: TargetSettings, row: Waiting) -> Optional[Notification]:
+    def _decide(self, connection: Connection, target: TargetSettings, row: Waiting) -> Notification | None:
         """Returns what a row means for a target now; None if it means nothing."""
         known = _known_at(connection, target.name, row.fingerprint).get(row.fingerprint)
         before = None if known is None else known.notification
@@ -395,7 +387,7 @@ class NotificationQueue:
     def _is_silenced(self, robot: str, signal: str) -> bool:
         return self._silences.silence_of(robot, signal) is not None
 
-    def _wants(self, target: TargetSettings, transition: Mapping[str, Any]) -> bool:
+    def _wants(self, target: TargetSettings, transition: JsonObject) -> bool:
         """Returns whether a target is to know that an alert has the level of a transition."""
         robot, signal, level = transition["robot"], transition["signal"], Level[transition["to_level"]]
         return (
@@ -422,7 +414,7 @@ class NotificationQueue:
             self.dropped[target] = 0
 
 
-def is_transition(fields: Mapping[str, Any]) -> bool:
+def is_transition(fields: JsonObject) -> bool:
     """Whether a JSON object is a transition with all that the queue and the targets need."""
     return (
         all(isinstance(fields.get(name), kind) for name, kind in _TYPES.items())
@@ -431,14 +423,14 @@ def is_transition(fields: Mapping[str, Any]) -> bool:
     )
 
 
-_TYPES: Mapping[str, Any] = {
+_TYPES: JsonObject = {
     **dict.fromkeys(("robot", "signal", "fingerprint", "text", "hint", "black_box", "from_level", "to_level"), str),
     **dict.fromkeys(("now_s", "since_s"), (int, float)),
     "repeat": bool,
 }
 
 
-def _read(connection: Connection, table: str, record: Type[T], tail: str, values: Values = ()) -> Rows[T]:
+def _read(connection: Connection, table: str, record: type[T], tail: str, values: Values = ()) -> Rows[T]:
     """Returns rows of a table as `records`, without those whose `transition_json` is no transition."""
     rows: Rows[Any] = records(connection, table, record, tail, values)
     for row in [row for row in rows if not is_transition(row.transition_json)]:
@@ -451,20 +443,20 @@ def _open_alerts(connection: Connection) -> Rows[OpenAlert]:
     return _read(connection, "open_alerts", OpenAlert, "")
 
 
-def _waiting_at(connection: Connection, target: str) -> Set[object]:
+def _waiting_at(connection: Connection, target: str) -> set[object]:
     """Returns the fingerprints of the alerts about which something waits for a target."""
     query = "SELECT DISTINCT fingerprint FROM notifications WHERE target = ?"
     return {fingerprint for (fingerprint,) in connection.execute(query, (target,))}
 
 
-def _known_at(connection: Connection, target: str, *fingerprint: str) -> Dict[str, Known]:
+def _known_at(connection: Connection, target: str, *fingerprint: str) -> dict[str, Known]:
     """Returns what a target was last sent about an alert, or about each, by fingerprint."""
     tail = f"WHERE target = ? {'AND fingerprint = ?' if fingerprint else ''}"
     return {row.fingerprint: row for row in _read(connection, "notified", Known, tail, (target, *fingerprint))}
 
 
 def _store_notified(
-    connection: Connection, target: str, row: Union[Known, OpenAlert, Waiting], level: Level = _UNCONFIRMED
+    connection: Connection, target: str, row: Known | OpenAlert | Waiting, level: Level = _UNCONFIRMED
 ) -> None:
     """Stores that a target was sent the transition of a row, or that an attempt was made."""
     connection.execute(_STORE_NOTIFIED, (target, row.fingerprint, level, row.at_s, json.dumps(row.transition_json)))
@@ -474,7 +466,7 @@ def _matches(patterns: Sequence[str], name: str) -> bool:
     return not patterns or any(matches_pattern(name, pattern) for pattern in patterns)
 
 
-def _no_longer_watched(transition: Mapping[str, Any]) -> Mapping[str, Any]:
+def _no_longer_watched(transition: JsonObject) -> JsonObject:
     """Returns the transition with which an alert ends because its signal is no longer watched."""
     ended = {"to_level": "OK", "text": f"{transition['signal']} OK: no longer watched", "hint": "", "repeat": False}
     return {**transition, "from_level": transition["to_level"], **ended}

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import time
 from sqlite3 import Connection
-from typing import Callable, Collection, Mapping, Optional, Sequence, Type
+from typing import Callable, Collection, Mapping, Sequence
 
-from ...core.values import Transition
+from ...core.values import Clock, Transition
 from ..configuration import TargetSettings
 from ..store.active_silences import Silences
 from ..store.database import Job
@@ -22,7 +22,7 @@ from .webhook import Webhook
 CLOSE_TIMEOUT_S = 1.0  # how long `close` waits for notifications of targets that work
 _CLOSE_POLL_S = 0.02
 
-_SENDERS: Mapping[str, Type[Sender]] = {
+_SENDERS: Mapping[str, type[Sender]] = {
     "alertmanager": Alertmanager,
     "webhook": Webhook,
     "heartbeat": Webhook,
@@ -50,7 +50,7 @@ class Notifier:
         """
         self._history = history
         self._is_up_to_date = False
-        self._watched: Optional[Collection[str]] = None
+        self._watched: Collection[str] | None = None
         self._queue = NotificationQueue(targets, silences, is_simulated, history.wall_s, public_url)
         self._deliveries = [
             Delivery(settings, make_sender(settings, history.wall_s), self._queue, history) for settings in targets
@@ -118,6 +118,6 @@ class Notifier:
             self._wake()
 
 
-def make_sender(settings: TargetSettings, wall_time_s: Callable[[], float] = time.time) -> Sender:
+def make_sender(settings: TargetSettings, wall_time_s: Clock = time.time) -> Sender:
     """Returns the sender for a target; that of a heartbeat is used for its address only."""
     return _SENDERS[settings.type](settings, wall_time_s)

@@ -12,9 +12,9 @@ import stat
 import time
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
-from typing import Any, Callable, Mapping, Optional, Sequence, Tuple
+from typing import Mapping, Sequence
 
-from ...core.values import Level, ServiceError, count_text, with_hint
+from ...core.values import Clock, JsonObject, Level, ServiceError, count_text, with_hint
 from ...runtime.times import utc_text
 from ..configuration import TargetSettings, is_http, shown
 
@@ -26,13 +26,13 @@ _LONGEST = 4096  # bytes of a file with an address
 class Notification:
     """One message to one target."""
 
-    transition: Mapping[str, Any] = field(hash=False)  # with the fields of `--json`
+    transition: JsonObject = field(hash=False)  # with the fields of `--json`
     is_resolved: bool  # the alert has ended, or is below the target's `min_level`
     at_s: float  # wall time of the transition, in s since 1970
-    before: Optional[Notification] = None
+    before: Notification | None = None
     """What the target was last sent about this alert; None if that was nothing, or its end."""
     is_test: bool = False  # sent by `robot-health notify`
-    members: Tuple[Notification, ...] = ()
+    members: tuple[Notification, ...] = ()
     """Several notifications of one robot in one message, the worst first, ends last; the other fields are its."""
 
     @property
@@ -80,7 +80,7 @@ class Notification:
         """
         return json.dumps(self._fields())
 
-    def _fields(self) -> Mapping[str, Any]:
+    def _fields(self) -> JsonObject:
         fields = {"robot": self.robot, "alerts": [each._fields() for each in self.members]}
         return {
             **(fields if self.members else self.transition),
@@ -100,7 +100,7 @@ def group_of(members: Sequence[Notification]) -> Notification:
     return Notification(first.transition, first.is_resolved, at_s, members=tuple(ordered))
 
 
-def alert_line(transition: Mapping[str, Any]) -> str:
+def alert_line(transition: JsonObject) -> str:
     """Returns the line of a transition, with its hint, after the name of its robot. Older files have no hint.
 
     >>> alert_line({"robot": "husky1", "text": "link ERROR: down: refused (was OK for 2 h)"})
@@ -136,7 +136,7 @@ class Sender(ABC):
     repeat_every_s = math.inf
     """Period at which open alerts are repeated, in s; infinity if they are sent once."""
 
-    def __init__(self, settings: TargetSettings, wall_time_s: Callable[[], float] = time.time) -> None:
+    def __init__(self, settings: TargetSettings, wall_time_s: Clock = time.time) -> None:
         """Connects to nothing, and reads nothing yet. `wall_time_s` returns seconds since 1970."""
         self._settings = settings
         self._wall_time_s = wall_time_s
@@ -155,7 +155,7 @@ class Sender(ABC):
     def close(self) -> None:  # noqa: B027 - optional
         """Ends a call of `send` in another thread early, where that is possible."""
 
-    def addresses(self) -> Tuple[str, ...]:
+    def addresses(self) -> tuple[str, ...]:
         """Returns the lines of the file that are neither empty nor comments (`#`), or the given address.
 
         Raises DeliveryError if the file cannot be read or is empty.

@@ -15,7 +15,7 @@ import socket
 import threading
 import time
 import urllib.request
-from typing import Dict, NamedTuple, Optional, Sequence, Tuple
+from typing import NamedTuple, Sequence
 from urllib.parse import SplitResult, unquote, urlsplit, urlunsplit
 
 from ...core.values import duration_text, package_version, printable
@@ -34,7 +34,7 @@ class Answer(NamedTuple):
     status: int
     reason: str  # the server's name of the status; printable. It may repeat a secret of the address
     text: str  # beginning of the body of a response other than 2xx, on one line; printable
-    date_s: Optional[float]  # the server's clock, in s since 1970; None if it does not state it
+    date_s: float | None  # the server's clock, in s since 1970; None if it does not state it
     retry_after_s: float  # wait that the server requests, in s; 0 if it requests none
 
 
@@ -49,7 +49,7 @@ class Webhook(Sender):
         """Calls the address of a heartbeat."""
         self.deliver(None)
 
-    def call(self, body: Optional[str], path: str = "") -> Answer:
+    def call(self, body: str | None, path: str = "") -> Answer:
         """Returns the response to `request`, with a path appended to the address."""
         url = self.http_address()
         if path:
@@ -57,7 +57,7 @@ class Webhook(Sender):
             url = url if url.endswith(path) else url + path
         return request(url, None if body is None else body.encode(), self._settings.timeout_s)
 
-    def deliver(self, body: Optional[str]) -> str:
+    def deliver(self, body: str | None) -> str:
         """Sends a request, as `call`, and returns the status of its response, as `status_of`."""
         return self.status_of(self.call(body))
 
@@ -79,7 +79,7 @@ class Webhook(Sender):
         raise DeliveryError(text, is_refused=is_refused, retry_after_s=answer.retry_after_s)
 
 
-def request(url: str, body: Optional[bytes], timeout_s: float) -> Answer:
+def request(url: str, body: bytes | None, timeout_s: float) -> Answer:
     """Sends JSON (POST), or nothing (GET), and returns the response, of any status.
 
     A user and password in the address are sent as basic authentication. The time limit in s is for everything; only
@@ -118,8 +118,8 @@ def request(url: str, body: Optional[bytes], timeout_s: float) -> Answer:
 
 
 def _connection(
-    parts: SplitResult, timeout_s: float, headers: Dict[str, str]
-) -> Tuple[http.client.HTTPConnection, str]:
+    parts: SplitResult, timeout_s: float, headers: dict[str, str]
+) -> tuple[http.client.HTTPConnection, str]:
     """Returns a connection to an address, through the proxy of the environment, and what to request there."""
     host, is_tls = parts.netloc.rpartition("@")[2], parts.scheme == "https"
     proxy = "" if urllib.request.proxy_bypass(host) else urllib.request.getproxies().get(parts.scheme, "")
@@ -135,7 +135,7 @@ def _connection(
     return connection, target
 
 
-def _credentials(header: str, parts: SplitResult) -> Dict[str, str]:
+def _credentials(header: str, parts: SplitResult) -> dict[str, str]:
     """Returns the header of basic authentication for the user and password of an address; empty if it has none."""
     if "@" not in parts.netloc:
         return {}
@@ -159,14 +159,14 @@ def _answer(response: http.client.HTTPResponse) -> Answer:
     return Answer(response.status, reason, printable(text)[:_MOST_SHOWN], date_s, wait_s)
 
 
-def _date_s(text: str) -> Optional[float]:
+def _date_s(text: str) -> float | None:
     try:
         return email.utils.parsedate_to_datetime(text).timestamp()
     except (TypeError, ValueError, IndexError, OverflowError):
         return None
 
 
-def _wait_s(text: str, date_s: Optional[float]) -> float:
+def _wait_s(text: str, date_s: float | None) -> float:
     """Returns the wait of `Retry-After`, in s: a number, or a date by the server's clock (RFC 9110, 10.2.3)."""
     if text.isascii() and text.isdigit():
         return float(min(int(text[:10]), LONGEST_WAIT_S))

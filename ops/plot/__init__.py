@@ -5,7 +5,7 @@ from __future__ import annotations
 import pkgutil
 import sys
 from functools import lru_cache
-from typing import Any, Dict, List
+from typing import Any
 
 from ...core.config import SignalConfig
 
@@ -23,7 +23,7 @@ def plot_style() -> str:
 
 
 @lru_cache(maxsize=1000)
-def plot_bounds(config: SignalConfig) -> List[Dict[str, Any]]:
+def plot_bounds(config: SignalConfig) -> list[dict[str, Any]]:
     """Returns the bounds of a signal as the plot takes them, each with the value at which its alert clears.
 
     The robots of a fleet share the list, which must not be changed.

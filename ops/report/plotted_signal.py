@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Dict, List, Mapping, Optional, Set, Tuple
 
 from ...core.config import SignalConfig
-from ...core.values import Level, Status, printable, with_degree_sign
+from ...core.values import JsonObject, Level, Status, printable, with_degree_sign
 
 MOST_LEVELS = 5000  # most changes of level in a plot
 
@@ -27,26 +26,26 @@ class PlottedSignal:
         self.start_s = start_s
         # Width of a bucket; the last sample of the span belongs to the last one.
         self.width_s = max(span_s, 1e-6) / buckets * (1.0 + 1e-9)
-        self.levels: List[Tuple[float, str]] = []
+        self.levels: list[tuple[float, str]] = []
         """Begin of each announced level, OK from the first sample on; empty if they are unknown."""
         self._buckets = buckets
-        self._ranges: Dict[int, Tuple[float, float]] = {}
+        self._ranges: dict[int, tuple[float, float]] = {}
         """Smallest and largest value of each bucket that has any, by its number."""
-        self._bad: Set[int] = set()
+        self._bad: set[int] = set()
         """Numbers of the buckets with bad samples."""
 
     @property
-    def columns(self) -> Tuple[List[int], List[float], List[float]]:
+    def columns(self) -> tuple[list[int], list[float], list[float]]:
         """Number, smallest and largest value of each bucket that has valid samples, in the order of time."""
         places = sorted(self._ranges)
         return places, [self._ranges[place][0] for place in places], [self._ranges[place][1] for place in places]
 
     @property
-    def bad_times_s(self) -> List[float]:
+    def bad_times_s(self) -> list[float]:
         """Middle of each bucket with bad samples."""
         return [self.start_s + (place + 0.5) * self.width_s for place in sorted(self._bad)]
 
-    def add(self, time_s: float, value: Optional[float]) -> None:
+    def add(self, time_s: float, value: float | None) -> None:
         """Adds a good sample; the value is None while it is undefined."""
         self._begin(time_s)
         if value is not None:
@@ -92,7 +91,7 @@ class PlottedSignal:
             self.levels.append((wall_s, ""))
 
 
-def line_ahead(alert: str, wall_s: float, status: Status) -> Optional[Mapping[str, Any]]:
+def line_ahead(alert: str, wall_s: float, status: Status) -> JsonObject | None:
     """Returns the line of a forecast as the plot takes it: from the latest value on; None without a forecast.
 
     `alert` is the id of the alert that it gave, `wall_s` the time of its newest sample, in s since 1970.

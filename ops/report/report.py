@@ -14,10 +14,19 @@ from datetime import timedelta, timezone
 from html import escape
 from itertools import islice
 from string import Template
-from typing import Any, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Tuple, Union
+from typing import Iterable, Mapping, NamedTuple, Sequence
 
 from ...core.judge.wording import bounds_text, judged_unit
-from ...core.values import Level, Transition, duration_text, package_version, printable, with_degree_sign, with_hint
+from ...core.values import (
+    JsonObject,
+    Level,
+    Transition,
+    duration_text,
+    package_version,
+    printable,
+    with_degree_sign,
+    with_hint,
+)
 from ...runtime.times import local_time
 from ..plot import plot_bounds, plot_script, plot_style, read_text
 from ..store.rows import StoredTransition
@@ -45,7 +54,7 @@ class ReportedAlert(NamedTuple):
 
     wall_s: float  # since 1970
     file: str  # name of the configuration or the robot; empty if there is only one
-    transition: Union[Transition, StoredTransition]
+    transition: Transition | StoredTransition
     notes: Sequence[str] = ()  # lines that people wrote on it
     effects: Sequence[str] = ()  # names of the signals that it kept from being announced
 
@@ -60,12 +69,12 @@ class Report(NamedTuple):
     end_s: float
     columns: Sequence[str]  # heads of the table of signals after the name and the group
     rows: Sequence[SummaryRow]  # the table of signals, the worst first
-    plots: Mapping[Tuple[str, str], PlottedSignal]  # by group and name of the signal
+    plots: Mapping[tuple[str, str], PlottedSignal]  # by group and name of the signal
     alerts: Sequence[ReportedAlert]  # at most `MOST_ALERTS`
     all_alerts: int  # how many there were
     group: str = "file"  # head of the column with groups: `file` for configurations, or `robot`
     judged_by: str = ""  # names of the configurations
-    events: Sequence[Tuple[float, str]] = ()  # what else happened: time and text
+    events: Sequence[tuple[float, str]] = ()  # what else happened: time and text
 
 
 def buckets_of(signals: int) -> int:
@@ -120,7 +129,7 @@ def render(report: Report) -> str:
             f"<tr>{_cell('time', time_text(at_s))}{_cell('text', _text(text))}</tr>" for at_s, text in report.events
         )
         events = "<h2>Monitor and silences</h2>\n" + _table("events table", ["time", "event"], listed)
-    signals: List[Mapping[str, Any]] = []
+    signals: list[JsonObject] = []
     plots = _PLOTS_HEAD if keys else ""
     for key, place in places.items():
         signal = report.plots[key]
@@ -180,7 +189,7 @@ def _shown_cell(head: str, text: str, is_number: bool) -> str:
     return _cell(f'{kind}" data-head="{_text(head)}', _text(shown))
 
 
-def _link(text: str, place: Optional[str], data: str = "") -> str:
+def _link(text: str, place: str | None, data: str = "") -> str:
     """Returns a text that leads to a plot, if there is one."""
     return _text(text) if place is None else f'<a href="#{place}"{data}>{_text(text)}</a>'
 
@@ -190,7 +199,7 @@ def _length(name: str) -> str:
     return " long" if len(name) > _LONGEST_UNBROKEN else ""
 
 
-def _line(transition: Union[Transition, StoredTransition]) -> str:
+def _line(transition: Transition | StoredTransition) -> str:
     return with_degree_sign(with_hint(transition.text, transition.hint))
 
 
@@ -202,7 +211,7 @@ def _plot_title(signal: PlottedSignal) -> str:
     return f"{config.name}{statistic}" + (f" ({signal.file})" if signal.file else "")
 
 
-def _signal_data(signal: PlottedSignal, alerts: Sequence[Tuple[str, ReportedAlert]]) -> Mapping[str, Any]:
+def _signal_data(signal: PlottedSignal, alerts: Sequence[tuple[str, ReportedAlert]]) -> JsonObject:
     config = signal.config
     places, low, high = signal.columns
     lines = [

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+from typing import Mapping, NamedTuple, Sequence
 
 from ...core.config import SignalConfig
 from ...core.judge.wording import judged_unit
@@ -30,11 +30,11 @@ class SummaryRow(NamedTuple):
     """Further cells by the heads of their columns; they come before those that follow from the other fields."""
 
     @property
-    def badness(self) -> Tuple[float, ...]:
+    def badness(self) -> tuple[float, ...]:
         """The shares of the levels, the worst first, and what else is bad: the greater, the worse."""
         return (*(self.shares.get(level, 0.0) for level in _WORST_FIRST), self.alerts, self.unknown)
 
-    def cells(self, heads: Sequence[str], effects: int = 0) -> List[str]:
+    def cells(self, heads: Sequence[str], effects: int = 0) -> list[str]:
         """Returns the cells of these columns; with `effects`, as `folded` counts them, the name shows that."""
         name = f"  {self.signal}" if effects < 0 else f"{self.signal} (+ {effects} affected)"
         shares = (*(self.shares.get(level, 0.0) for level in Level), self.unknown)
@@ -49,20 +49,20 @@ class SummaryRow(NamedTuple):
         return [texts[head] for head in heads]
 
 
-def folded(rows: Sequence[SummaryRow]) -> List[Tuple[SummaryRow, int]]:
+def folded(rows: Sequence[SummaryRow]) -> list[tuple[SummaryRow, int]]:
     """Returns rows with each effect below its cause, and how many effects follow each: -1 for an effect."""
-    effects: Dict[Tuple[str, str], List[SummaryRow]] = {(row.group, row.signal): [] for row in rows if not row.cause}
+    effects: dict[tuple[str, str], list[SummaryRow]] = {(row.group, row.signal): [] for row in rows if not row.cause}
     others = [row for row in rows if (row.group, row.cause) not in effects]
     for row in rows:
         effects.get((row.group, row.cause), []).append(row)
-    ordered: List[Tuple[SummaryRow, int]] = []
+    ordered: list[tuple[SummaryRow, int]] = []
     for row in others:
         own = effects.get((row.group, row.signal), [])
         ordered += [(row, len(own)), *((effect, -1) for effect in own)]
     return ordered
 
 
-def table(heads: Sequence[str], rows: Sequence[SummaryRow]) -> List[List[str]]:
+def table(heads: Sequence[str], rows: Sequence[SummaryRow]) -> list[list[str]]:
     """Returns the cells of a table with its heads; effects are indented below their cause."""
     return [list(heads), *(row.cells(heads, effects) for row, effects in folded(rows))]
 
@@ -75,13 +75,13 @@ def share_text(share: float) -> str:
 
 
 def range_cells(
-    config: SignalConfig, smallest: Optional[float], mean: Optional[float], largest: Optional[float]
-) -> Dict[str, str]:
+    config: SignalConfig, smallest: float | None, mean: float | None, largest: float | None
+) -> dict[str, str]:
     """Returns the cells min, mean and max: values of the statistic, or the levels of a driver, which have no mean."""
     unit = judged_unit(config)
     is_level = config.is_status and not config.is_template
 
-    def text(value: Optional[float]) -> str:
+    def text(value: float | None) -> str:
         if value is None:
             return "-"
         return Level(int(value)).name if is_level else with_unit(number_text(value), unit)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import threading
 from sqlite3 import Connection
-from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, TypeVar
+from typing import Any, Callable, Mapping, Sequence, TypeVar
 
 from ...core.values import Level, ServiceError, Transition, printable
 from .history import History
@@ -43,9 +43,9 @@ class Silences:
         self._lock = threading.Lock()
         self._stored: Sequence[Silence] = ()
         """Those that had not ended when they were read last, each second."""
-        self._covering: Dict[Alert, Sequence[Silence]] = {}
+        self._covering: dict[Alert, Sequence[Silence]] = {}
         """Those of `_stored` that apply to an alert, of alerts that were asked for."""
-        self._causes: Dict[str, Mapping[str, str]] = {}
+        self._causes: dict[str, Mapping[str, str]] = {}
         history.on_record.append(self._note_transition)
         history.on_second.append(self.look)
         try:
@@ -57,7 +57,7 @@ class Silences:
         """Replaces what the signals of a robot suffer from now, by signal: a cause is silenced with its effects."""
         self._causes[robot] = causes
 
-    def silence_of(self, robot: str, signal: str) -> Optional[Silence]:
+    def silence_of(self, robot: str, signal: str) -> Silence | None:
         """Returns the silence of an alert, else of its cause, or None; of several the one that ends last."""
         silence, causes, seen = self._silence_of(robot, signal), self._causes.get(robot, {}), {signal}
         while silence is None and causes.get(signal, signal) not in seen:
@@ -66,7 +66,7 @@ class Silences:
             silence = self._silence_of(robot, signal)
         return silence
 
-    def _silence_of(self, robot: str, signal: str) -> Optional[Silence]:
+    def _silence_of(self, robot: str, signal: str) -> Silence | None:
         with self._lock:
             if not self._stored:
                 return None
@@ -80,7 +80,7 @@ class Silences:
         in_force = [each for each in covering if each.in_force(now_s)]
         return max(in_force, key=lambda each: math.inf if each.until_s is None else each.until_s, default=None)
 
-    def active(self) -> List[Silence]:
+    def active(self) -> list[Silence]:
         """Returns the active silences, oldest first; those that recur need not be in force."""
         now_s = self._wall_time_s()
         return [silence for silence in self._stored if silence.is_active(now_s)]

@@ -19,9 +19,9 @@ import time
 from collections import deque
 from dataclasses import dataclass
 from sqlite3 import Connection
-from typing import Any, Callable, Deque, Generic, List, Optional, TypeVar
+from typing import Any, Callable, Generic, TypeVar
 
-from ...core.values import ConfigError, Faults, Level, ServiceError
+from ...core.values import Clock, ConfigError, Faults, Level, ServiceError
 from ...runtime.backoff import Backoff
 from ...runtime.threads import MonotonicEvent, StepThread
 from ..configuration import HistorySettings
@@ -63,20 +63,18 @@ class Job(Generic[Result]):
     """A function to run in the writer's thread, inside a transaction; again if the database has to be replaced."""
 
     function: Callable[[Connection], Result]
-    event: Optional[MonotonicEvent] = None
+    event: MonotonicEvent | None = None
     """Set when it is done, if something waits for that."""
     is_done: bool = False
     is_cancelled: bool = False
-    result: Optional[Result] = None
-    error: Optional[BaseException] = None
+    result: Result | None = None
+    error: BaseException | None = None
 
 
 class Database:
     """Owns the connection and its thread, which runs jobs, each in a transaction."""
 
-    def __init__(
-        self, settings: Optional[HistorySettings], wall_time_s: Callable[[], float], faults: Optional[Faults]
-    ) -> None:
+    def __init__(self, settings: HistorySettings | None, wall_time_s: Clock, faults: Faults | None) -> None:
         """Starts the thread, which opens the file. The arguments are those of `History`."""
         self.file = None if settings is None else settings.file
         """Path of the file; None if the history is in memory."""
@@ -93,22 +91,22 @@ class Database:
             _MEMORY_BYTES if settings is None else min(_MEMORY_BYTES, _EMPTY_BYTES + 0.5 * self._log_bytes)
         )
         self.present_run = PresentRun(wall_time_s)
-        self.on_second: List[Callable[[Connection], object]] = []
+        self.on_second: list[Callable[[Connection], object]] = []
         """Called about once a second by the writer's thread, in a transaction."""
-        self._file: Optional[DatabaseFile] = None
-        self._memory: Optional[Connection] = None
+        self._file: DatabaseFile | None = None
+        self._memory: Connection | None = None
         self._is_copy = False
         self._data_version = 0
         self._backoff = Backoff(_FIRST_RETRY_S, _LAST_RETRY_S)
         self._next_retry_s = 0.0
-        self._retention: Optional[Retention] = None
+        self._retention: Retention | None = None
         self._age_clock = AgeClock(wall_time_s())
         self._maintain_at_s = time.monotonic() + _PERIOD_S
         self._old_at_s = self._surplus_at_s = 0.0
         self._is_too_large = self._is_closing = False
         self._lock = threading.Lock()
-        self._jobs: Deque[Job[Any]] = deque()
-        self._busy_since_s: Optional[float] = time.monotonic()
+        self._jobs: deque[Job[Any]] = deque()
+        self._busy_since_s: float | None = time.monotonic()
         self._thread = StepThread("history", self._step, lambda error: self._report(f"internal error: {error!r}"))
         self._thread.start()
 
@@ -241,7 +239,7 @@ class Database:
         if job.event is not None:
             job.event.set()
 
-    def _care(self, step: Callable[[], Result]) -> Optional[Result]:
+    def _care(self, step: Callable[[], Result]) -> Result | None:
         """Runs a step of the database's own work."""
         try:
             return step()
@@ -321,7 +319,7 @@ class Database:
         if self._memory is not None:
             self._memory.close()
 
-    def _open_file(self, damage: Optional[BaseException] = None) -> None:
+    def _open_file(self, damage: BaseException | None = None) -> None:
         """Opens the file and moves what is in memory into it, or goes on in memory.
 
         A damaged file is replaced; `damage` says that it is one.
@@ -402,7 +400,7 @@ class Database:
         else:
             self.faults.clear(PART)
 
-    def _use_memory(self, source: Optional[Connection]) -> None:
+    def _use_memory(self, source: Connection | None) -> None:
         """Goes on in memory, with what can be read of `source`."""
         memory = schema.in_memory(CheckedConnection)
         with schema.transaction(memory):

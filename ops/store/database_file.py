@@ -21,7 +21,7 @@ import stat
 import time
 from datetime import timezone
 from pathlib import Path
-from typing import Iterator, Optional, Union
+from typing import Iterator
 from urllib.parse import quote
 
 from ...core.values import ConfigError
@@ -55,7 +55,7 @@ def is_file_error(error: BaseException) -> bool:
     return is_damage(error) or (isinstance(error, sqlite3.Error) and any(text in str(error) for text in _FILE))
 
 
-def reason(error: Union[BaseException, str], file: str) -> str:
+def reason(error: BaseException | str, file: str) -> str:
     """Returns one line that names the file and what is wrong with it."""
     if isinstance(error, OSError):
         path = os.fsdecode(error.filename) if isinstance(error.filename, (str, bytes)) else file
@@ -82,11 +82,11 @@ class DatabaseFile:
         self.problem = ""
         """Why the latest flush to the disk failed; empty if it did not."""
         self._log_bytes = log_bytes
-        self._flush_began_s: Optional[float] = None
+        self._flush_began_s: float | None = None
         _require_history_or_nothing(self.path)
         os.makedirs(os.path.dirname(self.path), exist_ok=True)
         with contextlib.ExitStack() as on_error:
-            self._lock: Optional[int] = _lock(lock_path(self.path))
+            self._lock: int | None = _lock(lock_path(self.path))
             on_error.callback(os.close, self._lock)
             self.connection = sqlite3.connect(
                 self.path, timeout=_BUSY_S, isolation_level=None, check_same_thread=False, factory=CheckedConnection
@@ -187,7 +187,7 @@ def set_aside(path: str, wall_s: float) -> str:
 
 
 @contextlib.contextmanager
-def reading(file: Union[str, Path]) -> Iterator[CheckedConnection]:
+def reading(file: str | Path) -> Iterator[CheckedConnection]:
     """Opens a history file that a monitor may be writing, for queries in one thread.
 
     Raises:

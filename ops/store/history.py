@@ -13,11 +13,11 @@ import time
 from collections import deque
 from contextlib import contextmanager
 from sqlite3 import Connection, OperationalError
-from typing import Any, Callable, Deque, Dict, Iterable, Iterator, List, Mapping, Optional, Sequence, Tuple, TypeVar
+from typing import Any, Callable, Iterable, Iterator, Mapping, Sequence, TypeVar
 
 from ...core.judge.sample_summary import PERIOD_S, SampleSummary
 from ...core.judge.saved_state import SavedSignal
-from ...core.values import Faults, ServiceError, Transition, printable
+from ...core.values import Clock, Faults, JsonObject, ServiceError, Transition, printable
 from ..configuration import HistorySettings
 from .database import PART, Database, Job
 from .database_file import is_file_error
@@ -55,9 +55,9 @@ class History(Database):
 
     def __init__(
         self,
-        settings: Optional[HistorySettings],
-        wall_time_s: Callable[[], float] = time.time,
-        faults: Optional[Faults] = None,
+        settings: HistorySettings | None,
+        wall_time_s: Clock = time.time,
+        faults: Faults | None = None,
     ) -> None:
         """Opens the history, in its own thread. Whatever is wrong with the file is a fault, and the monitor goes on.
 
@@ -71,9 +71,9 @@ class History(Database):
         self._keeps_lines = False
         """Whether samples are stored."""
         self._samples_lock = threading.Lock()
-        self._open_samples: Optional[Deque[StoredSamples]] = None
+        self._open_samples: deque[StoredSamples] | None = None
         """Those that wait for the writer; None if there are none."""
-        self.on_record: List[OnRecord] = []
+        self.on_record: list[OnRecord] = []
         """Called inside the transaction that stores a transition, in the writer's thread.
 
         One may run again for the same transition if the database has to be replaced: its effects belong into the
@@ -152,14 +152,14 @@ class RobotHistory:
         self.wall_s = history.wall_s
         self.keeps_samples = history.keeps_samples
         self._lock = threading.Lock()
-        self._open_save: Optional[Dict[str, str]] = None
-        self._evidence_until_s: Dict[str, float] = {}
+        self._open_save: dict[str, str] | None = None
+        self._evidence_until_s: dict[str, float] = {}
 
     def restore(self) -> Mapping[str, SavedSignal]:
         """Returns the last stored state of each signal, by name; empty if the history cannot be read."""
         return self._read(lambda connection: read_states(connection, self._robot)) or {}
 
-    def watched_until_s(self) -> Optional[float]:
+    def watched_until_s(self) -> float | None:
         """Returns when the robot was last watched before this run, in s since 1970; None if that is unknown."""
         query = """
             SELECT max(coalesce(watches.stopped_s, runs.stopped_s, runs.alive_s))
@@ -169,7 +169,7 @@ class RobotHistory:
         row = self._read(lambda connection: connection.execute(query, {"robot": self._robot}).fetchone())
         return row[0] if row is not None and isinstance(row[0], float) else None
 
-    def record(self, transition: Transition, saved: SavedSignal, evidence: Sequence[Tuple[float, Any]]) -> None:
+    def record(self, transition: Transition, saved: SavedSignal, evidence: Sequence[tuple[float, Any]]) -> None:
         """Stores a transition, and the state of its signal after it, in one transaction. Call before the outlets.
 
         Returns when it is committed, after 0.2 s at the latest.
@@ -232,7 +232,7 @@ class RobotHistory:
             lambda connection: connection.execute("INSERT INTO resets (wall_s, robot) VALUES (?, ?)", row)
         )
 
-    def record_configuration(self, configuration: Mapping[str, Mapping[str, Any]]) -> None:
+    def record_configuration(self, configuration: Mapping[str, JsonObject]) -> None:
         """Stores the configuration in force as JSON, the same one only once; returns at once."""
         text = json.dumps(configuration, default=str)
         key = hashlib.sha256(text.encode("utf-8", "backslashreplace")).hexdigest()
@@ -248,7 +248,7 @@ class RobotHistory:
         """Stores that the robot is no longer watched. Not needed at the end of the process."""
         self._history.put(lambda connection: self._history.present_run.end_watch(connection, self._robot))
 
-    def _read(self, function: Callable[[Connection], Result]) -> Optional[Result]:
+    def _read(self, function: Callable[[Connection], Result]) -> Result | None:
         try:
             return self._history.run(function, _RESTORE_TIMEOUT_S)
         except ServiceError as error:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from functools import lru_cache
-from typing import List, NamedTuple, Sequence, Tuple
+from typing import NamedTuple, Sequence
 
 from ...core.values import ConfigError, matches_pattern
 
@@ -32,7 +32,7 @@ class Matcher(NamedTuple):
 
 
 @lru_cache(maxsize=2000)
-def parse_matchers(text: str) -> Tuple[Matcher, ...]:
+def parse_matchers(text: str) -> tuple[Matcher, ...]:
     """Reads matchers: `robot=r3,signal=battery*`.
 
     `=` and `!=`; `*` and `?` as in file names; a value with a comma or a quote in double quotes, with a backslash
@@ -45,7 +45,7 @@ def parse_matchers(text: str) -> Tuple[Matcher, ...]:
         raise ConfigError(f"expected matchers of at most {_LONGEST} characters, got {len(text)}")
     if not text.isprintable():
         raise ConfigError(f"expected printable matchers, got {ascii(text)[:60]}")
-    matchers: List[Matcher] = []
+    matchers: list[Matcher] = []
     position = 0
     while position < len(text) or not matchers:
         match = _MATCHER.match(text, position)

@@ -6,7 +6,7 @@ A note has no number: those of two databases can be joined.
 from __future__ import annotations
 
 from sqlite3 import Connection
-from typing import List, NamedTuple
+from typing import NamedTuple
 
 from ...core.values import ConfigError, printable
 from .rows import records
@@ -54,7 +54,7 @@ def add_note(connection: Connection, alert: int, text: str, author: str, now_s: 
     return note
 
 
-def notes_of(connection: Connection, alert: int) -> List[Note]:
+def notes_of(connection: Connection, alert: int) -> list[Note]:
     """Returns the notes on an alert, oldest first."""
     tail = "WHERE transition_id = ? ORDER BY wall_s LIMIT ?"
     notes = records(connection, "notes", Note, tail, (alert, MOST_NOTES))

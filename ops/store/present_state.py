@@ -6,11 +6,11 @@ Used by the writer's thread only, inside its transactions.
 from __future__ import annotations
 
 from sqlite3 import Connection
-from typing import Callable, Dict, Mapping, Tuple
+from typing import Mapping
 
 from ...core.config import template_name
 from ...core.nodes.outlets import json_line
-from ...core.values import Level, Transition, package_version, printable
+from ...core.values import Clock, Level, Transition, package_version, printable
 from .queries import configuration
 from .queries import transition as stored_transition
 from .rows import StoredTransition, select
@@ -33,12 +33,12 @@ _STORE_ALERT = """
 class PresentRun:
     """The present run with the robots that it watches. It is stored again in each new database."""
 
-    def __init__(self, wall_s: Callable[[], float]) -> None:
+    def __init__(self, wall_s: Clock) -> None:
         """Stores nothing before `begin`; `wall_s` returns seconds since 1970."""
         self._wall_s = wall_s
         self.id = 0
         self._started_s = 0.0
-        self._watches: Dict[str, Tuple[int, float]] = {}
+        self._watches: dict[str, tuple[int, float]] = {}
 
     def begin(self, connection: Connection) -> float:
         """Begins the run in a database that earlier runs may have used; returns the latest time that they knew."""

@@ -8,7 +8,6 @@ import re
 from dataclasses import dataclass
 from datetime import date, datetime, time, timedelta, timezone, tzinfo
 from functools import lru_cache
-from typing import FrozenSet, Optional
 
 from ...core.values import ConfigError
 
@@ -27,7 +26,7 @@ class Recurrence:
     """As it was given."""
     zone: str
     """Name of the time zone, such as `Europe/Berlin`."""
-    days: FrozenSet[int]
+    days: frozenset[int]
     """The days on which it begins; 0 is Monday."""
     begin: time
     end: time
@@ -86,7 +85,7 @@ def zone_of(name: str) -> tzinfo:
     if name == "UTC":
         return timezone.utc
     try:
-        zone: Optional[tzinfo] = importlib.import_module("zoneinfo").ZoneInfo(name)
+        zone: tzinfo | None = importlib.import_module("zoneinfo").ZoneInfo(name)
     except ImportError:  # Python 3.8
         try:
             zone = importlib.import_module("dateutil.tz").gettz(name)
@@ -99,7 +98,7 @@ def zone_of(name: str) -> tzinfo:
     return zone
 
 
-def _days(text: str) -> FrozenSet[int]:
+def _days(text: str) -> frozenset[int]:
     days = set()
     for part in text.split(","):
         first, is_range, last = part.partition("-")

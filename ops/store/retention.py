@@ -11,9 +11,10 @@ import time
 from collections import Counter
 from itertools import islice
 from sqlite3 import Connection
-from typing import Callable, List, Optional, Tuple
+from typing import List, Tuple
 
 from ...core.config import template_name
+from ...core.values import Clock
 from .samples import SampleUpkeep
 from .schema import INDEX_STEP, INDEXED
 
@@ -53,12 +54,12 @@ class AgeClock:
     Otherwise a clock that is wrong by years for a minute would delete the whole history.
     """
 
-    def __init__(self, known_s: float, clock: Callable[[], float] = _boot_s) -> None:
+    def __init__(self, known_s: float, clock: Clock = _boot_s) -> None:
         """Starts with the latest wall time that is known, in s since 1970; `clock` gives monotonic seconds."""
         self._reference_s = known_s
         self._clock = clock
         self._boot_s = clock()
-        self._step_at_s: Optional[float] = None
+        self._step_at_s: float | None = None
 
     def now_s(self, wall_s: float) -> float:
         """Returns the time for ages, for what the wall clock shows, both in s since 1970."""
@@ -82,14 +83,14 @@ class Retention:
         """`max_bytes` limits the database. Reads nothing yet: counting takes time, and a start must not wait for it."""
         self._connection = connection
         self._max_bytes = max_bytes
-        self._counts: Optional[Counter[Tuple[str, str]]] = None
+        self._counts: Counter[tuple[str, str]] | None = None
         """Transitions per robot and configured signal: a robot can choose any number of names of elements."""
         self._deleted_until = 0
         """The transitions of frequent signals up to this number were deleted."""
         self._samples = SampleUpkeep(connection)
 
     @property
-    def _stored(self) -> Counter[Tuple[str, str]]:
+    def _stored(self) -> Counter[tuple[str, str]]:
         if self._counts is None:
             self._counts = Counter()
             for robot, signal in self._connection.execute("SELECT robot, signal FROM transitions"):
@@ -142,7 +143,7 @@ class Retention:
         counts = self._stored.copy()
         least = _NEARLY * max(counts.values(), default=0)
 
-        def is_chosen(row: Tuple[int, str, str]) -> bool:
+        def is_chosen(row: tuple[int, str, str]) -> bool:
             name = row[1], _template(row[2])
             counts[name] -= 1
             return counts[name] >= least - 1
@@ -183,7 +184,7 @@ def _template(signal: object) -> str:
     return template_name(signal) if isinstance(signal, str) else ""
 
 
-def used_bytes(connection: Connection) -> Tuple[int, int]:
+def used_bytes(connection: Connection) -> tuple[int, int]:
     """Returns the size of the used and of the unused pages of the database, in bytes."""
     page, pages, unused = (
         connection.execute(f"PRAGMA {name}").fetchone()[0] for name in ("page_size", "page_count", "freelist_count")

@@ -17,7 +17,6 @@ from typing import (
     Dict,
     Iterable,
     List,
-    Mapping,
     NamedTuple,
     Optional,
     Sequence,
@@ -30,10 +29,10 @@ from typing import (
 
 from ...core.config import row_reader
 from ...core.judge.continuity import MAX_EVIDENCE
-from ...core.values import Level, Transition, datum_text, printable
+from ...core.values import JsonObject, Level, Transition, datum_text, printable
 
 T = TypeVar("T")
-Values = Union[Sequence[Any], Mapping[str, Any]]
+Values = Union[Sequence[Any], JsonObject]
 """The parameters of a query."""
 
 _MOST_NOTED = 1000
@@ -126,7 +125,7 @@ class StoredTransition(NamedTuple):
     since_s: float
     fingerprint: str
     text: str
-    statistics: Mapping[str, Any]
+    statistics: JsonObject
     """A value is None if it was not finite."""
     repeat: bool
     hint: str

@@ -8,7 +8,7 @@ from __future__ import annotations
 import sqlite3
 from contextlib import closing, contextmanager
 from sqlite3 import Connection
-from typing import Iterator, List, Mapping, Optional, Sequence, Type
+from typing import Iterator, Mapping, Sequence
 
 from ...core.values import ConfigError
 
@@ -297,7 +297,7 @@ def version_of(connection: Connection) -> int:
     return version
 
 
-def tables(connection: Connection) -> List[str]:
+def tables(connection: Connection) -> list[str]:
     """Returns the names of the tables."""
     query = "SELECT name FROM sqlite_master WHERE type = 'table' AND name NOT LIKE 'sqlite~_%' ESCAPE '~'"
     return [name for (name,) in connection.execute(query)]
@@ -307,7 +307,7 @@ ALTERED = "was altered"
 """What an error says of a table that another program has dropped or altered."""
 
 
-def altered_error(connection: Connection) -> Optional[sqlite3.DatabaseError]:
+def altered_error(connection: Connection) -> sqlite3.DatabaseError | None:
     """Returns an error that names a table that lacks a column; None if all tables are as they were made."""
     query = "SELECT made.name, had.name FROM sqlite_master AS made, pragma_table_info(made.name) AS had"
     with closing(in_memory()) as intact:
@@ -315,7 +315,7 @@ def altered_error(connection: Connection) -> Optional[sqlite3.DatabaseError]:
     return sqlite3.DatabaseError(f"its table {min(missing)[0]} {ALTERED}") if missing else None
 
 
-def in_memory(factory: Type[Connection] = Connection) -> Connection:
+def in_memory(factory: type[Connection] = Connection) -> Connection:
     """Returns a connection to a new database in memory, with the tables."""
     connection = sqlite3.connect(":memory:", isolation_level=None, check_same_thread=False, factory=factory)
     prepare(connection)

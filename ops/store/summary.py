@@ -13,7 +13,7 @@ import math
 from bisect import bisect_right
 from dataclasses import dataclass, field
 from sqlite3 import Connection
-from typing import Any, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Iterator, List, Mapping, Sequence, Tuple
 
 from ...core.config import LINK, template_name
 from ...core.judge.saved_state import Downtime, SavedState
@@ -44,11 +44,11 @@ class SignalSummary:
     begin_s: float
     """Begin of the time that is summarized."""
     end_s: float
-    lasting_s: Optional[float] = None
+    lasting_s: float | None = None
     """For how long its present level has been known by its state; None if it has none."""
-    level: Optional[Level] = None
+    level: Level | None = None
     """The level now; None before the first transition, where it is OK if there is none."""
-    times: Dict[Level, float] = field(default_factory=dict)
+    times: dict[Level, float] = field(default_factory=dict)
     """Duration of each level as far as it is known."""
     alerts: int = 0
     """Alerts that began in this time; one that changes its level is one."""
@@ -58,9 +58,9 @@ class SignalSummary:
     """Whether it began in this time."""
     longest_outage_s: float = 0.0
     """Longest time in which the level was not OK. Unknown time neither ends an outage nor counts."""
-    recoveries_s: List[float] = field(default_factory=list)
+    recoveries_s: list[float] = field(default_factory=list)
     """Duration of each outage that began and ended in this time; as before, unknown time does not count."""
-    levels: List[Tuple[float, Optional[Level]]] = field(default_factory=list)
+    levels: list[tuple[float, Level | None]] = field(default_factory=list)
     """The course of the level: begin of each; None where it is unknown."""
     cause: str = ""
     """Name of the latest alert of which it was an effect, if it was not announced itself; else empty."""
@@ -85,13 +85,13 @@ class SignalSummary:
         return unknown if unknown > _ROUNDING else 0.0
 
     @property
-    def availability(self) -> Optional[float]:
+    def availability(self) -> float | None:
         """Share of OK of the known time, 0 to 1; None if nothing is known."""
         known_s = sum(self.times.values())
         return self.times.get(Level.OK, 0.0) / known_s if known_s > 0.0 else None
 
     @property
-    def mean_time_to_recover_s(self) -> Optional[float]:
+    def mean_time_to_recover_s(self) -> float | None:
         """Mean of `recoveries_s`; None if there was none."""
         return sum(self.recoveries_s) / len(self.recoveries_s) if self.recoveries_s else None
 
@@ -134,7 +134,7 @@ class SignalSummary:
                     self.outage_s += end_s - begin_s
                     self.longest_outage_s = max(self.longest_outage_s, self.outage_s)
 
-    def _note_level(self, wall_s: float, level: Optional[Level]) -> None:
+    def _note_level(self, wall_s: float, level: Level | None) -> None:
         """Adds a begin to the course of the level."""
         levels = self.levels
         if len(levels) > MOST_LEVELS:
@@ -149,18 +149,18 @@ def summarize(
     connection: Connection,
     now_s: float,
     *,
-    since_s: Optional[float] = None,
-    robot: Optional[str] = None,
-    signal: Optional[str] = None,
-) -> List[SignalSummary]:
+    since_s: float | None = None,
+    robot: str | None = None,
+    signal: str | None = None,
+) -> list[SignalSummary]:
     """Returns a summary per robot and signal, and per topic that was silent, sorted by their names.
 
     It reaches from `since_s` to `now_s`, in s since 1970; if `since_s` is None, from when the robot was first watched.
     In `robot` and `signal`, `*` and `?` work as in file names.
     """
     watched = _watched(connection, robot)
-    links_up: Dict[str, _Spans] = {name: [(-math.inf, math.inf)] for name in watched}
-    signals: Dict[Tuple[str, str], SignalSummary] = {}
+    links_up: dict[str, _Spans] = {name: [(-math.inf, math.inf)] for name in watched}
+    signals: dict[tuple[str, str], SignalSummary] = {}
 
     def signal_of(name: str, signal_name: str) -> SignalSummary:
         spans = [watched[name]] if signal_name == LINK else [watched[name], links_up[name]]
@@ -171,7 +171,7 @@ def summarize(
     for name, signal_name, state in connection.execute("SELECT robot, signal, state FROM signal_states"):
         if name in watched and isinstance(signal_name, str):
             signal_of(name, signal_name).lasting_s = _known_s(state, now_s)
-    causes: Dict[Tuple[str, str], str] = {}  # the alert of which each signal was an effect at last
+    causes: dict[tuple[str, str], str] = {}  # the alert of which each signal was an effect at last
     for wall_s, name, signal_name, from_level, to_level, lasted_s, affected in _transitions(connection, robot):
         if name in watched:
             if signal_name == LINK:
@@ -193,7 +193,7 @@ def summarize(
     return summaries
 
 
-def _within(spans: Sequence[_Spans], from_s: float, to_s: float) -> Iterator[Tuple[float, float]]:
+def _within(spans: Sequence[_Spans], from_s: float, to_s: float) -> Iterator[tuple[float, float]]:
     """Yields the parts between two times that are in all of the spans."""
     if not spans:
         yield from_s, to_s
@@ -228,14 +228,14 @@ def _known_s(state: object, now_s: float) -> float:
     return math.inf if announced is None else max(0.0, (now_s if unknown is None else unknown) - announced)
 
 
-def _watched(connection: Connection, robot: Optional[str]) -> Dict[str, _Spans]:
+def _watched(connection: Connection, robot: str | None) -> dict[str, _Spans]:
     """Returns the times in which each robot was watched, merged and sorted."""
     query = f"""
         SELECT watches.id, robot, watches.started_s, coalesce(watches.stopped_s, runs.stopped_s, alive_s) AS end_s
         FROM watches JOIN runs ON runs.id = run_id WHERE {pattern_condition(connection, "robot")}
         ORDER BY watches.started_s, watches.id
     """
-    merged: Dict[str, _Spans] = {}
+    merged: dict[str, _Spans] = {}
     for _, name, begin_s, end_s in select(connection, "watches", (int, str, float, float), query, {"robot": robot}):
         spans = merged.setdefault(name, [])
         if spans and begin_s <= spans[-1][1]:
@@ -245,7 +245,7 @@ def _watched(connection: Connection, robot: Optional[str]) -> Dict[str, _Spans]:
     return merged
 
 
-def _transitions(connection: Connection, robot: Optional[str]) -> Iterator[Sequence[Any]]:
+def _transitions(connection: Connection, robot: str | None) -> Iterator[Sequence[Any]]:
     """Yields wall time, robot, signal, levels, duration of the earlier level, and effects."""
     query = f"""
         SELECT id, wall_s, robot, signal, from_level, to_level, now_s - since_s, {AFFECTED} FROM transitions

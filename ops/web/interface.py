@@ -14,12 +14,8 @@ from typing import (
     Collection,
     Dict,
     Iterable,
-    List,
     Mapping,
-    Optional,
     Sequence,
-    Set,
-    Type,
     TypeVar,
 )  # fmt: skip
 
@@ -89,7 +85,7 @@ class WebInterface:
         silences: Silences,
         *,
         threads: bool = False,
-        black_boxes: Optional[str] = None,
+        black_boxes: str | None = None,
         notifications_waiting: Callable[[], int] = int,
         process_faults: Callable[[], Mapping[str, Fault]] = dict,
     ) -> None:
@@ -112,8 +108,8 @@ class WebInterface:
         # Reading a robot waits for its callbacks, and a history for a disk.
         self._worker = ThreadPool("web", 8, _MOST_PENDING, _READ_TIMEOUT_S)
         self._past = ThreadPool("web history", _PAST_AT_ONCE, _MOST_PAST_PENDING, _READ_TIMEOUT_S)
-        self._readers: Dict[AlertSystem, RobotReader] = {}
-        self._announced: Set[str] = set()
+        self._readers: dict[AlertSystem, RobotReader] = {}
+        self._announced: set[str] = set()
         self._next_read = 0
         self._levels_until_s = -math.inf
         self._own_state = OwnState(robots, process_faults)
@@ -132,7 +128,7 @@ class WebInterface:
 
         alert_system.outlets.add("web", note)
 
-    def routes(self, client_of: Callable[[web.Request], Client]) -> List[web.RouteDef]:
+    def routes(self, client_of: Callable[[web.Request], Client]) -> list[web.RouteDef]:
         """Returns the routes; `client_of` returns who sends a request. Call in the server's loop.
 
         What a handler raises is answered by the server: ConfigError, MessageError and ServiceError.
@@ -178,7 +174,7 @@ class WebInterface:
 
         return handle
 
-    def _route(self, schema: Type[Asked], answer: Callable[[Asked], object], run: Run) -> Handler:
+    def _route(self, schema: type[Asked], answer: Callable[[Asked], object], run: Run) -> Handler:
         """Answers a request with the JSON that a function returns, which `run` calls.
 
         `schema` is what is asked for, by GET in the address, by POST, which changes something, in the body.
@@ -196,7 +192,7 @@ class WebInterface:
 
         return self._for_clients(handle)
 
-    def _past_route(self, schema: Type[Asked], read: Callable[[Connection, float, Asked], object]) -> Handler:
+    def _past_route(self, schema: type[Asked], read: Callable[[Connection, float, Asked], object]) -> Handler:
         """Answers a request with what a function reads from the history, by connection, wall time and what is asked."""
         history = self._history
 
@@ -231,7 +227,7 @@ class WebInterface:
             raise no_robot(name)
         return await _streamed(request, state.parts(), "application/json; charset=utf-8")
 
-    async def _read_update(self, before: Optional[State], plotted: Collection[str]) -> State:
+    async def _read_update(self, before: State | None, plotted: Collection[str]) -> State:
         """Returns the state. What was `before` counts for most robots of a large fleet: to read all costs too much."""
         announced, self._announced = self._announced, set()
         readers = self._current_readers()
@@ -261,12 +257,12 @@ class WebInterface:
         }
         return State(common, robots)
 
-    async def _read_samples(self, name: str, before: Optional[Samples]) -> Optional[Samples]:
+    async def _read_samples(self, name: str, before: Samples | None) -> Samples | None:
         for reader in self._current_readers(name):
             return await self._read(reader.samples, before)
         return None
 
-    def _current_readers(self, name: str = "") -> List[RobotReader]:
+    def _current_readers(self, name: str = "") -> list[RobotReader]:
         """Returns the readers of the robots that are watched now, or of the robot of this name."""
         known = self._readers
         self._readers = {
@@ -279,7 +275,7 @@ class WebInterface:
         """Reads robots: in a thread if that may wait."""
         return await self._worker.run(function, *arguments) if self._threads else function(*arguments)
 
-    async def _read_each(self, items: Iterable[Item], function: Callable[[Item], Result]) -> List[Result]:
+    async def _read_each(self, items: Iterable[Item], function: Callable[[Item], Result]) -> list[Result]:
         results = []
         for number, item in enumerate(items, 1):
             results.append(await self._read(function, item))

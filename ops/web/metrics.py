@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import threading
 import time
-from typing import Callable, Counter, Dict, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+from typing import Callable, Counter, Iterator, Mapping, NamedTuple, Sequence
 
 from ...core.judge.wording import Judgement
 from ...core.nodes import AlertSystem
-from ...core.values import Level, Transition, package_version, printable
+from ...core.values import Clock, Level, Transition, package_version, printable
 
 CONTENT_TYPE = "text/plain; version=0.0.4; charset=utf-8"
 _BY_SIGNAL = ("robot", "signal")
@@ -88,8 +88,8 @@ class RobotMetrics(NamedTuple):
     """The figures of one robot at one moment."""
 
     labels: str  # of its series, without those of a signal
-    signals: Mapping[str, Sequence[Optional[float]]]  # by labels: the values in the order of `_OF_SIGNALS`
-    link_up: Optional[bool]  # None if it is not watched over a link
+    signals: Mapping[str, Sequence[float | None]]  # by labels: the values in the order of `_OF_SIGNALS`
+    link_up: bool | None  # None if it is not watched over a link
     tick_s: float  # the last tick, in s since 1970
 
 
@@ -99,7 +99,7 @@ class Metrics:
     def __init__(
         self,
         notifications_waiting: Callable[[], int] = int,
-        wall_time_s: Callable[[], float] = time.time,
+        wall_time_s: Clock = time.time,
         count_faults: Callable[[], int] = int,
     ) -> None:
         """Starts with empty counters; asks how many notifications wait, and how many parts do not work, when needed."""
@@ -107,7 +107,7 @@ class Metrics:
         self._count_faults = count_faults
         self._wall_time_s = wall_time_s
         self._lock = threading.Lock()
-        self._transitions: Dict[Tuple[str, str], Counter[Level]] = {}
+        self._transitions: dict[tuple[str, str], Counter[Level]] = {}
 
     def count(self, robot: str, transition: Transition) -> None:
         """Counts a transition of a robot. May be called in any thread."""
@@ -141,7 +141,7 @@ class Metrics:
 
         The profile `fleet` has only what the exported rules and the dashboard need.
         """
-        columns: Dict[Family, List[Tuple[int, str]]] = {}
+        columns: dict[Family, list[tuple[int, str]]] = {}
         for place, (family, further, _) in enumerate((*_OF_SIGNALS, *_OF_TRANSITIONS)):
             columns.setdefault(family, []).append((place, further))
         for family, places in columns.items():
@@ -170,7 +170,7 @@ class Metrics:
             yield _head(family) + _line(family, labels, value)
 
 
-_OF_SIGNALS: Sequence[Tuple[Family, str, Callable[[Judgement], Optional[float]]]] = (
+_OF_SIGNALS: Sequence[tuple[Family, str, Callable[[Judgement], float | None]]] = (
     (_LEVEL, "", lambda signal: signal.level),
     (_ALERT_LEVEL, "", lambda signal: signal.announced),
     (_CAUSED, "", lambda signal: 1.0 if signal.cause else None),
@@ -194,7 +194,7 @@ def _head(family: Family) -> bytes:
     return f"# HELP {name} {family.help}\n# TYPE {name} {'counter' if family.counts else 'gauge'}\n".encode()
 
 
-def _line(family: Family, labels: str, value: Optional[float]) -> bytes:
+def _line(family: Family, labels: str, value: float | None) -> bytes:
     if value is None:
         return b""
     braces = f"{{{labels}}}" if labels else ""

@@ -6,7 +6,7 @@ import asyncio
 import functools
 import json
 from pathlib import Path
-from typing import Any, Dict, Mapping, Protocol, Tuple
+from typing import Any, Mapping, Protocol, Tuple
 
 from aiohttp import web
 
@@ -61,7 +61,7 @@ def check_same_origin(request: web.Request) -> None:
         raise ApiError(403, "requests that change something must come from the server's own page")
 
 
-async def read_object(request: web.Request, limit: BodyLimit = WITH_TOKEN) -> Dict[str, Any]:
+async def read_object(request: web.Request, limit: BodyLimit = WITH_TOKEN) -> dict[str, Any]:
     """Returns the JSON object in a body; raises ApiError if it is none, too large, or does not come in time."""
     if request.content_type != "application/json":
         raise ApiError(415, "expected Content-Type: application/json")

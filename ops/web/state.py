@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import threading
 import time
-from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, Mapping, NamedTuple, Sequence
 
 from ...core.config import OF_ARRIVALS
 from ...core.judge import wording
@@ -14,7 +14,7 @@ from ...core.judge.monitor import Monitor
 from ...core.judge.quality import number_of
 from ...core.judge.wording import Judgement
 from ...core.nodes import AlertSystem
-from ...core.values import Fault, Level, summary_of
+from ...core.values import Clock, Fault, Level, summary_of
 from ...runtime.times import iso_time
 from ..plot import plot_bounds
 
@@ -39,7 +39,7 @@ class OwnState:
         self._robots = robots
         self._process_faults = process_faults
 
-    def texts(self) -> List[str]:
+    def texts(self) -> list[str]:
         """Returns a line per fault."""
         return [f"{name}: {fault.text}" for name, _, _, fault in self._faults()]
 
@@ -61,10 +61,10 @@ class OwnState:
         level, message = summary_of({**self._process_faults(), **robot.own_faults()})
         return {"level": level.name, "message": message}
 
-    def _faults(self) -> List[Tuple[str, Optional[str], str, Fault]]:
+    def _faults(self) -> list[tuple[str, str | None, str, Fault]]:
         """Returns the faults with a name for robot and part, the robot, if any, and the part; the process's first."""
         robots = self._robots()
-        faults: List[Tuple[str, Optional[str], str, Fault]]
+        faults: list[tuple[str, str | None, str, Fault]]
         faults = [(part, None, part, fault) for part, fault in self._process_faults().items()]
         for robot in robots:
             prefix = f"{robot.robot}: " if len(robots) > 1 else ""
@@ -101,7 +101,7 @@ class RobotReader:
         self,
         alert_system: AlertSystem,
         own_state: OwnState,
-        wall_time_s: Callable[[], float] = time.time,
+        wall_time_s: Clock = time.time,
     ) -> None:
         """Reads nothing yet; `wall_time_s` returns seconds since 1970."""
         self.alert_system = alert_system
@@ -123,7 +123,7 @@ class RobotReader:
         with self._lock:
             return self.alert_system.read(read)
 
-    def samples(self, before: Optional[Samples] = None) -> Samples:
+    def samples(self, before: Samples | None = None) -> Samples:
         """Returns the samples of the windows: those since `before`, an earlier result, or all if it is None."""
 
         def read(monitor: Monitor, now_s: float) -> Samples:
@@ -145,7 +145,7 @@ class RobotReader:
         with self._lock:
             return self.alert_system.read(read)
 
-    def _shown(self, samples: Sequence[Tuple[float, float]]) -> List[List[float]]:
+    def _shown(self, samples: Sequence[tuple[float, float]]) -> list[list[float]]:
         return [[round(t + self._offset_s, 3), value] for t, value in samples]
 
     def _follow_clock(self, now_s: float) -> None:
@@ -174,7 +174,7 @@ class RobotReader:
             "signals": signals,
         }
 
-    def _signal(self, name: str, judgement: Judgement, samples: Sequence[Tuple[float, float]]) -> Json:
+    def _signal(self, name: str, judgement: Judgement, samples: Sequence[tuple[float, float]]) -> Json:
         config, forecast = judgement.config, judgement.forecast
         number = number_of(config, judgement.latest) if judgement.seen else math.nan
         return {

@@ -7,11 +7,11 @@ import contextlib
 import json
 import time
 from collections import Counter
-from typing import Any, Awaitable, Callable, Collection, Dict, Iterator, Mapping, NamedTuple, Optional, Sequence, Set
+from typing import Any, Awaitable, Callable, Collection, Dict, Iterator, Mapping, NamedTuple, Sequence
 
 from aiohttp import web
 
-from ...core.values import ServiceError
+from ...core.values import JsonObject, ServiceError
 from ...runtime.http_answers import API_HEADERS, ApiError, json_bytes
 from .state import Samples
 
@@ -96,8 +96,8 @@ class Updates:
 
     def __init__(
         self,
-        read_state: Callable[[Optional[State], Collection[str]], Awaitable[State]],
-        read_samples: Callable[[str, Optional[Samples]], Awaitable[Optional[Samples]]],
+        read_state: Callable[[State | None, Collection[str]], Awaitable[State]],
+        read_samples: Callable[[str, Samples | None], Awaitable[Samples | None]],
     ) -> None:
         """Takes what reads.
 
@@ -108,11 +108,11 @@ class Updates:
         """
         self._read_state = read_state
         self._read_samples = read_samples
-        self.pages: Dict[_Page, None] = {}  # those that are open, the oldest first
-        self._state: Optional[State] = None
-        self._encoded_state: Optional[bytes] = None
-        self._samples: Dict[str, Samples] = {}
-        self._task: Optional[asyncio.Task[None]] = None
+        self.pages: dict[_Page, None] = {}  # those that are open, the oldest first
+        self._state: State | None = None
+        self._encoded_state: bytes | None = None
+        self._samples: dict[str, Samples] = {}
+        self._task: asyncio.Task[None] | None = None
         self._closed = False
 
     def begin(self) -> None:
@@ -190,7 +190,7 @@ class Updates:
             replaced.end()
             del self.pages[replaced]
 
-    def _plotted(self) -> Set[str]:
+    def _plotted(self) -> set[str]:
         """Returns the robots whose samples are sent."""
         return {robot for page in self.pages for robot in page.robots}
 
@@ -251,7 +251,7 @@ def _event(kind: str, *data: bytes) -> bytes:
     return b"".join((b"event: ", kind.encode("ascii"), b"\ndata: ", *data, b"\n\n"))
 
 
-def changes(before: State, after: State) -> Optional[Json]:
+def changes(before: State, after: State) -> Json | None:
     """Returns what changed from one state to the next, as the event `change`; None if robots or signals did."""
     if list(before.robots) != list(after.robots):
         return None
@@ -268,5 +268,5 @@ def changes(before: State, after: State) -> Optional[Json]:
     return _changed_keys(before.common, {**after.common, "robots": robots or None})
 
 
-def _changed_keys(before: Mapping[str, Any], after: Mapping[str, Any]) -> Json:
+def _changed_keys(before: JsonObject, after: JsonObject) -> Json:
     return {key: value for key, value in after.items() if value != before.get(key)}

@@ -13,10 +13,10 @@ NaN and infinities. With other servers it is JSON, where both are null.
 from __future__ import annotations
 
 import functools
-from typing import Any, Awaitable, Dict, Mapping, Optional
+from typing import Any, Awaitable
 
 from ...core.port import Severity
-from ...core.values import LinkError, printable
+from ...core.values import JsonObject, LinkError, printable
 from ...runtime.bridge.connection import LONGEST_TEXT, BridgeConnection
 from ...runtime.bridge.websocket import Wire
 from ...runtime.event_loops import run_in_daemon_thread
@@ -48,7 +48,7 @@ class ServerConnection(BridgeConnection):
         """Bounds for messages that are decoded."""
         self._compression = "none"
 
-    def send(self, operation: Mapping[str, Any]) -> None:
+    def send(self, operation: JsonObject) -> None:
         """Sends an operation; raises MessageError if it cannot be encoded.
 
         Drops it while the connection is down: after a reconnection, every subscription is sent again.
@@ -56,7 +56,7 @@ class ServerConnection(BridgeConnection):
         if self.up:
             self.send_wire(encode(operation, self._compression))
 
-    async def call(self, service: str, request: Mapping[str, Any], timeout_s: float) -> Mapping[str, Any]:
+    async def call(self, service: str, request: JsonObject, timeout_s: float) -> JsonObject:
         """Returns the response of a service of the server; called in the event loop.
 
         Raises LinkError if the connection is or went down, and ServiceError if the service failed, or did not respond
@@ -67,7 +67,7 @@ class ServerConnection(BridgeConnection):
         values = await self._calls.call(self.send, None, service, request, timeout_s)
         return values if isinstance(values, dict) else {}
 
-    def _begin(self, subprotocol: Optional[str]) -> bool:
+    def _begin(self, subprotocol: str | None) -> bool:
         self._compression = "cbor" if subprotocol == CBOR_SUBPROTOCOL else "none"
         self.subscriptions.send_all(self._compression)
         return True
@@ -75,7 +75,7 @@ class ServerConnection(BridgeConnection):
     def _went_down(self) -> None:
         self._calls.fail(LinkError(f"the connection to {self.address} went down"))
 
-    def _receive(self, data: Wire, now_s: float) -> Optional[Awaitable[None]]:
+    def _receive(self, data: Wire, now_s: float) -> Awaitable[None] | None:
         if type(data) is bytes and self._receive_serialized(data):
             return None
         if len(data) > HEAD_BYTES:
@@ -90,7 +90,7 @@ class ServerConnection(BridgeConnection):
         """Decodes in a thread: CBOR takes up to a second per megabyte."""
         self._process(await run_in_daemon_thread(functools.partial(decode, data, self.limits)))
 
-    def _process(self, fields: Dict[str, Any]) -> None:
+    def _process(self, fields: dict[str, Any]) -> None:
         topic, message = fields.get("topic"), fields.get("msg")
         if fields.get("op") == "publish" and type(topic) is str and type(message) is dict:
             self.subscriptions.deliver(topic, message)  # by far the most frequent

@@ -9,7 +9,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import secrets
-from typing import Any, Callable, Collection, Dict, List, Mapping, Optional, Set, Union
+from typing import Callable, Collection, Mapping
 
 from ...core.port import (
     NOT_COUNTED,
@@ -24,7 +24,7 @@ from ...core.port import (
     matching,
     state_of,
 )
-from ...core.values import LinkError, ServiceError
+from ...core.values import JsonObject, LinkError, ServiceError
 from ...runtime.sockets import ignore_result
 from .connection import ServerConnection
 from .topics import Call, names_of
@@ -39,7 +39,7 @@ async def list_nodes(call: Call, topics: Collection[str]) -> Mapping[str, NodeIn
 
     Raises as `ServerConnection.call`.
     """
-    publishes: Dict[str, List[str]] = {name: [] for name in await names_of(call, "nodes")}
+    publishes: dict[str, list[str]] = {name: [] for name in await names_of(call, "nodes")}
     services = set(await names_of(call, "services"))
     for topic in topics:
         for name in await names_of(call, "publishers", topic=topic):
@@ -64,13 +64,13 @@ class GraphReader:
         self._node, self._connection = node, connection
         self._wanted, self._callback = wanted, callback
         self._timer = node.create_timer(_PERIOD_S, self._begin, steady=True)
-        self._reading: Optional[asyncio.Future[None]] = None
+        self._reading: asyncio.Future[None] | None = None
         self._was_read = False
         self._server: str = ""
         """The server's own node, empty while it is not known."""
         self._own_topic = f"/robot_health_monitor_{secrets.token_hex(4)}"
         """Only the server's own node subscribes to it."""
-        self._states: Dict[str, asyncio.Future[Mapping[str, Any]]] = {}
+        self._states: dict[str, asyncio.Future[JsonObject]] = {}
         """The latest call of `get_state` of each lifecycle node."""
 
     def cancel(self) -> None:
@@ -83,7 +83,7 @@ class GraphReader:
             self._reading.add_done_callback(ignore_result)
 
     async def _read(self) -> None:
-        answer: Union[Counts, Unread]
+        answer: Counts | Unread
         try:
             answer = await self._count(self._wanted())
             self._was_read = True
@@ -106,9 +106,7 @@ class GraphReader:
         self._read_states({name for key, name in wanted if key == "lifecycle"}, nodes, counts)
         return counts
 
-    async def _endpoints(
-        self, key: str, wanted: Collection[Wanted], own_topics: Collection[str]
-    ) -> Optional[List[str]]:
+    async def _endpoints(self, key: str, wanted: Collection[Wanted], own_topics: Collection[str]) -> list[str] | None:
         """Returns the topic of each node with such an endpoint, without the server's own for this monitor.
 
         None while the server's own node is not known.
@@ -120,7 +118,7 @@ class GraphReader:
             await self._find_server()
             if not self._server:
                 return None
-        endpoints: List[str] = []
+        endpoints: list[str] = []
         for topic in topics:
             users = await self._ask(key, topic=topic)
             own = self._server if topic in own_topics else ""
@@ -135,7 +133,7 @@ class GraphReader:
         if self._server:
             self._connection.send({"op": "unsubscribe", **subscription})
 
-    def _read_states(self, wanted: Set[str], nodes: Collection[str], counts: Counts) -> None:
+    def _read_states(self, wanted: set[str], nodes: Collection[str], counts: Counts) -> None:
         """Adds the states that were answered since the last reading, and calls again."""
         self._states = {name: call for name, call in self._states.items() if name in wanted and name in nodes}
         for name in wanted:
@@ -150,5 +148,5 @@ class GraphReader:
                 self._states[name] = asyncio.ensure_future(request)
                 self._states[name].add_done_callback(ignore_result)
 
-    async def _ask(self, service: str, **request: str) -> List[str]:
+    async def _ask(self, service: str, **request: str) -> list[str]:
         return await names_of(self._connection.call, service, **request)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import concurrent.futures
-from typing import Any, Callable, Collection, List, Mapping, Optional
+from typing import Any, Callable, Collection, Mapping
 
 from ...core.messages.raw_messages import RawFormat
 from ...core.port import Answer, Callback, GraphCallback, NodeInfo, Wanted
@@ -28,7 +28,7 @@ class RosbridgeMiddleware(BridgeNode):
         return self._client.connection
 
     def _receiver(
-        self, topic: str, type_name: str, field: Optional[str], callback: Callback, *, is_raw: bool = False
+        self, topic: str, type_name: str, field: str | None, callback: Callback, *, is_raw: bool = False
     ) -> Receiver:
         receiver: Receiver
         if is_raw:
@@ -38,7 +38,7 @@ class RosbridgeMiddleware(BridgeNode):
         receiver.largest_bytes = self._connection.limits.message_bytes
         return receiver
 
-    def raw_format_of(self, topic: str, type_name: str) -> Optional[RawFormat]:
+    def raw_format_of(self, topic: str, type_name: str) -> RawFormat | None:
         return self._connection.subscriptions.format_of(topic)
 
     def topic_types(self) -> Mapping[str, str]:
@@ -78,7 +78,7 @@ class RosbridgeClient(BridgeClient[RosbridgeMiddleware]):
         topics = self.connection.subscriptions
         self.connection.tasks.append(lambda: self.publishers.remember(lambda: topics.topics))
 
-    async def known_topics(self) -> List[KnownTopic]:
+    async def known_topics(self) -> list[KnownTopic]:
         """See `BridgeClient.known_topics`: what its rosapi lists."""
         try:
             return await list_topics(self.connection.call)

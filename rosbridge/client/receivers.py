@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Optional, Union
+from typing import Union
 
 from ...core.messages.dialect import Message
 from ...core.messages.fixed_fields import Getter
@@ -35,7 +35,7 @@ class FieldReceiver(_Limited, MappingSubscription):
     null_is_nan = True
     needs_format = False
     """Whether the format of the messages has to be found out."""
-    _get_from_bytes: Optional[Getter] = None
+    _get_from_bytes: Getter | None = None
 
     @property
     def arrivals_only(self) -> bool:

@@ -12,10 +12,10 @@ import threading
 from dataclasses import dataclass
 from functools import partial
 from operator import attrgetter
-from typing import Any, Callable, Collection, Dict, Mapping, Optional, Tuple
+from typing import Callable, Collection
 
 from ...core.messages.raw_messages import RawFormat, json_format, ros1_format, ros2_format
-from ...core.values import LinkError, ServiceError, canonical_type, split_type_name
+from ...core.values import JsonObject, LinkError, ServiceError, canonical_type, split_type_name
 from .receivers import Receiver
 from .topics import Call, find_definition
 
@@ -35,12 +35,12 @@ class _Topic:
     name: str
     type_name: str = ""
     """Empty while it is unknown."""
-    receivers: Tuple[Receiver, ...] = ()
+    receivers: tuple[Receiver, ...] = ()
     sent: str = ""
     """Compression of the subscription that was sent; empty while the server has none, or need not have accepted it."""
-    definition: Optional[Tuple[str, str]] = None
+    definition: tuple[str, str] | None = None
     """The type, as the server spells it, and its definition; None while they are not known."""
-    raw_format: Optional[RawFormat] = None
+    raw_format: RawFormat | None = None
     """The format in which the messages are captured, as far as it is needed and known."""
     asked_s: float = -math.inf
     """When the server was asked last for what is not known, in s of the loop's time."""
@@ -54,7 +54,7 @@ class _Topic:
         """Whether the server has to be asked for something."""
         return not self.sent or (self.definition is None and self.needs_format)
 
-    def operation(self, compression: str = "none") -> Mapping[str, Any]:
+    def operation(self, compression: str = "none") -> JsonObject:
         """Returns what subscribes to it."""
         fields = {"topic": self.name, "type": self.type_name, "id": f"subscribe:{self.name}"}
         given = {**fields, "compression": "" if compression == "none" else compression}
@@ -66,7 +66,7 @@ class Subscriptions:
 
     def __init__(
         self,
-        send: Callable[[Mapping[str, Any]], None],
+        send: Callable[[JsonObject], None],
         call: Call,
         run_in_loop: Callable[[Callable[[], object]], None],
     ) -> None:
@@ -76,7 +76,7 @@ class Subscriptions:
         self._run_in_loop = run_in_loop
         self._lock = threading.RLock()
         self._compression = "none"
-        self._topics: Dict[str, _Topic] = {}
+        self._topics: dict[str, _Topic] = {}
         self._wake: Callable[[], object] = bool  # does nothing
         self.has_bytes = False
         """Whether serialized messages may arrive on this connection."""
@@ -124,12 +124,12 @@ class Subscriptions:
                 self._subscribe(topic)
             self._wake()
 
-    def format_of(self, topic: str) -> Optional[RawFormat]:
+    def format_of(self, topic: str) -> RawFormat | None:
         """Returns the format in which the messages of a topic are captured; None if it is not known yet."""
         known = self._topics.get(topic)
         return None if known is None else known.raw_format
 
-    def deliver(self, topic: str, message: Mapping[str, Any]) -> None:
+    def deliver(self, topic: str, message: JsonObject) -> None:
         """Passes a message on to its receivers."""
         for receiver in self._hear(topic):
             receiver.deliver(message)
@@ -170,7 +170,7 @@ class Subscriptions:
                 topic.asked_s = loop.time()
             await asyncio.gather(*map(self._ask, asked), return_exceptions=True)
 
-    def _hear(self, topic: str) -> Tuple[Receiver, ...]:
+    def _hear(self, topic: str) -> tuple[Receiver, ...]:
         """Returns the receivers of a topic of which a message came: the server has accepted the subscription."""
         known = self._topics.get(topic)
         if known is None:
@@ -208,7 +208,7 @@ class Subscriptions:
     async def _ask(self, topic: _Topic) -> None:
         """Asks for the type of a topic and, if it is captured, for its definition."""
         type_name = topic.type_name
-        definition: Optional[str] = None
+        definition: str | None = None
         try:
             answer = (await self._call("/rosapi/topic_type", {"topic": topic.name}, _ASK_TIMEOUT_S)).get("type")
             type_name = answer if isinstance(answer, str) and split_type_name(answer) else type_name

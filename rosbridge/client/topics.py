@@ -8,21 +8,17 @@ from typing import (
     Any,
     Awaitable,
     Callable,
-    Dict,
     Iterable,
     Iterator,
-    List,
     Mapping,
-    Optional,
     Sequence,
-    Tuple,
 )
 
 from ...core.port import Answer, explain, similar_topic
-from ...core.values import LinkError, MessageError, ServiceError, canonical_type
+from ...core.values import JsonObject, LinkError, MessageError, ServiceError, canonical_type
 from ...runtime.bridge.node import KnownTopic
 
-Call = Callable[[str, Mapping[str, Any], float], Awaitable[Mapping[str, Any]]]
+Call = Callable[[str, JsonObject, float], Awaitable[JsonObject]]
 """Calls a service of the server: name, request, time limit in s."""
 
 _TIMEOUT_S = 10.0
@@ -36,7 +32,7 @@ _IDL_KINDS = {"boolean": "bool", "float": "float32", "double": "float64", "octet
 _SLOT_OF_RCLPY = "check_fields"
 
 
-async def list_topics(call: Call) -> List[KnownTopic]:
+async def list_topics(call: Call) -> list[KnownTopic]:
     """Returns the topics that the server knows.
 
     Raises ServiceError if it has no rosapi or did not answer, LinkError if the connection is down.
@@ -62,7 +58,7 @@ async def find_definition(call: Call, type_name: str) -> str:
     """
     values = await call("/rosapi/message_details", {"type": type_name}, _TIMEOUT_S)
     typedefs = values.get("typedefs")
-    parts: Dict[str, str] = {}
+    parts: dict[str, str] = {}
     for typedef in typedefs[:_MOST_TYPES] if isinstance(typedefs, list) else ():
         if isinstance(typedef, dict) and isinstance(typedef.get("type"), str):
             parts.setdefault(canonical_type(typedef["type"]), "".join(_lines(typedef)))
@@ -71,7 +67,7 @@ async def find_definition(call: Call, type_name: str) -> str:
     return text if own and len(text) <= _LONGEST_DEFINITION else ""
 
 
-async def names_of(call: Call, service: str, **request: str) -> List[str]:
+async def names_of(call: Call, service: str, **request: str) -> list[str]:
     """Returns the names that a service of rosapi answers with. Raises as `ServerConnection.call`."""
     names = (await call(f"/rosapi/{service}", request, _ANSWER_TIMEOUT_S)).get(service)
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
@@ -88,10 +84,10 @@ class PublisherLookup:
     def __init__(self, call: Call) -> None:
         """Asks nothing yet."""
         self._call = call
-        self._questions: Dict[Tuple[str, str], Answer] = {}
+        self._questions: dict[tuple[str, str], Answer] = {}
         """What is answered, by topic and configured type, which is empty if any type is meant."""
-        self._task: Optional[asyncio.Task[None]] = None
-        self._publishers: Dict[str, Sequence[str]] = {}
+        self._task: asyncio.Task[None] | None = None
+        self._publishers: dict[str, Sequence[str]] = {}
         """The nodes that published each topic when it had publishers last."""
 
     async def remember(self, topics: Callable[[], Iterable[str]], period_s: float = _REMEMBER_PERIOD_S) -> None:
@@ -123,7 +119,7 @@ class PublisherLookup:
                 for _, answer in waiting:
                     answer(None)
 
-    async def _explain(self, topic: str, type_name: str, topics: Mapping[str, str]) -> Optional[str]:
+    async def _explain(self, topic: str, type_name: str, topics: Mapping[str, str]) -> str | None:
         if await self._publishers_of(topic):
             return explain(topic, type_name, [topics[topic]]) if topics.get(topic) else None
         known = self._publishers.get(topic, ())
@@ -140,7 +136,7 @@ class PublisherLookup:
         return nodes
 
 
-def _lines(typedef: Mapping[str, Any]) -> Iterator[str]:
+def _lines(typedef: JsonObject) -> Iterator[str]:
     columns = [typedef.get(name) for name in ("fieldnames", "fieldtypes", "fieldarraylen")]
     if not all(isinstance(column, list) for column in columns):
         return
@@ -154,7 +150,7 @@ def _lines(typedef: Mapping[str, Any]) -> Iterator[str]:
             yield f"{_IDL_KINDS.get(kind, kind)}{array} {name}\n"
 
 
-def _known(values: Mapping[str, Any], texts: List[Any]) -> List[KnownTopic]:
+def _known(values: JsonObject, texts: list[Any]) -> list[KnownTopic]:
     names, types = values.get("topics"), values.get("types")
     if not isinstance(names, list) or not isinstance(types, list):
         return []

@@ -13,10 +13,10 @@ import functools
 import json
 import re
 import struct
-from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple, Union
+from typing import Any, Callable, Sequence, Union
 
 from ...core.messages.raw_messages import json_text
-from ...core.values import MessageError, describe
+from ...core.values import JsonObject, MessageError, describe
 from ...runtime.libraries import missing_text
 from .limits import DEFAULT_LIMITS, Limits, ProtocolError
 
@@ -44,7 +44,7 @@ _SURROGATE = re.compile(r"\\u[dD][89a-fA-F]")
 _INTEGER_CHARS = 20  # of the 64-bit integers
 
 
-def decode(data: Wire, limits: Limits) -> Dict[str, Any]:
+def decode(data: Wire, limits: Limits) -> dict[str, Any]:
     """Returns the object in JSON text, UTF-8 bytes of JSON, or CBOR bytes.
 
     Raises ProtocolError if there is none, or if it exceeds a limit. Takes time and memory proportional to the
@@ -100,7 +100,7 @@ def _check_nesting(value: Any, levels: int) -> None:
             _check_nesting(child, levels - 1)
 
 
-def encode(fields: Mapping[str, Any], compression: str = "none", *, is_large: bool = False) -> Wire:
+def encode(fields: JsonObject, compression: str = "none", *, is_large: bool = False) -> Wire:
     """Returns the message to transmit for an operation, encoded with one of COMPRESSIONS.
 
     Raises MessageError if a value cannot be encoded. A large one should be encoded in a background thread.
@@ -111,11 +111,11 @@ def encode(fields: Mapping[str, Any], compression: str = "none", *, is_large: bo
 _TYPED_ARRAYS = {64: "B", 69: "H", 70: "I", 71: "Q", 72: "b", 77: "h", 78: "i", 79: "q", 85: "f", 86: "d"}
 """Tags of RFC 8746 for little-endian arrays, and the struct format of an element."""
 _UNSIGNED, _NEGATIVE, _BYTES, _TEXT, _LIST, _MAP, _TAG, _SIMPLE = range(8)
-_CONSTANTS: Dict[int, Any] = {20: False, 21: True, 22: None, 23: None}
+_CONSTANTS: dict[int, Any] = {20: False, 21: True, 22: None, 23: None}
 _FLOATS = {25: struct.Struct(">e"), 26: struct.Struct(">f"), 27: struct.Struct(">d")}
 
 
-def encode_cbor(value: Mapping[str, Any]) -> bytes:
+def encode_cbor(value: JsonObject) -> bytes:
     """Returns `value` as CBOR; raises MessageError for a type that cannot be encoded, or with `CBOR_PROBLEM`."""
     if cbor2 is None:
         raise MessageError(CBOR_PROBLEM)
@@ -156,7 +156,7 @@ class _CborDecoder:
             return self._typed_array(argument)
         return self._container(kind, argument, levels)
 
-    def head(self) -> Tuple[int, Any]:
+    def head(self) -> tuple[int, Any]:
         """Reads the start of an item; returns its major type and its length or value."""
         first = self.take(1)[0]
         kind, info = first >> 5, first & 31
@@ -179,7 +179,7 @@ class _CborDecoder:
         """Reads an item that must be a text."""
         return self._text(self.argument(_TEXT))
 
-    def members(self, **read: Callable[[], Any]) -> Dict[str, Any]:
+    def members(self, **read: Callable[[], Any]) -> dict[str, Any]:
         """Reads a map of exactly these keys, in any order; raises ProtocolError or KeyError for another item."""
         if self.argument(_MAP) != len(read):
             raise ProtocolError("a map of another length")
@@ -212,7 +212,7 @@ class _CborDecoder:
     def _text(self, length: int) -> str:
         return self.take(length).decode("utf-8", "replace")
 
-    def _typed_array(self, tag: int) -> List[Any]:
+    def _typed_array(self, tag: int) -> list[Any]:
         form = _TYPED_ARRAYS.get(tag)
         if form is None:
             raise ProtocolError(f"CBOR tag {tag} is not supported")
@@ -237,7 +237,7 @@ HEAD_BYTES = 2_048
 _JSON_HEAD = re.compile(r'\s*\{\s*"op"\s*:\s*"publish"\s*,\s*"topic"\s*:\s*("(?:[^"\\\x00-\x1f]|\\.)*")')
 
 
-def topic_of_message(data: Wire) -> Optional[str]:
+def topic_of_message(data: Wire) -> str | None:
     """Returns the topic of a large message without decoding the message, which need not be valid.
 
     Only `HEAD_BYTES` are looked at: servers write `op` and `topic` first. Returns None for another operation, or if the
@@ -256,7 +256,7 @@ def topic_of_message(data: Wire) -> Optional[str]:
     return topic if start == ["op", "publish", "topic"] else None
 
 
-def serialized_publication(data: bytes) -> Optional[Tuple[str, bytes]]:
+def serialized_publication(data: bytes) -> tuple[str, bytes] | None:
     """Returns topic and bytes of a message of the compression `cbor-raw`, of any size; None for another message."""
     decoder = _CborDecoder(data, DEFAULT_LIMITS)
     count = functools.partial(decoder.argument, _UNSIGNED)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import base64
 import struct
-from typing import Any, Callable, Optional
+from typing import Any, Callable
 
 from ...core.messages.definitions import NUMBERS, ROS1_KINDS, SEQUENCE, Definitions, Field, parse_msg
 from ...core.messages.dialect import Message
@@ -39,7 +39,7 @@ def service_definition(type_name: str, response: bool) -> Definitions:
     return {} if texts is None else parse_msg(name + ("Response" if response else "Request"), texts[response])
 
 
-def serializer(type_name: str) -> Optional[Serializer]:
+def serializer(type_name: str) -> Serializer | None:
     """Returns a function that serializes a message as ROS 1 does; None for a type whose definition core does not have.
 
     The function raises MessageError for a message that does not match its type, or lacks a field.

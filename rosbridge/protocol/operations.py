@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from typing import Any, Dict, List, Mapping, Optional, Type, Union
+from typing import Any, Dict, List, Optional, Type, Union
 
 from ...core.config import REQUIRED, declared, read_record
-from ...core.values import MessageError, describe
+from ...core.values import JsonObject, MessageError, describe
 from .limits import Id, ProtocolError
 
 COMPRESSIONS = ("none", "png", "cbor", "cbor-raw")
@@ -29,7 +29,7 @@ _REFUSED = {
 LONGEST_NAME = 512
 """Most characters of the name of a topic, service, action or type, and of an id."""
 
-Arguments = Union[Mapping[str, Any], List[Any]]
+Arguments = Union[JsonObject, List[Any]]
 
 
 def _name(default: Any = REQUIRED) -> Any:
@@ -60,7 +60,7 @@ class Publish:
     """A message on a topic."""
 
     topic: str = _name()
-    msg: Mapping[str, Any] = declared(REQUIRED)
+    msg: JsonObject = declared(REQUIRED)
 
 
 @dataclass(frozen=True)
@@ -145,7 +145,7 @@ OPERATIONS: Dict[object, Type[Any]] = {re.sub(r"\B[A-Z]", r"_\g<0>", kind.__name
 """Every operation by its name on the wire: `SetLevel` is `set_level`."""
 
 
-def read_operation(fields: Mapping[str, Any]) -> Any:
+def read_operation(fields: JsonObject) -> Any:
     """Returns the operation in a decoded message, None for one that needs no action.
 
     Raises ProtocolError if it or a field of it is not valid.

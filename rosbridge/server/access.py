@@ -18,12 +18,12 @@ import secrets
 import time
 from collections import deque
 from dataclasses import dataclass, field
-from typing import Callable, Deque, Dict, NamedTuple, Sequence
+from typing import NamedTuple, Sequence
 from urllib.parse import urlsplit
 
 from aiohttp import web
 
-from ...core.values import describe
+from ...core.values import Clock, describe
 from ...runtime.http_answers import json_error, json_response
 from ...runtime.origins import is_own_origin
 
@@ -120,13 +120,11 @@ class TokenCheck:
     Wrong tokens are counted per address. The right one is always accepted, so that no client can lock out others.
     """
 
-    def __init__(
-        self, token: str, wall_time_s: Callable[[], float] = time.time, clock: Callable[[], float] = time.monotonic
-    ) -> None:
+    def __init__(self, token: str, wall_time_s: Clock = time.time, clock: Clock = time.monotonic) -> None:
         """Remembers the token; `wall_time_s` returns seconds since 1970, `clock` monotonic ones."""
         self._wall_time_s = wall_time_s
         self._clock = clock
-        self._wrong: Dict[str, Deque[float]] = {}
+        self._wrong: dict[str, deque[float]] = {}
         """When the latest wrong tokens of an address came."""
         self.use(token)
 

@@ -15,7 +15,7 @@ import json
 import logging
 import resource
 import ssl
-from typing import Callable, Dict, List, Optional
+from typing import Callable, Optional
 
 from aiohttp import web
 from aiohttp.http_exceptions import LineTooLong
@@ -47,7 +47,7 @@ class Connections:
         self.log = log
         self.tls = tls
         self._call_later = call_later
-        self._timeouts: Dict[HttpConnection, Optional[asyncio.TimerHandle]] = {}
+        self._timeouts: dict[HttpConnection, asyncio.TimerHandle | None] = {}
         """What closes each; None for those in use. Those that have been waiting for the longest time come first."""
 
     def __len__(self) -> int:
@@ -113,8 +113,8 @@ class HttpConnection(web.RequestHandler):
         loop = asyncio.get_event_loop()
         super().__init__(create, loop=loop, access_log=None, logger=_NO_LOG)  # type: ignore[arg-type]  # no access log
         self._connections = connections
-        self._tcp: Optional[asyncio.Transport] = None
-        self._early: Optional[List[bytes]] = []
+        self._tcp: asyncio.Transport | None = None
+        self._early: list[bytes] | None = []
         """What came before aiohttp knew of the connection; None once it does."""
         self._received = 0
         """Bytes since it began to wait."""
@@ -169,7 +169,7 @@ class HttpConnection(web.RequestHandler):
         for data in early or ():
             self.data_received(data)
 
-    def connection_lost(self, exc: Optional[BaseException]) -> None:
+    def connection_lost(self, exc: BaseException | None) -> None:
         """The connection is closed."""
         self._connections.remove(self)
         if self._early is None:
@@ -195,8 +195,8 @@ class HttpConnection(web.RequestHandler):
         self,
         request: web.BaseRequest,
         status: int = 500,
-        exc: Optional[BaseException] = None,
-        message: Optional[str] = None,
+        exc: BaseException | None = None,
+        message: str | None = None,
     ) -> web.StreamResponse:
         """Answers a request that is malformed, or whose handler failed, in the form of docs/reference/api.md."""
         super().handle_error(request, status, exc, message)

@@ -7,12 +7,12 @@ Each call reads the graph once.
 from __future__ import annotations
 
 import json
-from typing import Any, Callable, Dict, List, Mapping, Tuple
+from typing import Any, Callable, Mapping
 
 from ...core.config import flatten
 from ...core.messages.definitions import Definitions, Field
 from ...core.port import Graph, NodeInfo
-from ...core.values import ServiceError, canonical_type
+from ...core.values import JsonObject, ServiceError, canonical_type
 from ..protocol.definitions import parse, service_definition
 from .sending import wall_stamp
 from .served_node import ServedNode
@@ -20,7 +20,7 @@ from .served_node import ServedNode
 PREFIX = "/rosapi/"
 _EXAMPLES = {"string": "", "bool": "False", "float32": "0.0", "float64": "0.0"}
 
-Values = Mapping[str, Any]
+Values = JsonObject
 
 
 def _topics_and_raw_types(node: ServedNode) -> Values:
@@ -33,7 +33,7 @@ def _topics(topics: Mapping[str, str]) -> Values:
     return {"topics": list(topics), "types": list(topics.values())}
 
 
-def _nodes_with(graph: Graph, kind: str, name: str) -> List[str]:
+def _nodes_with(graph: Graph, kind: str, name: str) -> list[str]:
     """Returns the nodes of which `kind`, a field of NodeInfo, contains a topic or service."""
     return [node for node, info in graph.nodes.items() if name in getattr(info, kind)]
 
@@ -48,7 +48,7 @@ def _get_time(node: ServedNode) -> Values:
     return {"time": {**stamp, "sec": stamp["secs"], "nanosec": stamp["nsecs"]}}
 
 
-def _parameters(node: ServedNode) -> Dict[str, Any]:
+def _parameters(node: ServedNode) -> dict[str, Any]:
     """Returns the parameters that clients may read, by node and name."""
     return {
         f"{owner}:{name}": value
@@ -63,7 +63,7 @@ def _get_param(node: ServedNode, name: str, default_value: str, default: str) ->
     return {"value": json.dumps(values[name]) if name in values else default_value or default or '""'}
 
 
-_SERVICES: Mapping[str, Tuple[str, str, Callable[..., Any]]] = {
+_SERVICES: Mapping[str, tuple[str, str, Callable[..., Any]]] = {
     "topics": ("", "", lambda node: _topics(node.graph().topics)),
     "topics_for_type": ("type", "topics", lambda graph, kind: _having(graph.topics, kind)),
     "topic_type": ("topic", "type", lambda graph, topic: graph.topics.get(topic, "")),
@@ -106,7 +106,7 @@ def answer(node: ServedNode, service: str, request: Values) -> Values:
     return {field: function(node.graph(), *texts)} if field else function(node, *texts)
 
 
-def _having(types: Mapping[str, str], type_name: str) -> List[str]:
+def _having(types: Mapping[str, str], type_name: str) -> list[str]:
     return [name for name, known_type in types.items() if canonical_type(known_type) == canonical_type(type_name)]
 
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 import asyncio
 import struct
 import time
-from typing import Dict, Optional, Union
 
 from ...core.messages.dialect import Message
 from ...core.values import MessageError
@@ -56,7 +55,7 @@ def estimated_bytes(value: object) -> int:
     return _OBJECT_BYTES
 
 
-def wall_stamp() -> Dict[str, int]:
+def wall_stamp() -> dict[str, int]:
     """Returns the present time as a stamp of ROS 1."""
     seconds, nanoseconds = divmod(time.time_ns(), 1_000_000_000)
     return {"secs": seconds, "nsecs": nanoseconds}
@@ -65,7 +64,7 @@ def wall_stamp() -> Dict[str, int]:
 class EncodedMessage:
     """A message, and the frames that were made of it."""
 
-    def __init__(self, topic: str, content: Union[Message, bytes], serialize: Optional[Serializer] = None) -> None:
+    def __init__(self, topic: str, content: Message | bytes, serialize: Serializer | None = None) -> None:
         """Takes a message or only its raw bytes; `serialize` makes raw bytes of a message, unless it is None."""
         self.size = estimated_bytes(content)
         """Estimated memory in bytes."""
@@ -74,7 +73,7 @@ class EncodedMessage:
         self._topic = topic
         self._content = content
         self._serialize = serialize
-        self._frames: Dict[str, bytes] = {}
+        self._frames: dict[str, bytes] = {}
 
     def frame(self, compression: str) -> bytes:
         """Returns the WebSocket frame, by one of COMPRESSIONS; raises MessageError if it cannot be encoded so."""

@@ -10,11 +10,11 @@ from __future__ import annotations
 import asyncio
 import threading
 import time
-from typing import Any, Callable, Dict, Mapping, Optional, Tuple, TypeVar
+from typing import Any, Callable, Mapping, TypeVar
 
 from ...core.messages.standard_messages import definition
 from ...core.port import Graph, NodeInfo, ServedMiddleware
-from ...core.values import ConfigError, ServiceError, resolve_name
+from ...core.values import ConfigError, JsonObject, ServiceError, resolve_name
 from ...runtime.bounded_queue import BoundedQueue
 from ...runtime.event_loops import ThreadPool
 from ..protocol import DEFAULT_LIMITS, Limits
@@ -44,7 +44,7 @@ class ServedNode:
         threads: bool,
         access: Access = READ_ONLY,
         limits: Limits = DEFAULT_LIMITS,
-        parameters: Optional[Callable[[], Mapping[str, Mapping[str, Any]]]] = None,
+        parameters: Callable[[], Mapping[str, JsonObject]] | None = None,
         log: Callable[[str], None] = lambda text: None,
     ) -> None:
         """Prepares the access to a node; the arguments are those of `Server`.
@@ -58,7 +58,7 @@ class ServedNode:
         self.limits = limits
         self.parameters = parameters or (lambda: {middleware.name: middleware.given_parameters()})
         self.log = log
-        self.added_services: Dict[str, str] = {}
+        self.added_services: dict[str, str] = {}
         """Type of each service that the server adds."""
         self.codec = ThreadPool("rosbridge-codec", 2, 2_000)
         """Encodes and decodes large messages."""
@@ -66,7 +66,7 @@ class ServedNode:
         # Separate: services that do not respond must not block subscriptions.
         self._callers = ThreadPool("rosbridge-call", _MOST_CALLS, _MOST_CALLS)
         self._lock = threading.Lock()
-        self._messages: BoundedQueue[Tuple[Callable[[Any], None], Any]] = BoundedQueue(limits.waiting_bytes)
+        self._messages: BoundedQueue[tuple[Callable[[Any], None], Any]] = BoundedQueue(limits.waiting_bytes)
         self._waking = False
 
     @property
@@ -80,7 +80,7 @@ class ServedNode:
             return function(*arguments)
         return await self._workers.run(function, *arguments)
 
-    async def call_service(self, service: str, request: Mapping[str, Any], timeout_s: float) -> Mapping[str, Any]:
+    async def call_service(self, service: str, request: JsonObject, timeout_s: float) -> JsonObject:
         """Returns the response of a service.
 
         Raises ServiceError if there is none within `timeout_s`, or if too many calls are pending.

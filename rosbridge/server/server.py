@@ -17,12 +17,12 @@ import contextlib
 import logging
 import ssl
 import time
-from typing import Any, Awaitable, Callable, Dict, Mapping, Optional, Sequence
+from typing import Any, Awaitable, Callable, Mapping, Sequence
 
 from aiohttp import WSCloseCode, WSMsgType, web
 
 from ...core.port import LimitedLog, LogLine, ServedMiddleware, Severity
-from ...core.values import ConfigError, MessageError, ServiceError, printable
+from ...core.values import ConfigError, JsonObject, MessageError, ServiceError, printable
 from ...runtime.event_loops import LoopThread
 from ...runtime.http_answers import json_error
 from ...runtime.sockets import FloodError, Incoming, limit_reads
@@ -52,11 +52,11 @@ class Server:
         *,
         host: str = "127.0.0.1",
         port: int = 9090,
-        access: Optional[Access] = None,
+        access: Access | None = None,
         limits: Limits = DEFAULT_LIMITS,
         threads: bool = True,
-        ssl_context: Optional[ssl.SSLContext] = None,
-        parameters: Optional[Callable[[], Mapping[str, Mapping[str, Any]]]] = None,
+        ssl_context: ssl.SSLContext | None = None,
+        parameters: Callable[[], Mapping[str, JsonObject]] | None = None,
         routes: Callable[[Callable[[web.Request], Client]], Sequence[web.RouteDef]] = lambda client_of: (),
         on_close: Sequence[Callable[[], None]] = (),
     ) -> None:
@@ -93,9 +93,9 @@ class Server:
         # Several nodes of one ROS 1 process share its log.
         self._log_prefix = "rosbridge: " if threads else ""
         self._client_log = LimitedLog(middleware.log, time.monotonic, _LOG_LINES_PER_MINUTE)
-        self._sessions: Dict[Session, web.WebSocketResponse] = {}
+        self._sessions: dict[Session, web.WebSocketResponse] = {}
         self._dropped = 0
-        self._runner: Optional[web.AppRunner] = None
+        self._runner: web.AppRunner | None = None
         self._node = ServedNode(
             middleware, threads=threads, access=self.access, limits=limits, parameters=parameters, log=self.log
         )
@@ -265,7 +265,7 @@ class ServerThread:
             self._thread.call(self.server.close(), _CLOSE_THREAD_S)
         self._thread.close()
 
-    def _log_failure(self, loop: asyncio.AbstractEventLoop, context: Dict[str, Any]) -> None:
+    def _log_failure(self, loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
         error = context.get("exception")
         cause = f": {type(error).__name__}: {error}" if error else ""
         self.server.log(f"{context.get('message', 'unexpected error')}{cause}")

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import asyncio
-from typing import Any, Dict, Mapping, Optional, Protocol
+from typing import Any, Mapping, Protocol
 
-from ...core.values import MessageError, ServiceError
+from ...core.values import JsonObject, MessageError, ServiceError
 from ..calls import PendingCalls
 from ..protocol.operations import Arguments
 from . import rosapi
@@ -16,7 +16,7 @@ from .served_node import ServedNode
 class Provider(Protocol):
     """A client that provides services."""
 
-    def send(self, operation: Mapping[str, Any]) -> None:
+    def send(self, operation: JsonObject) -> None:
         """Sends an operation to the client."""
 
 
@@ -25,13 +25,13 @@ class Services:
 
     def __init__(self, node: ServedNode) -> None:
         """Adds those of rosapi to a node."""
-        self._providers: Dict[str, Provider] = {}
+        self._providers: dict[str, Provider] = {}
         self.pending = PendingCalls()
         """Calls that wait for the response of a provider."""
         self._node = node
         node.added_services.update(rosapi.SERVICES)
 
-    async def call(self, service: str, arguments: Arguments, timeout_s: Optional[float]) -> Any:
+    async def call(self, service: str, arguments: Arguments, timeout_s: float | None) -> Any:
         """Returns the response to a client's call, within `timeout_s` or, if None, the server's time.
 
         `/service#id` is accepted too, an older way to send an id. Raises ServiceError if the service does not exist,

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import asyncio
-from typing import Any, Dict, Mapping, Optional, Set
+from typing import Any
 
-from ...core.values import ConfigError, MessageError, ServiceError
+from ...core.values import ConfigError, JsonObject, MessageError, ServiceError
 from ..protocol import CBOR_COMPRESSIONS, CBOR_PROBLEM, Id, Wire, decode, encode, operations, read_operation
 from .access import matches
 from .rosapi import SERVICES
@@ -44,14 +44,14 @@ class Session:
         self._compression = "cbor" if cbor else "none"
         self._level = "none"
         self._closed = False
-        self._cut_off: Optional[asyncio.TimerHandle] = None
+        self._cut_off: asyncio.TimerHandle | None = None
         """Disconnects a client that is behind."""
         self._reported = 0
         """Dropped messages that were reported to the client."""
-        self._subscriptions: Dict[str, Dict[Id, operations.Subscribe]] = {}
-        self._advertised: Set[str] = set()
-        self._provided: Set[str] = set()
-        self._calls: Set[asyncio.Task[None]] = set()
+        self._subscriptions: dict[str, dict[Id, operations.Subscribe]] = {}
+        self._advertised: set[str] = set()
+        self._provided: set[str] = set()
+        self._calls: set[asyncio.Task[None]] = set()
 
     async def receive(self, data: Wire) -> None:
         """Takes one message of the client. No message ends the session."""
@@ -93,7 +93,7 @@ class Session:
         if count:
             self._send_status("warning", f"{count} messages were dropped: this client reads too slowly")
 
-    def send(self, operation: Mapping[str, Any]) -> None:
+    def send(self, operation: JsonObject) -> None:
         """Sends an operation in the client's own encoding; raises MessageError if it cannot be encoded."""
         self.put(frame(encode(operation, self._compression)))
 
@@ -215,5 +215,5 @@ class Session:
             raise MessageError(f"more than {limit} topics and services")
 
 
-def _with_id(fields: Dict[str, Any], id: Id) -> Mapping[str, Any]:  # noqa: A002 - the protocol's word
+def _with_id(fields: dict[str, Any], id: Id) -> JsonObject:  # noqa: A002 - the protocol's word
     return fields if id is None else {**fields, "id": id}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import math
 from dataclasses import dataclass
-from typing import Callable, Collection, Dict, List, Optional, Protocol, Sequence, Set, Tuple, Union
+from typing import Callable, Collection, Protocol, Sequence
 
 from ...core.messages.dialect import Message
 from ...core.port import LogLine, Severity, Subscription
@@ -61,14 +61,14 @@ class Topic:
         self.name = name
         self.type_name = ""
         """The type, empty if it is not known yet."""
-        self.serialize: Optional[Serializer] = None
+        self.serialize: Serializer | None = None
         """Makes raw bytes of a message if the middleware gives none; None if that is not possible."""
-        self.clients: Dict[Receiver, Flow] = {}
+        self.clients: dict[Receiver, Flow] = {}
         """How each client receives the messages."""
-        self.sources: Dict[bool, Subscription] = {}
+        self.sources: dict[bool, Subscription] = {}
         """The subscriptions of the middleware: to the messages (False) and to their raw bytes (True)."""
         self._node = node
-        self._waiting: BoundedQueue[Tuple[EncodedMessage, str, Sequence[Receiver]]]
+        self._waiting: BoundedQueue[tuple[EncodedMessage, str, Sequence[Receiver]]]
         self._waiting = BoundedQueue(node.limits.encoding_bytes)
         """Large messages, until a thread has encoded them, and those that came after: their order stays. The newest
         win."""
@@ -81,7 +81,7 @@ class Topic:
         """Messages that were not sent because they were too large or the encoder was busy."""
         return self._failed + self._waiting.dropped
 
-    def needs(self) -> Set[bool]:
+    def needs(self) -> set[bool]:
         """Returns which subscriptions of the middleware the clients need, by the keys of `sources`."""
         return set(map(self._takes_raw, self.clients.values()))
 
@@ -89,7 +89,7 @@ class Topic:
         """Returns whether a client receives raw bytes of the middleware; those that have threads give them."""
         return flow.compression == "cbor-raw" and self._node.threads
 
-    def set_flow(self, receiver: Receiver, flow: Optional[Flow]) -> None:
+    def set_flow(self, receiver: Receiver, flow: Flow | None) -> None:
         """Sets how a client receives the messages; with None, it no longer receives them."""
         self.clients.pop(receiver, None)
         if flow is not None:
@@ -97,7 +97,7 @@ class Topic:
         if not self.clients:
             self._waiting.clear()
 
-    def deliver(self, content: Union[Message, bytes]) -> None:
+    def deliver(self, content: Message | bytes) -> None:
         """Sends a message to the clients that do not receive raw bytes, or raw bytes to those that do."""
         message = EncodedMessage(self.name, content, self.serialize)
         limit = self._node.limits.sent_bytes
@@ -105,7 +105,7 @@ class Topic:
             self._fail(f"message of {message.size} bytes dropped (limit {limit})")
             return
         now_s = self._clock()
-        receiving: Dict[str, List[Receiver]] = {}
+        receiving: dict[str, list[Receiver]] = {}
         for receiver, flow in self.clients.items():
             if self._takes_raw(flow) is isinstance(content, bytes) and now_s >= flow.due_s:
                 flow.due_s = now_s + flow.throttle_s
@@ -152,8 +152,8 @@ class Topics:
     def __init__(self, node: ServedNode) -> None:
         """Starts without topics. Called in the event loop."""
         self._node = node
-        self._topics: Dict[str, Topic] = {}
-        self._published: Dict[str, str] = {}
+        self._topics: dict[str, Topic] = {}
+        self._published: dict[str, str] = {}
         """Type of each topic that clients publish on."""
         self._lock = asyncio.Lock()
         """Held while clients and subscriptions change."""
@@ -173,7 +173,7 @@ class Topics:
         content = {"level": _LOG_LEVELS[line.severity], "name": line.node, "msg": line.text}
         rosout.deliver({"header": header, **content, "file": "", "function": "", "line": 0, "topics": []})
 
-    async def subscribe(self, receiver: Receiver, name: str, type_name: str, flow: Optional[Flow]) -> None:
+    async def subscribe(self, receiver: Receiver, name: str, type_name: str, flow: Flow | None) -> None:
         """Sends the messages of a topic to a client as in `flow`; with None, no longer.
 
         Raises MessageError, ConfigError, ServiceError or OSError if the type is not known or is not that of the topic,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from typing import Optional, Tuple
 from urllib.parse import urlsplit
 
 from ...core.values import ConfigError
@@ -14,7 +13,7 @@ _HTTP_SCHEMES = {"ws": "http", "wss": "https", "foxglove": "http", "foxglove+tls
 EXPECTED = "expected ws://host:port, wss://host:port, foxglove://host:port or foxglove+tls://host:port"
 
 
-def host_and_port(url: str) -> Tuple[str, Optional[int]]:
+def host_and_port(url: str) -> tuple[str, int | None]:
     """Returns the host of an address, and its port if given.
 
     Raises ConfigError if it is not the address of a WebSocket server.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import socket as sockets
 import ssl
-from typing import Mapping, NamedTuple, Optional, Type
+from typing import Mapping, NamedTuple
 
 import aiohttp
 
@@ -17,7 +17,7 @@ _POLICY_VIOLATION = 1008
 _TOO_LARGE = 1009
 _NOT_READY = (500, 502, 503, 504)
 """What a server answers, or the proxy before it, that may work later. 501 comes from one that cannot do it."""
-_SYSTEM_ERRORS: Mapping[Type[BaseException], str] = {
+_SYSTEM_ERRORS: Mapping[type[BaseException], str] = {
     asyncio.TimeoutError: "no answer from the host",
     aiohttp.ServerDisconnectedError: "connection lost",
     aiohttp.WebSocketError: "connection closed: the server violated the WebSocket protocol",
@@ -79,7 +79,7 @@ def cause_of_error(error: BaseException, has_token: bool, server_kind: str) -> C
     return Cause(f"no connection: {_limited(text)}")
 
 
-def cause_of_close(code: Optional[int], reason: str, has_token: bool) -> Cause:
+def cause_of_close(code: int | None, reason: str, has_token: bool) -> Cause:
     """Returns the cause behind a WebSocket that ended with this code and text of the server.
 
     The code is None or 1006 if the server sent none.

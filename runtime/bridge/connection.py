@@ -18,12 +18,12 @@ import functools
 import random
 import ssl
 import threading
-from typing import Any, Awaitable, Callable, ClassVar, List, Optional, Sequence, Tuple
+from typing import Any, Awaitable, Callable, ClassVar, Sequence
 
 import aiohttp
 
 from ...core.port import LimitedLog, Severity
-from ...core.values import MessageError, printable
+from ...core.values import Clock, MessageError, printable
 from ..backoff import Backoff
 from ..sockets import FloodError, Incoming, within
 from .address import host_and_port, shown_address
@@ -63,11 +63,11 @@ class ConnectBackoff:
     Each delay is shortened by a random part of up to half, so that a fleet does not reconnect all at once.
     """
 
-    def __init__(self, chance: Callable[[], float] = random.random) -> None:
+    def __init__(self, chance: Clock = random.random) -> None:
         """Starts with the shortest delay; `chance` returns a random number from 0 to 1."""
         self._backoff = Backoff(_FIRST_DELAY_S, _LONGEST_DELAY_S, spread=0.5, chance=chance)
 
-    def next_s(self, held_s: Optional[float]) -> float:
+    def next_s(self, held_s: float | None) -> float:
         """Returns the delay before the next attempt, in s; the last connection held for `held_s`, or failed: None."""
         if held_s is not None and held_s >= _HELD_S:
             self._backoff.reset()
@@ -90,13 +90,13 @@ class BridgeConnection(abc.ABC):
         url: str,
         *,
         token: str = "",
-        ssl_context: Optional[ssl.SSLContext] = None,
+        ssl_context: ssl.SSLContext | None = None,
         heartbeat_s: float = 5.0,
         largest_message_bytes: int = LARGEST_MESSAGE_BYTES,
         probation_s: float = 0.5,
         on_change: Callable[[bool, Cause], None],
         on_log: Callable[[Severity, str], None],
-        clock: Callable[[], float],
+        clock: Clock,
     ) -> None:
         """Creates a connection that is down; `run` connects.
 
@@ -131,26 +131,26 @@ class BridgeConnection(abc.ABC):
         self._on_log = on_log
         self._log = LimitedLog(on_log, clock)
         self._lock = threading.RLock()
-        self.tasks: List[Callable[[], Awaitable[None]]] = []
+        self.tasks: list[Callable[[], Awaitable[None]]] = []
         """Run beside the connection, whether it is up or down."""
-        self.loop: Optional[asyncio.AbstractEventLoop] = None
+        self.loop: asyncio.AbstractEventLoop | None = None
         """That in which `run` runs; None before."""
         self._thread = 0
         self._closed = False
-        self._queue: Optional[SendQueue] = None
-        self._reported: Optional[Tuple[bool, Cause]] = None
-        self._moved: Optional[asyncio.Event] = None
+        self._queue: SendQueue | None = None
+        self._reported: tuple[bool, Cause] | None = None
+        self._moved: asyncio.Event | None = None
         self._lookup = HostLookup()
 
     @abc.abstractmethod
-    def _begin(self, subprotocol: Optional[str]) -> bool:
+    def _begin(self, subprotocol: str | None) -> bool:
         """Sends what is wanted on a new connection, for which the server chose a subprotocol.
 
         Returns whether the server can be used; if not, `_refusal` says why.
         """
 
     @abc.abstractmethod
-    def _receive(self, data: Wire, now_s: float) -> Optional[Awaitable[None]]:
+    def _receive(self, data: Wire, now_s: float) -> Awaitable[None] | None:
         """Processes a message; returns what has to be awaited before the next one, if anything.
 
         Raises MessageError if the message is not valid, which becomes a log line. `now_s` is the loop's time.
@@ -181,7 +181,7 @@ class BridgeConnection(abc.ABC):
             with contextlib.suppress(RuntimeError):  # the loop has ended
                 self.loop.call_soon_threadsafe(function, *arguments)
 
-    def move(self, url: str, *, token: str, ssl_context: Optional[ssl.SSLContext]) -> None:
+    def move(self, url: str, *, token: str, ssl_context: ssl.SSLContext | None) -> None:
         """Connects again, to another address or with another token or trust. Called in the loop.
 
         The end of the present connection is not reported, so that a successful move raises no alert. Raises ConfigError
@@ -232,7 +232,7 @@ class BridgeConnection(abc.ABC):
             self.up = False
             self._thread = 0
 
-    async def _connect_once(self, moved: asyncio.Event) -> Optional[float]:
+    async def _connect_once(self, moved: asyncio.Event) -> float | None:
         """Connects and reads until the connection ends; returns how long it lasted, in s, or None if there was none."""
         headers = {"Authorization": f"Bearer {self._token}"} if self._token else {}
         async with create_session(self._lookup, headers) as session:

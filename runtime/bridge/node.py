@@ -16,11 +16,8 @@ from typing import (
     ClassVar,
     Collection,
     Generic,
-    List,
     Mapping,
     NamedTuple,
-    Optional,
-    Type,
     TypeVar,
 )
 
@@ -38,7 +35,7 @@ from ...core.port import (
     RawCallback,
     Severity,
 )
-from ...core.values import full_name
+from ...core.values import Clock, JsonObject, full_name
 from .cause import Cause
 from .connection import BridgeConnection
 from .receivers import BridgeReceiver
@@ -65,8 +62,8 @@ class BridgeClient(abc.ABC, Generic[Node]):
     """The connection to one robot's server, shared by the nodes that `node` makes."""
 
     connection: BridgeConnection
-    connection_class: ClassVar[Type[BridgeConnection]]
-    node_class: Type[Node]
+    connection_class: ClassVar[type[BridgeConnection]]
+    node_class: type[Node]
     log_name: ClassVar[str]
     """Node of log lines about the connection."""
 
@@ -74,10 +71,10 @@ class BridgeClient(abc.ABC, Generic[Node]):
         self,
         url: str,
         *,
-        clock: Callable[[], float] = time.monotonic,
-        wall_clock: Callable[[], float] = time.time,
-        on_log: Optional[Callable[[LogLine], None]] = None,
-        on_link: Optional[Callable[[bool, Cause], None]] = None,
+        clock: Clock = time.monotonic,
+        wall_clock: Clock = time.time,
+        on_log: Callable[[LogLine], None] | None = None,
+        on_link: Callable[[bool, Cause], None] | None = None,
         **options: Any,
     ) -> None:
         """Creates a client that is not connected; `run` connects.
@@ -94,16 +91,16 @@ class BridgeClient(abc.ABC, Generic[Node]):
         Raises:
             ConfigError: `url` is not the address of such a server.
         """
-        self.log_lines: List[LogLine] = []
+        self.log_lines: list[LogLine] = []
         self.on_log: Callable[[LogLine], None] = on_log or self.log_lines.append
         self.clock = clock
         self.wall_clock = wall_clock
         self.on_link = on_link or self._log_link
-        self._nodes: List[Node] = []
+        self._nodes: list[Node] = []
         self.connection = self.connection_class(url, on_change=self.on_link, on_log=self.log, clock=clock, **options)
 
     @abc.abstractmethod
-    async def known_topics(self) -> List[KnownTopic]:
+    async def known_topics(self) -> list[KnownTopic]:
         """Returns the topics that the server knows. Raises ServiceError if it does not say, LinkError if it is down."""
 
     async def known_nodes(self, topics: Collection[str]) -> Mapping[str, NodeInfo]:
@@ -118,10 +115,10 @@ class BridgeClient(abc.ABC, Generic[Node]):
         name: str,
         *,
         namespace: str = "",
-        parameters: Optional[Mapping[str, Any]] = None,
-        remap: Optional[Mapping[str, str]] = None,
+        parameters: JsonObject | None = None,
+        remap: Mapping[str, str] | None = None,
         use_sim_time: bool = False,
-        outputs: Optional[Middleware] = None,
+        outputs: Middleware | None = None,
     ) -> Node:
         """Adds a node with a base `name` in a `namespace` (`robot1`, `/fleet/robot1` or empty).
 
@@ -170,7 +167,7 @@ class BridgeNode(MappingNode):
         self,
         client: BridgeClient[Any],
         name: str,
-        parameters: Mapping[str, Any],
+        parameters: JsonObject,
         remap: Mapping[str, str],
         use_sim_time: bool,
         outputs: Middleware,
@@ -181,16 +178,16 @@ class BridgeNode(MappingNode):
         self._client = client
         self._outputs = outputs
         self._receivers = client.connection.receivers
-        self._subscriptions: List[BridgeReceiver] = []
-        self._wake: Optional[asyncio.TimerHandle] = None
-        self._on_first_clock: List[Callable[[], None]] = []
+        self._subscriptions: list[BridgeReceiver] = []
+        self._wake: asyncio.TimerHandle | None = None
+        self._on_first_clock: list[Callable[[], None]] = []
         if use_sim_time:
             self._clock_subscription = self._receiver(CLOCK, CLOCK_TYPE, "", self.take_clock)
             self._receivers.add(self._clock_subscription)
 
     @abc.abstractmethod
     def _receiver(
-        self, topic: str, type_name: str, field: Optional[str], callback: Callback, *, is_raw: bool = False
+        self, topic: str, type_name: str, field: str | None, callback: Callback, *, is_raw: bool = False
     ) -> Any:
         """Returns what receives the messages of a resolved topic; `is_raw`: as bytes."""
 
@@ -209,7 +206,7 @@ class BridgeNode(MappingNode):
         return self._outputs.has_listeners(topic)
 
     def subscribe(
-        self, topic: str, type_name: str, callback: Callback, *, field: Optional[str] = "", latched: bool = False
+        self, topic: str, type_name: str, callback: Callback, *, field: str | None = "", latched: bool = False
     ) -> Any:
         return self._begin(self._receiver(self.resolve(topic), type_name, field, callback))
 

@@ -9,11 +9,12 @@ import math
 import socket as sockets
 import ssl
 import struct
-from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Union
+from typing import Any, Mapping, Sequence, Union
 
 import aiohttp
 from aiohttp.abc import AbstractResolver
 
+from ...core.values import Clock
 from ..event_loops import run_in_daemon_thread
 from ..sockets import ignore_result, limit_reads, within
 from .address import http_address
@@ -51,11 +52,11 @@ async def open_socket(
     session: aiohttp.ClientSession,
     url: str,
     subprotocols: Sequence[str],
-    ssl_context: Optional[ssl.SSLContext],
+    ssl_context: ssl.SSLContext | None,
     largest_message_bytes: int,
 ) -> Socket:
     """Connects; raises what aiohttp raises, or asyncio.TimeoutError."""
-    options: Dict[str, Any] = {} if ssl_context is None else {"ssl": ssl_context}
+    options: dict[str, Any] = {} if ssl_context is None else {"ssl": ssl_context}
 
     async def connect() -> Socket:
         socket: aiohttp.ClientWebSocketResponse[Any] = await session.ws_connect(
@@ -93,9 +94,9 @@ class HostLookup(AbstractResolver):
     def __init__(self) -> None:
         """Starts without a look-up."""
         self._host = ""
-        self._pending: Optional[asyncio.Future[Any]] = None
+        self._pending: asyncio.Future[Any] | None = None
 
-    async def resolve(self, host: str, port: int = 0, family: int = sockets.AF_INET) -> List[Any]:
+    async def resolve(self, host: str, port: int = 0, family: int = sockets.AF_INET) -> list[Any]:
         """Returns the addresses of a host; raises OSError if it is not known.
 
         A look-up that is still under way is waited for, not started again: one that hangs keeps a single thread.
@@ -111,7 +112,7 @@ class HostLookup(AbstractResolver):
         """Does nothing: the next connection continues a look-up that is under way."""
 
 
-def _look_up(host: str, port: int, family: int) -> Sequence[Dict[str, Any]]:
+def _look_up(host: str, port: int, family: int) -> Sequence[dict[str, Any]]:
     answers = sockets.getaddrinfo(host, port, type=sockets.SOCK_STREAM, family=family, flags=sockets.AI_ADDRCONFIG)
     addresses = []
     for address_family, _, protocol, _, address in answers:
@@ -156,7 +157,7 @@ class SendQueue:
                 await asyncio.Event().wait()
 
 
-async def wait_until_unanswered(socket: Socket, period_s: float, received_s: Callable[[], float]) -> None:
+async def wait_until_unanswered(socket: Socket, period_s: float, received_s: Clock) -> None:
     """Returns when nothing was received since the server was asked, for half a period.
 
     In place of aiohttp's heartbeat, which costs a fifth of the CPU time of a small message. The server is asked, by a

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from pathlib import Path
-from typing import Any, Callable, Dict, Iterator, List, Sequence
+from typing import Any, Callable, Iterator, Sequence
 
 import pytest
 from harness.chaos import PEERS, THRESHOLDS, Robot
@@ -24,7 +24,7 @@ def seed() -> int:
 
 
 @pytest.fixture
-def environment() -> Dict[str, str]:
+def environment() -> dict[str, str]:
     variables = {"PYTHONPATH": str(ROOT), "PYTHONIOENCODING": "utf-8", "PYTHONUNBUFFERED": "1"}
     return {**os.environ, **variables, "SSL_CERT_FILE": os.devnull}  # without the public authorities it starts sooner
 
@@ -42,8 +42,8 @@ def port() -> int:
 
 
 @pytest.fixture
-def robot_health(environment: Dict[str, str]) -> Iterator[Callable[..., LineProcess]]:
-    started: List[LineProcess] = []
+def robot_health(environment: dict[str, str]) -> Iterator[Callable[..., LineProcess]]:
+    started: list[LineProcess] = []
 
     def start(*arguments: object) -> LineProcess:
         command = [sys.executable, "-m", "robot_health_monitor", *map(str, arguments)]
@@ -56,9 +56,9 @@ def robot_health(environment: Dict[str, str]) -> Iterator[Callable[..., LineProc
 
 
 @pytest.fixture
-def robot(environment: Dict[str, str]) -> Iterator[Callable[..., Robot]]:
+def robot(environment: dict[str, str]) -> Iterator[Callable[..., Robot]]:
     """Starts a robot: (name of the peer, its arguments, words before the command, variables)."""
-    started: List[Any] = []
+    started: list[Any] = []
 
     def start(peer: str, *arguments: object, prefix: Sequence[str] = (), **variables: str) -> Robot:
         command = [*prefix, sys.executable, str(PEERS / f"{peer}.py"), *map(str, arguments)]

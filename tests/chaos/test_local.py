@@ -15,7 +15,7 @@ import threading
 import urllib.request
 from functools import partial
 from pathlib import Path
-from typing import Any, Callable, Dict, Iterator, List
+from typing import Any, Callable, Iterator
 
 import cbor2
 import pytest
@@ -36,7 +36,7 @@ def frame(data: bytes, first: int = 0x81) -> bytes:
     return bytes([first, 0x80 | 127]) + len(data).to_bytes(8, "big") + bytes(4) + data
 
 
-def options(port: int, thresholds: Path) -> List[object]:
+def options(port: int, thresholds: Path) -> list[object]:
     allowed = ("--allow-publish", "/battery_level")
     return ["run", "--source", "none", "--port", port, "--thresholds", thresholds, *allowed]
 
@@ -128,7 +128,7 @@ class HalfOpen:
         self._port = port
         self._chance = random.Random(seed)
         self._ended = threading.Event()
-        self._held: List[socket.socket] = []
+        self._held: list[socket.socket] = []
         self._thread = threading.Thread(target=self._run, daemon=True)
 
     def __enter__(self) -> HalfOpen:
@@ -232,7 +232,7 @@ class WallClock:
 
 @pytest.mark.newest_python
 def test_a_wrong_clock_that_is_set_right_costs_no_alert(
-    robot: Any, environment: Dict[str, str], thresholds: Path, port: int, seed: int, tmp_path: Path
+    robot: Any, environment: dict[str, str], thresholds: Path, port: int, seed: int, tmp_path: Path
 ) -> None:
     clock = WallClock(tmp_path)
     clock.set("+300d")
@@ -275,11 +275,11 @@ def test_a_monitor_that_is_killed_or_stopped_recovers(
 
 
 @pytest.fixture
-def start_with(environment: Dict[str, str]) -> Iterator[Callable[..., Any]]:
+def start_with(environment: dict[str, str]) -> Iterator[Callable[..., Any]]:
     """Starts `robot-health` with the given streams."""
-    started: List[Any] = []
+    started: list[Any] = []
 
-    def start(arguments: List[object], **streams: Any) -> Any:
+    def start(arguments: list[object], **streams: Any) -> Any:
         words = [sys.executable, "-m", "robot_health_monitor", *map(str, arguments)]
         started.append(subprocess.Popen(words, env=environment, stdin=subprocess.DEVNULL, **streams))
         return started[-1]
@@ -295,7 +295,7 @@ def start_with(environment: Dict[str, str]) -> Iterator[Callable[..., Any]]:
 def test_an_output_that_cannot_be_written_costs_no_alert(
     start_with: Any, robot: Any, thresholds: Path, port: int, seed: int, tmp_path: Path, stdout: str
 ) -> None:
-    opened: List[int] = []
+    opened: list[int] = []
     if stdout == "/dev/full":
         opened = [os.open("/dev/full", os.O_WRONLY)] * 2
     else:

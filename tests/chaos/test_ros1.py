@@ -8,7 +8,7 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any, Callable, Dict, Iterator, List
+from typing import Any, Callable, Iterator
 
 import pytest
 from harness.chaos import SIGNALS, Robot, check_stderr, cut_network, end, kill_and_stop, trial_of
@@ -70,7 +70,7 @@ def master(tmp_path: Path, port: int) -> Iterator[Roscore]:
 
 
 @pytest.fixture
-def environment(environment: Dict[str, str], master: Roscore, tmp_path: Path) -> Dict[str, str]:
+def environment(environment: dict[str, str], master: Roscore, tmp_path: Path) -> dict[str, str]:
     path = os.pathsep.join(filter(None, [environment["PYTHONPATH"], os.environ.get("PYTHONPATH", "")]))
     ros = {"ROS_MASTER_URI": master.uri, "ROS_IP": "127.0.0.1", "ROS_HOME": str(tmp_path), "PYTHONPATH": path}
     variables = {**environment, **ros, "ROS_LOG_DIR": str(tmp_path / "log")}
@@ -80,8 +80,8 @@ def environment(environment: Dict[str, str], master: Roscore, tmp_path: Path) ->
 
 
 @pytest.fixture
-def alert_system(environment: Dict[str, str]) -> Iterator[Callable[..., LineProcess]]:
-    started: List[LineProcess] = []
+def alert_system(environment: dict[str, str]) -> Iterator[Callable[..., LineProcess]]:
+    started: list[LineProcess] = []
 
     def start(**variables: str) -> LineProcess:
         process = LineProcess([sys.executable, "-c", CODE], {**environment, **variables})

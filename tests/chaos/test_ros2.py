@@ -6,7 +6,7 @@ import os
 import signal
 import sys
 from pathlib import Path
-from typing import Any, Callable, Dict, Iterator, List, Sequence
+from typing import Any, Callable, Iterator, Sequence
 
 import pytest
 from harness.chaos import THRESHOLDS, Robot, cut_network, end, kill_and_stop, trial_of
@@ -21,7 +21,7 @@ CODE = "import sys; from robot_health_monitor.cli.ros2_executables import alert_
 
 
 @pytest.fixture
-def environment(environment: Dict[str, str], tmp_path: Path) -> Dict[str, str]:
+def environment(environment: dict[str, str], tmp_path: Path) -> dict[str, str]:
     for name in ("ROS_STATIC_PEERS", "ROS_LOCALHOST_ONLY", "RCUTILS_CONSOLE_OUTPUT_FORMAT"):
         environment.pop(name, None)
     return {
@@ -33,8 +33,8 @@ def environment(environment: Dict[str, str], tmp_path: Path) -> Dict[str, str]:
 
 
 @pytest.fixture
-def alert_system(environment: Dict[str, str], tmp_path: Path) -> Iterator[Callable[..., LineProcess]]:
-    started: List[LineProcess] = []
+def alert_system(environment: dict[str, str], tmp_path: Path) -> Iterator[Callable[..., LineProcess]]:
+    started: list[LineProcess] = []
     file = tmp_path / "parameters.yaml"
     file.write_text(THRESHOLDS)
 
@@ -64,7 +64,7 @@ def test_the_loss_of_the_network_costs_no_alert(
     end(process)
 
 
-def reachable_at(address: str) -> Dict[str, str]:
+def reachable_at(address: str) -> dict[str, str]:
     """Returns the variables of a process that communicates beyond its machine."""
     # Cyclone DDS uses one interface only, which it would choose itself.
     interface = f'<General><Interfaces><NetworkInterface address="{address}"/></Interfaces></General>'

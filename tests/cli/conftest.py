@@ -6,7 +6,7 @@ import os
 import sys
 import time
 from pathlib import Path
-from typing import Any, Callable, Dict, Iterator, List, Optional
+from typing import Any, Callable, Iterator
 
 import pytest
 from harness import reserved
@@ -57,13 +57,13 @@ def _every_commit_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
-def command() -> List[str]:
+def command() -> list[str]:
     """Returns what starts `robot-health`."""
     return [sys.executable, "-m", "robot_health_monitor"]
 
 
 @pytest.fixture
-def environment() -> Dict[str, str]:
+def environment() -> dict[str, str]:
     """Returns the variables for the program: none that steer its output or Python's."""
     kept = ("HOME", "LANG", "LC_ALL", "PATH", "LD_LIBRARY_PATH", "VIRTUAL_ENV")
     variables = {name: os.environ[name] for name in kept if name in os.environ}
@@ -72,22 +72,22 @@ def environment() -> Dict[str, str]:
 
 
 @pytest.fixture
-def robot_health_process(command: List[str], environment: Dict[str, str]) -> Iterator[Callable[..., LineProcess]]:
+def robot_health_process(command: list[str], environment: dict[str, str]) -> Iterator[Callable[..., LineProcess]]:
     """Returns a function that starts `robot-health` in a new Python, with its output in pipes."""
     yield from starting(command, environment, start_process)
 
 
 @pytest.fixture
-def robot_health(command: List[str], environment: Dict[str, str]) -> Iterator[Callable[..., LineProcess]]:
+def robot_health(command: list[str], environment: dict[str, str]) -> Iterator[Callable[..., LineProcess]]:
     """As `robot_health_process`, in a Python that has imported all; unless a module defines it otherwise."""
     yield from starting(command, environment, start_fork)
 
 
 def starting(
-    command: List[str], environment: Dict[str, str], start: Callable[..., Any]
+    command: list[str], environment: dict[str, str], start: Callable[..., Any]
 ) -> Iterator[Callable[..., LineProcess]]:
     """Yields a function that starts a program, and ends what it has started."""
-    started: List[LineProcess] = []
+    started: list[LineProcess] = []
 
     def start_program(*arguments: object, **variables: str) -> LineProcess:
         words = [*command, *(str(argument) for argument in arguments)]
@@ -114,7 +114,7 @@ class FinishedCommand:
         return "\n".join(f"{line.stream}: {line.text}" for line in self.lines)
 
     @property
-    def errors(self) -> List[str]:
+    def errors(self) -> list[str]:
         return [line.text for line in self.lines if line.stream == "err"]
 
 
@@ -138,7 +138,7 @@ def robot_health_here(capsys: pytest.CaptureFixture, monkeypatch: pytest.MonkeyP
 
 
 @pytest.fixture
-def on_terminal(command: List[str], environment: Dict[str, str]) -> Iterator[Callable[..., Any]]:
+def on_terminal(command: list[str], environment: dict[str, str]) -> Iterator[Callable[..., Any]]:
     """Returns a function that starts `robot-health` on a terminal.
 
     Its arguments: those of the program; `columns`, `lines` and `full` of the terminal; `stdout`, a file that gets the
@@ -147,14 +147,14 @@ def on_terminal(command: List[str], environment: Dict[str, str]) -> Iterator[Cal
     pytest.importorskip("pyte", reason="pyte, which keeps the screen, is not installed")
     from harness import terminal_process
 
-    started: List[Any] = []
+    started: list[Any] = []
 
     def start(
         *arguments: object,
         columns: int = 80,
         lines: int = 24,
         full: bool = False,
-        stdout: Optional[Path] = None,
+        stdout: Path | None = None,
         **variables: str,
     ) -> Any:
         words = [*command, *(str(argument) for argument in arguments)]

@@ -7,7 +7,6 @@ import ast
 import subprocess
 import sys
 from pathlib import Path
-from typing import Dict, List
 
 import pytest
 
@@ -66,7 +65,7 @@ def test_no_command_imports_another(name: str) -> None:
 
 
 @pytest.mark.parametrize("words", [[], *([name] for name in COMMANDS)], ids=lambda words: "-".join(words) or "all")
-def test_help_needs_no_library_and_no_other_command(words: List[str], environment: Dict[str, str]) -> None:
+def test_help_needs_no_library_and_no_other_command(words: list[str], environment: dict[str, str]) -> None:
     done = subprocess.run(
         [sys.executable, "-c", _WITHOUT_LIBRARIES, *words, "--help"],
         capture_output=True, text=True, env=environment, timeout=60.0, check=False,
@@ -126,7 +125,7 @@ def test_connect_takes_several_addresses() -> None:
         (["fly"], "fly"),
     ],
 )
-def test_wrong_usage_is_one_line_and_code_2(words: List[str], line: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_wrong_usage_is_one_line_and_code_2(words: list[str], line: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as end:
         parse(words)
     written = capsys.readouterr().err

@@ -21,7 +21,7 @@ Replay = Callable[..., Tuple[int, List[Dict[str, Any]], str]]
 def replayed(robot_health_here: Callable[..., Any]) -> Replay:
     """Returns a function that gives exit code, alerts and the table of `robot-health replay`."""
 
-    def replay(file: Path, *arguments: str) -> Tuple[int, List[Dict[str, Any]], str]:
+    def replay(file: Path, *arguments: str) -> tuple[int, list[dict[str, Any]], str]:
         done = robot_health_here("replay", file, "--json", *arguments)
         alerts = [json.loads(line.text) for line in done.lines if line.stream == "out"]
         return done.wait(), alerts, "\n".join(done.errors)

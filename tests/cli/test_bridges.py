@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 from pathlib import Path
-from typing import Any, Callable, Dict, Iterator, List
+from typing import Any, Callable, Iterator
 
 import pytest
 
@@ -65,7 +65,7 @@ class Robot:
 
 
 @pytest.fixture
-def robots() -> Iterator[Dict[str, Robot]]:
+def robots() -> Iterator[dict[str, Robot]]:
     both = {kind: Robot(kind) for kind in ("foxglove", "rosbridge")}
     yield both
     for robot in both.values():
@@ -82,14 +82,14 @@ def test_the_address_chooses_the_client() -> None:
 
 
 def test_a_fleet_of_both_kinds_gives_the_same_lines(
-    robot_health: Start, tmp_path: Path, robots: Dict[str, Robot]
+    robot_health: Start, tmp_path: Path, robots: dict[str, Robot]
 ) -> None:
     (tmp_path / "thresholds.yaml").write_text(THRESHOLDS)
     entries = "".join(f"  {kind}: {{url: '{robot.url}'}}\n" for kind, robot in robots.items())
     (tmp_path / "fleet.yaml").write_text(f"defaults: {{thresholds: thresholds.yaml}}\nrobots:\n{entries}")
     process = robot_health("connect", "--fleet", tmp_path / "fleet.yaml", "--json")
     process.wait_for_texts("foxglove: connected to", "rosbridge: connected to")
-    alerts: Dict[str, List[Any]] = {}
+    alerts: dict[str, list[Any]] = {}
     for kind, robot in robots.items():
         robot.level = 5.0
         line = process.wait_for_line(lambda text, kind=kind: f'"robot": "{kind}"' in text and '"ERROR"' in text)
@@ -98,7 +98,7 @@ def test_a_fleet_of_both_kinds_gives_the_same_lines(
     assert alerts["foxglove"] == alerts["rosbridge"] == ["battery", "OK", "ERROR", 5.0, 10.0]
 
 
-def test_init_listens_to_a_foxglove_server(robot_health: Start, tmp_path: Path, robots: Dict[str, Robot]) -> None:
+def test_init_listens_to_a_foxglove_server(robot_health: Start, tmp_path: Path, robots: dict[str, Robot]) -> None:
     process = robot_health("init", robots["foxglove"].url, "--seconds", "5")
     assert process.wait() == 0, process.text
     file = tmp_path / "proposed.yaml"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, List
+from typing import Any
 
 import pytest
 
@@ -52,7 +52,7 @@ def clock() -> Clock:
 def test_durations_are_monotonic_and_stamps_are_wall_time(clock: Clock) -> None:
     wall_s = [1_000.0]
     monitor = EmbeddedMonitor(clock=clock, source="none", wall_time_s=lambda: wall_s[0])
-    arrays: List[Any] = []
+    arrays: list[Any] = []
     monitor.bus.node("outside").subscribe("/diagnostics", "", lambda message, now_s: arrays.append((message, now_s)))
     clock.run_until(monitor, START_S + 1.0)
     wall_s[0] = 1_700_000_000.5  # NTP sets the clock
@@ -65,7 +65,7 @@ def test_durations_are_monotonic_and_stamps_are_wall_time(clock: Clock) -> None:
 
 
 def test_each_alert_reaches_the_outlet_once_and_is_not_logged_as_well(clock: Clock) -> None:
-    events: List[Event] = []
+    events: list[Event] = []
     monitor = EmbeddedMonitor(clock=clock, source="none", outlet=events.append)
     outside = monitor.bus.node("outside")
     outside.advertise("battery_level", "std_msgs/Float32")
@@ -99,7 +99,7 @@ def test_source_none_averages_only_inputs_that_are_configured(clock: Clock, tmp_
 
 def test_a_message_between_two_timers_has_its_own_time(clock: Clock) -> None:
     monitor = EmbeddedMonitor(clock=clock, source="none")
-    times: List[float] = []
+    times: list[float] = []
     monitor.bus.node("inside").subscribe("topic", "std_msgs/Float32", lambda message, now_s: times.append(now_s))
     outside = monitor.bus.node("outside")
     outside.advertise("topic", "std_msgs/Float32")

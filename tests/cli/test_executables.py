@@ -5,7 +5,7 @@ from __future__ import annotations
 import socket
 import threading
 from pathlib import Path
-from typing import Any, Callable, Dict, List, Optional
+from typing import Any, Callable, Dict
 
 import pytest
 
@@ -24,10 +24,10 @@ Parameters = Dict[str, Dict[str, Any]]
 class LocalProcess:
     """A process of nodes on one bus, which spins for three seconds of virtual time."""
 
-    def __init__(self, parameters: Parameters, failure: str = "", last_good: Optional[Parameters] = None) -> None:
+    def __init__(self, parameters: Parameters, failure: str = "", last_good: Parameters | None = None) -> None:
         self.bus = LocalBus()
         self.last_good = last_good or {}
-        self.middlewares: List[Any] = []
+        self.middlewares: list[Any] = []
         self.closed = False
         self._parameters = parameters
         self._failure = failure
@@ -76,7 +76,7 @@ def start(executable: str, process: LocalProcess) -> int:
         ("health_monitor", ["/alert_system", "/aggregator", "/battery_sensor"]),
     ],
 )
-def test_an_executable_starts_its_nodes_and_closes_them(executable: str, nodes: List[str]) -> None:
+def test_an_executable_starts_its_nodes_and_closes_them(executable: str, nodes: list[str]) -> None:
     process = LocalProcess({})
     assert start(executable, process) == ExitCode.SUCCESS
     assert [middleware.name for middleware in process.middlewares] == nodes
@@ -94,7 +94,7 @@ NO_SENSORS = {"sensors": "none"}
         ({"inputs": []}, ["/alert_system", "/aggregator"]),
     ],
 )
-def test_without_sensors_a_composed_process_averages_only_configured_inputs(inputs: Any, nodes: List[str]) -> None:
+def test_without_sensors_a_composed_process_averages_only_configured_inputs(inputs: Any, nodes: list[str]) -> None:
     process = LocalProcess({"alert_system": NO_SENSORS, "aggregator": {**NO_SENSORS, **inputs}})
     assert start("health_monitor", process) == ExitCode.SUCCESS
     assert [middleware.name for middleware in process.middlewares] == nodes
@@ -102,7 +102,7 @@ def test_without_sensors_a_composed_process_averages_only_configured_inputs(inpu
 
 def test_without_sensors_and_inputs_aggregator_waits_for_a_signal_without_a_node() -> None:
     process = LocalProcess({"aggregator": NO_SENSORS})
-    waited: List[bool] = []
+    waited: list[bool] = []
 
     def wait_until(predicate: Callable[[], bool]) -> None:
         waited.append(predicate())
@@ -210,7 +210,7 @@ def test_a_rosbridge_server_that_cannot_start_stops_nothing_else() -> None:
 @pytest.mark.parametrize("executable", ["alert_system", "battery_sensor"])
 def test_systemd_receives_the_start_signs_of_life_and_the_end(executable: str, tmp_path: Any, monkeypatch: Any) -> None:
     address = str(tmp_path / "notify")
-    received: List[bytes] = []
+    received: list[bytes] = []
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as systemd:
         systemd.bind(address)
         systemd.settimeout(60.0)

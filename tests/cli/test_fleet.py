@@ -9,7 +9,7 @@ import signal
 import sys
 import time
 from pathlib import Path
-from typing import Any, AsyncIterator, List, Optional
+from typing import Any, AsyncIterator
 
 import pytest
 
@@ -85,8 +85,8 @@ class Reloadable:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        self.log: List[LogLine] = []
-        self.alerts: List[str] = []
+        self.log: list[LogLine] = []
+        self.alerts: list[str] = []
         self.operations = Operations(OpsConfig())
         self.fleet: Any = None
 
@@ -112,7 +112,7 @@ class Reloadable:
         await reload_all([self.fleet.reload], self.fleet.log)
         return self._reloads()[-1].replace(str(self.folder), "")
 
-    def _reloads(self) -> List[str]:
+    def _reloads(self) -> list[str]:
         return [f"{line.severity.name} {line.text}" for line in self.log if "reloaded" in line.text]
 
     def _outlet(self, robot: str) -> Outlet:
@@ -131,14 +131,14 @@ class Reloadable:
         (200, ["/connect: watching 200 robots, 200 signals"]),
     ],
 )
-def test_robots_have_at_most_one_line_each_at_the_start(tmp_path: Path, count: int, lines: List[str]) -> None:
+def test_robots_have_at_most_one_line_each_at_the_start(tmp_path: Path, count: int, lines: list[str]) -> None:
     fleet = Reloadable(tmp_path)
 
-    def write(count: int) -> List[RobotSettings]:
+    def write(count: int) -> list[RobotSettings]:
         fleet.write("".join(f"  r{number}: {{url: 'ws://127.0.0.1:1'}}\n" for number in range(count)))
         return reader.read()
 
-    def logged() -> List[str]:
+    def logged() -> list[str]:
         return [f"{line.node}: {line.text}" for line in fleet.log if "history is in memory" not in line.text]
 
     reader = FleetReader((), str(tmp_path / "fleet.yaml"), Options(), lambda text: None)
@@ -322,8 +322,8 @@ def test_what_the_robots_announce_is_on_the_bus_of_the_fleet(tmp_path: Path) -> 
             "namespace: carter}\n"
         )
         async with fleet.running():
-            alerts: List[Any] = []
-            statuses: List[Any] = []
+            alerts: list[Any] = []
+            statuses: list[Any] = []
             listener = fleet.fleet.bus.node("listener")
             listener.subscribe("/alerts", "", lambda message, now_s: alerts.append(message))
             listener.subscribe("/diagnostics", "", lambda message, now_s: statuses.extend(message["status"]))
@@ -430,7 +430,7 @@ def test_a_server_that_accepts_and_closes_is_one_alert(tmp_path: Path) -> None:
     async def run() -> None:
         server = ForeignServer()
         loop = asyncio.get_event_loop()
-        ends_s: List[float] = []
+        ends_s: list[float] = []
 
         async def hold_for_a_moment(socket: Any) -> None:
             """The first connections hold, and then shorter and shorter."""
@@ -454,7 +454,7 @@ def test_under_simulated_time_no_signal_looks_stale_when_the_clock_starts(tmp_pa
 
     @scenario
     async def run() -> None:
-        server: Optional[ForeignServer] = ForeignServer()
+        server: ForeignServer | None = ForeignServer()
         assert server is not None
         url = await server.start()
         if late:

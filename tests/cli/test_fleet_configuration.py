@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ssl
 from pathlib import Path
-from typing import Any, List
+from typing import Any
 
 import pytest
 
@@ -29,13 +29,13 @@ def entries(folder: Path, text: str) -> Any:
     return read_entries(read_yaml(file))
 
 
-def mistakes(folder: Path, text: str) -> List[str]:
+def mistakes(folder: Path, text: str) -> list[str]:
     with pytest.raises(ConfigError) as caught:
         entries(folder, text)
     return [str(error).replace(str(folder), "") for error in caught.value.all]
 
 
-def read(folder: Path, options: Options = Options(), *addresses: RobotEntry) -> List[RobotSettings]:  # noqa: B008
+def read(folder: Path, options: Options = Options(), *addresses: RobotEntry) -> list[RobotSettings]:  # noqa: B008
     return FleetReader(addresses, str(folder / "fleet.yaml"), options, lambda text: None).read()
 
 

@@ -6,7 +6,7 @@ import asyncio
 import json
 import urllib.request
 from pathlib import Path
-from typing import Any, Callable, Dict, Iterator, List
+from typing import Any, Callable, Iterator
 
 import pytest
 from harness import reserved
@@ -37,7 +37,7 @@ class Driver:
     """A driver that publishes its `values`, by topic, all the time, to whichever monitor is there."""
 
     def __init__(self, port: int) -> None:
-        self.values: Dict[str, float] = {}
+        self.values: dict[str, float] = {}
         self._thread = LoopThread("driver")
         asyncio.run_coroutine_threadsafe(self._run(port), self._thread.loop)
 
@@ -79,13 +79,13 @@ class Monitor:
         self.process.signal(9)
         assert self.process.wait() == -9
 
-    def signal(self, name: str) -> Dict[str, Any]:
+    def signal(self, name: str) -> dict[str, Any]:
         """Returns the status of a signal, as the page gets it."""
         with urllib.request.urlopen(f"http://127.0.0.1:{self._port}/api/state", timeout=10.0) as response:
-            status: Dict[str, Any] = json.load(response)["robots"]["r1"]["signals"][name]
+            status: dict[str, Any] = json.load(response)["robots"]["r1"]["signals"][name]
         return status
 
-    def stored(self) -> List[str]:
+    def stored(self) -> list[str]:
         return [text.partition(" (")[0] for text in stored_texts(self.history)]
 
 

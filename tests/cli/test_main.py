@@ -6,7 +6,7 @@ import os
 import signal
 import subprocess
 from pathlib import Path
-from typing import Any, Dict, Iterator, List, Type
+from typing import Any, Iterator
 
 import pytest
 
@@ -58,7 +58,7 @@ def test_a_crash_is_one_line_without_a_traceback_and_code_3(
 
 @pytest.mark.parametrize("kind", [MessageError, ServiceError, LinkError, OutputError])
 def test_an_error_of_the_project_is_one_line_and_code_3(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture, kind: Type[Exception]
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture, kind: type[Exception]
 ) -> None:
     fail_with(monkeypatch, kind("there is no answer"))
     assert main(["sources"]) == 3
@@ -82,7 +82,7 @@ def test_an_interrupt_is_code_0(monkeypatch: pytest.MonkeyPatch, capsys: pytest.
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="this system has no /dev/full")
 @pytest.mark.parametrize("arguments", [["--version"], ["--help"], ["sources"]])
 def test_output_that_cannot_be_written_is_one_line_and_code_3(
-    command: List[str], environment: Dict[str, str], arguments: Any
+    command: list[str], environment: dict[str, str], arguments: Any
 ) -> None:
     with open("/dev/full", "w") as full:
         done = subprocess.run(

@@ -7,7 +7,7 @@ import io
 import json
 import sys
 from pathlib import Path
-from typing import Any, Awaitable, Callable, List, Optional
+from typing import Any, Awaitable, Callable
 
 import pytest
 from harness.transitions import transition
@@ -38,7 +38,7 @@ class Watched:
         self.closed = False
         self.reloads = 0
         self.work: Callable[[], Awaitable[Any]] = endless
-        self.lines: List[str] = []
+        self.lines: list[str] = []
 
     async def run(self) -> None:
         await self.work()
@@ -56,7 +56,7 @@ class Watched:
 
 class Output:
     def __init__(self) -> None:
-        self.calls: List[str] = []
+        self.calls: list[str] = []
         self.reader_is_gone = False
         self.problem = ""
         self.on_show: Callable[[], object] = lambda: None
@@ -96,7 +96,7 @@ class Session:
             *stubs, ops_file=ops_file, name="test", server=ServerOptions(port=0), serves=False
         )
 
-    def run(self, work: Callable[[], Awaitable[Any]] = endless, duration_s: Optional[float] = None) -> ExitCode:
+    def run(self, work: Callable[[], Awaitable[Any]] = endless, duration_s: float | None = None) -> ExitCode:
         self.watched.work = work
         watched: Any = self.watched
         with self.process:
@@ -180,7 +180,7 @@ def test_an_output_that_cannot_be_written_is_a_fault_until_it_can() -> None:
     session = Session()
     faults = session.watched.faults
     assert faults is not None
-    seen: List[List[str]] = []
+    seen: list[list[str]] = []
     problems = iter(["", "the output cannot be written: full", "the output cannot be written: full", "", ""])
 
     def on_show() -> None:
@@ -218,9 +218,9 @@ def failing(error: Exception) -> Reload:
     return outcome
 
 
-def lines_of(*parts: Reload, times: int = 1) -> List[str]:
+def lines_of(*parts: Reload, times: int = 1) -> list[str]:
     """Returns the lines of reloads."""
-    lines: List[str] = []
+    lines: list[str] = []
 
     async def run() -> None:
         for _ in range(times):
@@ -246,7 +246,7 @@ def lines_of(*parts: Reload, times: int = 1) -> List[str]:
         ([failing(ValueError("\x1b[2J"))], ["ERROR not reloaded: internal error: ValueError: ?[2J"]),
     ],
 )
-def test_each_part_is_reloaded_by_itself_and_what_changed_is_one_line(parts: Any, lines: List[str]) -> None:
+def test_each_part_is_reloaded_by_itself_and_what_changed_is_one_line(parts: Any, lines: list[str]) -> None:
     assert lines_of(*parts) == lines
 
 
@@ -261,7 +261,7 @@ def test_a_part_that_hangs_is_one_error_line_and_blocks_neither_the_others_nor_l
 
 class FakeServer:
     def __init__(self) -> None:
-        self.tokens: List[str] = []
+        self.tokens: list[str] = []
 
     def use_token(self, token: str) -> None:
         if not token:
@@ -272,7 +272,7 @@ class FakeServer:
 class Reloaded:
     """A process with an ops.yaml, and a server with the token of a file."""
 
-    def __init__(self, folder: Path, server: Optional[FakeServer]) -> None:
+    def __init__(self, folder: Path, server: FakeServer | None) -> None:
         self.ops, self.token = folder / "ops.yaml", folder / "token"
         self.write("")
         self.token.write_text("first")
@@ -285,7 +285,7 @@ class Reloaded:
     def write(self, more: str) -> None:
         self.ops.write_text(f"history: {{file: history.db}}\n{more}")
 
-    def settings(self, monitors: object, options: Optional[ServerOptions]) -> ServerSettings:
+    def settings(self, monitors: object, options: ServerOptions | None) -> ServerSettings:
         port = 1 if options is None or options.port is None else options.port
         return ServerSettings(port, token=self.token.read_text())
 

@@ -8,7 +8,7 @@ import signal
 import sqlite3
 from contextlib import closing
 from pathlib import Path
-from typing import Any, Callable, Dict, Iterator
+from typing import Any, Callable, Iterator
 
 import pytest
 from harness.alertmanager import needs_alertmanager, running_alertmanager
@@ -45,7 +45,7 @@ def run(robot_health: Start, tmp_path: Path) -> Callable[..., LineProcess]:
     """Returns a function that starts the monitor with targets."""
     (tmp_path / "low.yaml").write_text(LOW_BATTERY)
 
-    def start(**targets: Dict[str, Any]) -> LineProcess:
+    def start(**targets: dict[str, Any]) -> LineProcess:
         (tmp_path / "ops.yaml").write_text(json.dumps({"history": {"file": "history.db"}, "notify": targets}))
         files = ("--thresholds", tmp_path / "low.yaml", "--ops", tmp_path / "ops.yaml")
         return robot_health("run", *files, "--port", "0")

@@ -6,7 +6,7 @@ import threading
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Callable, Dict, Iterator, List
+from typing import Any, Callable, Iterator
 
 import pytest
 from harness.histories import texts
@@ -34,9 +34,9 @@ class Robot:
     """A robot whose battery_level is published here."""
 
     def __init__(self, operations: Operations, name: str = "r3", only: bool = False, signals: Any = SIGNALS) -> None:
-        self.lines: List[Any] = []
+        self.lines: list[Any] = []
         self.bus = LocalBus(on_log=self.lines.append)
-        self.events: List[Event] = []
+        self.events: list[Event] = []
         self.node = self.bus.node("alert_system", parameters={"robot_name": name, "signals": signals})
         start = operations.start_only if only else operations.start
         self.alert_system = start(self.node, {"test": self.events.append})
@@ -47,12 +47,12 @@ class Robot:
         self.sensor.publish("battery_level", {"data": percent})
 
     @property
-    def announced(self) -> List[Level]:
+    def announced(self) -> list[Level]:
         return [event.to_level for event in self.events if isinstance(event, Transition)]
 
-    def statuses(self) -> Dict[str, Dict[str, str]]:
+    def statuses(self) -> dict[str, dict[str, str]]:
         """Returns the values of every status that is published within a second, by name."""
-        found: Dict[str, Dict[str, str]] = {}
+        found: dict[str, dict[str, str]] = {}
 
         def note(message: Any, now_s: float) -> None:
             for status in message["status"]:
@@ -82,7 +82,7 @@ def test_other_targets_are_used_at_once_and_nothing_is_lost_or_sent_twice(config
         def target(name: str, path: str) -> TargetSettings:
             return TargetSettings(name, "webhook", url=f"{server.url}/{path}")
 
-        def paths(number: int) -> List[str]:
+        def paths(number: int) -> list[str]:
             return sorted(server.next().path for _ in range(number))
 
         first = replace(config, notify=(target("pager", "old"), target("chat", "chat")))
@@ -255,7 +255,7 @@ def test_a_heartbeat_is_fed_while_every_robot_is_monitored(monkeypatch: pytest.M
     target = TargetSettings("alive", "heartbeat", url="http://127.0.0.1:9/", timeout_s=1.0)
     with closing(Operations(OpsConfig(notify=(target,)), clock=lambda: robot.bus.now_s)) as operations:
         assert operations.notifier is not None
-        fed: List[float] = []
+        fed: list[float] = []
         monkeypatch.setattr(operations.notifier, "note_tick", lambda: fed.append(robot.bus.now_s))
         robot, other = Robot(operations, "r3"), Robot(operations, "r4")
         robot.bus.run_until(3.5)

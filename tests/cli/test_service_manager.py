@@ -11,7 +11,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from typing import Any, Dict, Iterator, List
+from typing import Any, Iterator
 
 import pytest
 
@@ -28,10 +28,10 @@ class Systemd:
         self._socket.bind("\0" + address[1:] if address.startswith("@") else address)
         self._socket.setblocking(False)
 
-    def environment(self, **more: str) -> Dict[str, str]:
+    def environment(self, **more: str) -> dict[str, str]:
         return {"NOTIFY_SOCKET": self.address, **more}
 
-    def received(self) -> List[str]:
+    def received(self) -> list[str]:
         """Returns what has come since the last call."""
         found = []
         while select.select([self._socket], [], [], 0.0)[0]:
@@ -90,7 +90,7 @@ def test_without_ticks_there_is_no_sign_of_life(systemd: Systemd) -> None:
     "variables",
     [{}, {"WATCHDOG_USEC": "0"}, {"WATCHDOG_USEC": "soon"}, {"WATCHDOG_USEC": "1000000", "WATCHDOG_PID": "1"}],
 )
-def test_a_process_that_is_not_watched_sends_no_signs_of_life(systemd: Systemd, variables: Dict[str, str]) -> None:
+def test_a_process_that_is_not_watched_sends_no_signs_of_life(systemd: Systemd, variables: dict[str, str]) -> None:
     manager = ServiceManager(systemd.environment(**variables))
     assert manager.watchdog_period_s is None
     manager.alive(0.0)

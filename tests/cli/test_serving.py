@@ -10,7 +10,7 @@ import ssl
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Awaitable, Callable, List, Optional
+from typing import Any, Awaitable, Callable
 
 import pytest
 
@@ -64,7 +64,7 @@ def test_an_alert_is_one_line_on_rosout() -> None:
         await peer.subscribe("/rosout", type="rosgraph_msgs/Log")
         publish_here(monitor, "battery_level", 15.0)
         monitor.bus.node("outside").log(Severity.INFO, "after it")
-        lines: List[Any] = [(await peer.receive())["msg"] for _ in range(2)]
+        lines: list[Any] = [(await peer.receive())["msg"] for _ in range(2)]
         assert lines[0]["msg"].startswith("battery_level WARN: 15 % is below 20 %")
         assert (lines[0]["name"], lines[0]["level"]) == ("/alert_system", 4)
         assert lines[1]["msg"] == "after it"
@@ -150,7 +150,7 @@ def test_an_address_that_others_can_reach_needs_a_token() -> None:
 
 
 def test_the_address_of_the_page_is_logged() -> None:
-    lines: List[str] = []
+    lines: list[str] = []
 
     async def run() -> None:
         monitor = EmbeddedMonitor(robot="atlas", source="none", on_log=lambda line: lines.append(line.text))
@@ -178,7 +178,7 @@ def test_the_address_of_the_page_can_be_opened(address: str, shown: str) -> None
 
 
 def merged(
-    options: Optional[ServerOptions], config: MonitorConfig = NO_PARAMETERS, arguments: Optional[ServerOptions] = None
+    options: ServerOptions | None, config: MonitorConfig = NO_PARAMETERS, arguments: ServerOptions | None = None
 ) -> ServerSettings:
     return server_settings(config, options, arguments, tokens=TokenFiles(lambda text: None))
 
@@ -207,7 +207,7 @@ def test_a_short_token_is_a_warning(tmp_path: Path, length: int, lines: int) -> 
     file = tmp_path / "token"
     file.write_text("x" * length)
     file.chmod(0o600)
-    warnings: List[str] = []
+    warnings: list[str] = []
     server_settings(NO_PARAMETERS, ServerOptions(token_file=str(file)), tokens=TokenFiles(warnings.append))
     problem = "the token has fewer than 16 characters and can be guessed; make one: openssl rand -hex 16"
     assert warnings == [problem] * lines
@@ -224,7 +224,7 @@ def test_with_a_certificate_clients_connect_over_tls(tmp_path: Path) -> None:
     settings = ServerSettings(
         0, tls_certificate=str(tmp_path / "certificate.pem"), tls_key=str(tmp_path / "key.pem"), allow_publish=("*",)
     )
-    lines: List[LogLine] = []
+    lines: list[LogLine] = []
 
     async def run() -> None:
         monitor = EmbeddedMonitor(source="none", outlet=lambda event: None, on_log=lines.append)
@@ -253,7 +253,7 @@ def test_with_a_certificate_clients_connect_over_tls(tmp_path: Path) -> None:
         ("not a key", "certificate.pem: cannot be used as a certificate with the key "),
     ],
 )
-def test_a_certificate_that_cannot_be_used_is_one_line(tmp_path: Path, key: Optional[str], problem: str) -> None:
+def test_a_certificate_that_cannot_be_used_is_one_line(tmp_path: Path, key: str | None, problem: str) -> None:
     (tmp_path / "certificate.pem").write_text("not a certificate")
     if key is not None:
         (tmp_path / "key.pem").write_text(key)

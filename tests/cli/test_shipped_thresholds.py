@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Callable, Set
+from typing import Callable
 
 import pytest
 from harness.line_process import LineProcess
@@ -32,7 +32,7 @@ def test_its_tests_pass(robot_health_here: Callable[..., LineProcess], file: Pat
 @pytest.mark.parametrize("file", TESTS, ids=lambda file: file.name)
 def test_each_of_its_signals_is_in_a_test(file: Path) -> None:
     config = load_config(ROOT / "config" / file.name.replace(".test.yaml", ".yaml"))
-    tested: Set[str] = set()
+    tested: set[str] = set()
     for test in read_tests(str(file))[1]:
         tested.update(map(template_name, test.series))
     assert set(config.signals) <= tested

@@ -6,7 +6,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any, List
+from typing import Any
 
 import pytest
 
@@ -31,7 +31,7 @@ def run(tmp_path: Path, body: str, **options: Any) -> subprocess.Popen:
     return subprocess.Popen(command, env={**os.environ, "PYTHONPATH": str(ROOT)}, **options)
 
 
-def result(tmp_path: Path) -> List[str]:
+def result(tmp_path: Path) -> list[str]:
     return (tmp_path / "result").read_text(encoding="utf-8").splitlines()
 
 

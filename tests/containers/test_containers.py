@@ -9,7 +9,6 @@ import sys
 from http.server import BaseHTTPRequestHandler, HTTPServer
 from pathlib import Path
 from threading import Thread
-from typing import List, Set
 from xml.etree import ElementTree
 
 import pytest
@@ -72,7 +71,7 @@ def test_the_check_fails_where_the_monitor_does_not_tick() -> None:
     assert done.returncode == 1 and "503" in done.stderr
 
 
-def instructions(file: Path, name: str) -> List[str]:
+def instructions(file: Path, name: str) -> list[str]:
     joined = re.sub(r"\\\n", " ", file.read_text(encoding="utf-8"))
     return re.findall(rf"^{name} (.*)$", joined, re.MULTILINE)
 
@@ -87,7 +86,7 @@ def test_an_image_is_not_run_as_root_and_has_a_health_check(file: Path) -> None:
 @pytest.mark.parametrize("file", ROS_FILES, ids=lambda file: file.name)
 def test_an_image_with_ros_has_the_packages_that_the_manifest_names(file: Path) -> None:
     distro, version = file.suffix[1:], {".noetic": "1", ".jazzy": "2"}[file.suffix]
-    wanted: Set[str] = set()
+    wanted: set[str] = set()
     for element in ElementTree.parse(ROOT / "package.xml").getroot().iter("exec_depend"):
         if element.get("condition") in (None, f"$ROS_VERSION == {version}"):
             wanted.add(str(element.text))

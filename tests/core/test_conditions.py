@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 from pathlib import Path
-from typing import Any, Dict, Iterator, List, Mapping, Tuple
+from typing import Any, Iterator, Mapping
 
 import pytest
 from hypothesis import given
@@ -26,7 +26,7 @@ class Robot:
     def __init__(self, battery: Mapping[str, Any], **others: Mapping[str, Any]) -> None:
         signals = {"battery": {**LOW, **battery}, "charging": {"stale_after_s": 5.0}, **others}
         self.monitor = Monitor(load_config({"signals": signals}))
-        self.transitions: List[Transition] = []
+        self.transitions: list[Transition] = []
 
     def see(self, now_s: float, **values: object) -> None:
         for signal, value in values.items():
@@ -36,7 +36,7 @@ class Robot:
         self.transitions += self.monitor.tick(now_s)
 
     @property
-    def battery(self) -> List[Tuple[float, str]]:
+    def battery(self) -> list[tuple[float, str]]:
         return [(change.now_s, change.to_level.name) for change in self.transitions if change.signal == "battery"]
 
     def message(self, now_s: float) -> str:
@@ -121,7 +121,7 @@ def test_a_bool_is_compared_as_0_and_1() -> None:
         ({"above": 2.0}, [3.0]),
     ],
 )
-def test_each_comparison_is_strict(comparison: Dict[str, float], counts: List[float]) -> None:
+def test_each_comparison_is_strict(comparison: dict[str, float], counts: list[float]) -> None:
     for value in (-1.0, 1.9, 2.0, 3.0):
         robot = Robot({"only_if": {"signal": "charging", **comparison}})
         robot.see(0.0, charging=value, battery=15.0)
@@ -336,13 +336,13 @@ def test_a_condition_that_cannot_be_used_is_refused(key: str, condition: object,
     assert str(caught.value) == f"signals.battery.{key}{separator}{error}"
 
 
-def drive() -> Iterator[Dict[str, float]]:
+def drive() -> Iterator[dict[str, float]]:
     with SAG.open(encoding="utf-8") as rows:
         for row in csv.DictReader(line for line in rows if not line.startswith("#")):
             yield {name: float(text) for name, text in row.items()}
 
 
-def voltage_levels(**battery: Any) -> List[Tuple[float, str]]:
+def voltage_levels(**battery: Any) -> list[tuple[float, str]]:
     robot = Robot({"unit": "V", "warn_below": 13.8, "hysteresis": 0.1, **battery})
     for row in drive():
         robot.see(row["t_s"], charging=row["power_supply_status"], battery=row["voltage_v"])
@@ -447,7 +447,7 @@ SETTINGS = st.fixed_dictionaries(
 
 
 @given(SETTINGS, CALLS)
-def test_transitions_chain_and_end_where_the_report_is(settings: Dict[str, Any], calls: List[Any]) -> None:
+def test_transitions_chain_and_end_where_the_report_is(settings: dict[str, Any], calls: list[Any]) -> None:
     robot = Robot(settings)
     now_s = 100.0
     for what, value, step_s in calls:
@@ -469,7 +469,7 @@ def test_transitions_chain_and_end_where_the_report_is(settings: Dict[str, Any],
 
 
 @given(SETTINGS, CALLS)
-def test_a_bound_that_does_not_count_never_fires(settings: Dict[str, Any], calls: List[Any]) -> None:
+def test_a_bound_that_does_not_count_never_fires(settings: dict[str, Any], calls: list[Any]) -> None:
     robot = Robot({**settings, "only_if": NOT_CHARGING, "keep_firing_for_s": 0.0, "latch": False})
     now_s = 100.0
     robot.see(now_s, charging=1.0)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Dict, List, Mapping, Tuple
+from typing import Any, Mapping
 
 import pytest
 
@@ -27,7 +27,7 @@ class Robot:
 
     def __init__(self, example: str) -> None:
         self.bus = LocalBus()
-        self.alerts: List[Tuple[float, str, str]] = []
+        self.alerts: list[tuple[float, str, str]] = []
         self.tree = {name: section.tree for name, section in sections(read_yaml(CONFIG / example).tree).items()}
         self.alert_system = AlertSystem(
             self.bus.node("alert_system", parameters=self.tree["alert_system"]),
@@ -46,7 +46,7 @@ class Robot:
     def drive(self, seconds: int, **values: float) -> None:
         """Publishes what a healthy robot publishes, except for `values`."""
         for _ in range(seconds):
-            battery: Dict[str, Any] = {
+            battery: dict[str, Any] = {
                 "percentage": 0.8,
                 "voltage": 25.2,
                 "power_supply_status": DISCHARGING,
@@ -72,12 +72,12 @@ class Robot:
                     self.publish("/scan", "sensor_msgs/LaserScan", {})
 
     @property
-    def levels(self) -> Dict[str, str]:
+    def levels(self) -> dict[str, str]:
         report = self.alert_system.monitor.report(self.bus.now_s)
         return {name: status.level.name for name, status in report.statuses.items()}
 
     @property
-    def changes(self) -> List[Tuple[str, str]]:
+    def changes(self) -> list[tuple[str, str]]:
         """Returns (signal, level) of every transition so far, and forgets them."""
         seen = [(signal, level) for _, signal, level in self.alerts]
         self.alerts.clear()
@@ -91,7 +91,7 @@ def test_every_file_in_config_is_a_configuration_that_ros_2_can_read_too(example
     lines = [line.partition("  #")[0] for line in text.splitlines() if not line.startswith("#")]
     assert not any(mark in line for line in lines for mark in (": &", ": *", "<<:")), "rcl reads no anchors"
 
-    def lists(tree: Any) -> List[Any]:
+    def lists(tree: Any) -> list[Any]:
         if isinstance(tree, dict):
             return [found for value in tree.values() for found in lists(value)]
         return [tree] if isinstance(tree, list) else []
@@ -133,7 +133,7 @@ def test_a_healthy_differential_drive_robot_is_ok() -> None:
     ],
 )
 def test_problems_of_a_differential_drive_robot_are_announced(
-    seconds: int, values: Dict[str, Any], expected: List[Tuple[str, str]]
+    seconds: int, values: dict[str, Any], expected: list[tuple[str, str]]
 ) -> None:
     robot = Robot("differential_drive.yaml")
     robot.drive(15)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import random
-from typing import Tuple
 
 import pytest
 from harness import forecast_scenes
@@ -13,7 +12,7 @@ pytestmark = pytest.mark.newest_python
 
 
 @pytest.mark.parametrize("noise", NOISES, ids=lambda noise: "{:g} % over {:g} s".format(*noise))
-def test_noise_is_no_trend(noise: Tuple[float, float]) -> None:
+def test_noise_is_no_trend(noise: tuple[float, float]) -> None:
     assert forecast_scenes.false_alarms(forecast_scenes.flat(*noise), 2 * 3600, warn_below=40.0) == 0
 
 

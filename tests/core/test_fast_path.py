@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import random
-from typing import Any, Callable, Dict, List, Mapping, Sequence, Tuple
+from typing import Any, Callable, Mapping, Sequence
 
 import pytest
 from harness.seeds import examples
@@ -38,7 +38,7 @@ SETTINGS: Mapping[str, Sequence[Any]] = {
     "scale": (1.0, 1.0, 1.0, 0.5),
     "only_if": ({"signal": "charging", "is": 0.0},),
 }
-CALLS: Sequence[Tuple[str, Sequence[float]]] = (
+CALLS: Sequence[tuple[str, Sequence[float]]] = (
     *[("level", VALUES)] * 3,
     *[("level", (50.0,))] * 3,
     ("many", (50.0, 60.0)),
@@ -52,14 +52,14 @@ CALLS: Sequence[Tuple[str, Sequence[float]]] = (
 )
 
 
-def replay(signal: Dict[str, Any], calls: List[Tuple[str, float]], number: type) -> List[Any]:
+def replay(signal: dict[str, Any], calls: list[tuple[str, float]], number: type) -> list[Any]:
     def config(**changed: float) -> Any:
         level = {"warn_below": 20.0, "flap_low": 0.0, **signal, **changed}
         return load_config({"signals": {"level": level, "charging": {}}})
 
     monitor = Monitor(config(), "robot1")
     now_s = 100.0
-    results: List[Any] = []
+    results: list[Any] = []
     for what, argument in calls:
         now_s += 0.5
         if what == "tick":
@@ -124,12 +124,12 @@ STATUS_SETTINGS: Mapping[str, Sequence[Any]] = {
 }
 
 
-def replay_statuses(signal: Dict[str, Any], calls: List[Tuple[str, int]], level: Callable[[int], Any]) -> List[Any]:
+def replay_statuses(signal: dict[str, Any], calls: list[tuple[str, int]], level: Callable[[int], Any]) -> list[Any]:
     """Returns what the monitor says and shows; a level that is a byte takes the full path."""
     drivers = {"field": 'status["*"]', "flap_low": 0.0, "only_if": {"signal": "charging", "is": 0.0}, **signal}
     monitor = Monitor(load_config({"signals": {"drivers": drivers, "charging": {}}}), "robot1")
     now_s = 100.0
-    results: List[Any] = []
+    results: list[Any] = []
     for what, argument in calls:
         now_s += 0.5 + (argument if what == "tick" else 0.0)
         if what == "tick":

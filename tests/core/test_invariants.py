@@ -7,7 +7,7 @@ import fractions
 import math
 import random
 import sys
-from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Mapping, Sequence, Tuple
 
 import numpy
 import pytest
@@ -148,16 +148,16 @@ signal_trees = st.fixed_dictionaries(
 )
 
 
-def loaded(tree: Mapping[str, Any]) -> Optional[MonitorConfig]:
+def loaded(tree: Mapping[str, Any]) -> MonitorConfig | None:
     try:
         return load_config(tree)
     except ConfigError:
         return None
 
 
-def loadable(names: Sequence[str], trees: Sequence[Mapping[str, Any]], robot: str) -> Optional[MonitorConfig]:
+def loadable(names: Sequence[str], trees: Sequence[Mapping[str, Any]], robot: str) -> MonitorConfig | None:
     """Removes contradictory keys from each signal, so that most drawn configurations load."""
-    signals: Dict[str, Dict[str, Any]] = {name: {} for name in names}
+    signals: dict[str, dict[str, Any]] = {name: {} for name in names}
     for name, tree in zip(names, trees):
         for key, value in tree.items():
             before = signals[name]
@@ -208,11 +208,11 @@ class Player:
         self.monitor = Monitor(config)
         self.now_s = 0.0
         self.sent_s = 0.0
-        self.announced: Dict[str, Level] = {}
+        self.announced: dict[str, Level] = {}
 
-    def play(self, call: Call) -> List[Transition]:
+    def play(self, call: Call) -> list[Transition]:
         what, *arguments = call
-        transitions: List[Transition] = []
+        transitions: list[Transition] = []
         now_s = self.now_s
         if what in ("observe", "tick", "report"):
             step_s = arguments[0]
@@ -258,12 +258,12 @@ class Player:
                 assert int(status.values["window_samples"]) <= config.window_samples
 
 
-def played(config: MonitorConfig, sequence: Sequence[Call]) -> List[Transition]:
+def played(config: MonitorConfig, sequence: Sequence[Call]) -> list[Transition]:
     player = Player(config)
     return [transition for call in sequence for transition in player.play(call)]
 
 
-def comparable(transitions: Sequence[Transition]) -> List[Tuple[Any, ...]]:
+def comparable(transitions: Sequence[Transition]) -> list[tuple[Any, ...]]:
     """NaN is equal to nothing; its text is."""
     return [
         (each.signal, each.from_level, each.to_level, repr_or_type(each.value), each.bound, each.text, each.fingerprint)
@@ -285,13 +285,13 @@ def whole_text(transitions: Sequence[Transition]) -> str:
 @pytest.mark.newest_python
 @settings(max_examples=examples(100))
 @given(configs, st.lists(calls, max_size=40))
-def test_no_call_raises_and_transitions_chain_up_to_the_report(config: MonitorConfig, sequence: List[Call]) -> None:
+def test_no_call_raises_and_transitions_chain_up_to_the_report(config: MonitorConfig, sequence: list[Call]) -> None:
     played(config, sequence)
 
 
 @settings(max_examples=examples(100))
 @given(configs, st.lists(calls, max_size=40))
-def test_two_monitors_fed_the_same_calls_give_equal_transitions(config: MonitorConfig, sequence: List[Call]) -> None:
+def test_two_monitors_fed_the_same_calls_give_equal_transitions(config: MonitorConfig, sequence: list[Call]) -> None:
     assert comparable(played(config, sequence)) == comparable(played(config, sequence))
 
 
@@ -319,12 +319,12 @@ FEATURES: Sequence[Mapping[str, Any]] = (
 @pytest.mark.newest_python
 @settings(max_examples=examples(100))
 @given(configs, st.lists(calls, max_size=40))
-def test_reports_between_the_calls_change_nothing(config: MonitorConfig, sequence: List[Call]) -> None:
+def test_reports_between_the_calls_change_nothing(config: MonitorConfig, sequence: list[Call]) -> None:
     unread = Monitor(config)
     read = Player(config)
     for call in sequence:
         transitions = read.play(call)  # with a report after each call
-        found: List[Transition] = transitions
+        found: list[Transition] = transitions
         if call[0] == "observe":
             found = unread.observe(Sample(call[2], call[3], read.sent_s))
         elif call[0] == "tick":
@@ -406,7 +406,7 @@ plain_trees = st.fixed_dictionaries(
 @settings(max_examples=examples(100))
 @given(st.lists(plain_trees, min_size=2, max_size=2), st.lists(plain_calls, max_size=60))
 def test_a_whole_number_is_judged_alike_as_int_and_as_float(
-    trees: List[Mapping[str, Any]], sequence: List[Call]
+    trees: list[Mapping[str, Any]], sequence: list[Call]
 ) -> None:
     """Only ordinary floats take the fast path."""
     config = loadable(("a", "b"), trees, "atlas")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import random
-from typing import Any, Dict, List, Optional, Tuple
+from typing import Any
 
 import pytest
 from harness.seeds import examples
@@ -12,7 +12,7 @@ from harness.seeds import examples
 from robot_health_monitor.core import Monitor, Sample, load_config
 from robot_health_monitor.core.values.model import Level
 
-COUNT: Dict[str, Any] = {"statistic": "count", "window_s": 60.0, "warn_above": 5, "error_above": 11, "hysteresis": 2}
+COUNT: dict[str, Any] = {"statistic": "count", "window_s": 60.0, "warn_above": 5, "error_above": 11, "hysteresis": 2}
 
 
 def monitor_of(**changes: Any) -> Monitor:
@@ -20,7 +20,7 @@ def monitor_of(**changes: Any) -> Monitor:
     return Monitor(load_config({"signals": {"errors": signal}}))
 
 
-def lines_of(calls: Any) -> List[str]:
+def lines_of(calls: Any) -> list[str]:
     return [transition.text for changes in calls for transition in changes]
 
 
@@ -29,7 +29,7 @@ class Referee:
 
     def __init__(self) -> None:
         self.left_out_s = 0.0
-        self.samples: List[float] = []
+        self.samples: list[float] = []
         self.beyond = {Level.WARN: False, Level.ERROR: False}
 
     def count(self, now_s: float) -> int:
@@ -50,7 +50,7 @@ def test_the_count_and_its_alerts_are_those_of_brute_force(seed: int) -> None:
     monitor, referee = monitor_of(), Referee()
     now_s = 0.0
     monitor.tick(now_s)
-    down_s: Optional[float] = None
+    down_s: float | None = None
     for _ in range(400):
         # Quarters, so that samples are exactly a window old at some ticks.
         now_s += rng.choice([0.0, 0.25, 0.25, 1.0, 1.0, 2.5, 20.0])
@@ -129,7 +129,7 @@ def test_bad_samples_do_not_count() -> None:
     assert monitor.judgements(0.0)["errors"].judged == 2.0
 
 
-def restarted(monitor: Monitor, now_s: float, **changes: Any) -> Tuple[Monitor, List[str]]:
+def restarted(monitor: Monitor, now_s: float, **changes: Any) -> tuple[Monitor, list[str]]:
     after = monitor_of(**changes)
     state = monitor.snapshot("errors", now_s, 1000.0 + now_s)
     return after, lines_of([after.restore({"errors": state}, now_s, 1000.0 + now_s)])

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import random
 from fractions import Fraction
-from typing import List
 
 import pytest
 from harness.nagios import RESULTS, announcements, last_21, percent_state_change
@@ -65,7 +64,7 @@ def test_what_a_monitor_announces_is_what_the_formula_leaves_unsilenced() -> Non
         settings = {"warn_below": 20.0, "error_below": 10.0, "flap_detection": True}
         monitor = Monitor(load_config({"signals": {"a": settings}}))
         steadiness = chance.random()
-        values: List[float] = []
+        values: list[float] = []
         for second in range(120):
             changes = chance.random() > steadiness and second < 80
             values.append(chance.choice((5.0, 15.0, 50.0)) if changes else values[-1] if values else 50.0)

@@ -6,7 +6,7 @@ the standard deviation to itself.
 
 from __future__ import annotations
 
-from typing import Callable, Dict
+from typing import Callable
 
 import numpy
 import pytest
@@ -49,7 +49,7 @@ def nearly_constant(chance: numpy.random.Generator) -> numpy.ndarray:
     return values
 
 
-SERIES: Dict[str, Series] = {
+SERIES: dict[str, Series] = {
     each.__name__: each for each in (around_a_billion, slow_drift, jumps_of_scale, outliers, nearly_constant)
 }
 

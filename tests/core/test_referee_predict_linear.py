@@ -6,7 +6,7 @@ import json
 import random
 import subprocess
 from pathlib import Path
-from typing import Any, Dict, List, Sequence
+from typing import Any, Sequence
 
 import pytest
 from harness.promtool import PROMTOOL, needs_promtool
@@ -30,7 +30,7 @@ LINES = {
 ALLOWED = 1e-6
 
 
-def random_values(chance: random.Random) -> List[Any]:
+def random_values(chance: random.Random) -> list[Any]:
     """Returns a value for each second; None: a gap."""
     size, noise = 10.0 ** chance.uniform(-2, 6), chance.choice((1e-4, 0.01, 1.0))
     value, slope, values = chance.uniform(-size, size), 0.0, []
@@ -45,12 +45,12 @@ def random_values(chance: random.Random) -> List[Any]:
     return values
 
 
-def series_of(name: str, values: Sequence[Any]) -> List[Dict[str, str]]:
+def series_of(name: str, values: Sequence[Any]) -> list[dict[str, str]]:
     """Returns the input series of promtool: the values, and each prediction and rate where the monitor has one."""
     window = ForecastWindow(float(WINDOW_S), 6000, 0.0, float(FORECAST_S), {})
-    texts: Dict[str, List[str]] = {"value": [], **{line: [] for line in LINES}}
+    texts: dict[str, list[str]] = {"value": [], **{line: [] for line in LINES}}
     for step, value in enumerate(values):
-        found: List[Any] = [None] * len(LINES)
+        found: list[Any] = [None] * len(LINES)
         if value is not None:
             window.add(value, float(step))
             lines = window.lines()
@@ -61,7 +61,7 @@ def series_of(name: str, values: Sequence[Any]) -> List[Dict[str, str]]:
     return [{"series": f'{line}{{timeline="{name}"}}', "values": " ".join(each)} for line, each in texts.items()]
 
 
-def compare(folder: Path, series: Sequence[Dict[str, str]]) -> str:
+def compare(folder: Path, series: Sequence[dict[str, str]]) -> str:
     """Returns promtool's findings; empty: each prediction is that of `predict_linear`."""
     tests = [
         {"expr": f"abs({line} - {own}) > {ALLOWED} * abs({own})", "eval_time": f"{step}s", "exp_samples": []}

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Callable, List
+from typing import Callable
 
 import pytest
 from harness.promtool import Timeline, mismatches, needs_promtool, random_timelines, run_promtool
@@ -24,7 +24,7 @@ from robot_health_monitor.core import Level, Monitor, Sample, load_config
 pytestmark = pytest.mark.newest_python
 
 
-def levels_of_core(timeline: Timeline, also_tick: Callable[[int], bool] = lambda step: step % 3 == 0) -> List[Level]:
+def levels_of_core(timeline: Timeline, also_tick: Callable[[int], bool] = lambda step: step % 3 == 0) -> list[Level]:
     """The true level after each second; a step with a sample is sometimes followed by a tick at the same time."""
     monitor = Monitor(load_config({"signals": {"value": timeline.signal}}))
     levels = []

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Any, Dict, List
+from typing import Any
 
 import pytest
 
@@ -16,13 +16,13 @@ from robot_health_monitor.core.values.field_path import parse_field_path
 yaml = pytest.importorskip("yaml")
 
 PAGE = (Path(__file__).resolve().parents[2] / "docs" / "signals.md").read_text(encoding="utf-8")
-EXAMPLES: List[Dict[str, Any]] = [
+EXAMPLES: list[dict[str, Any]] = [
     yaml.safe_load(text) for text in re.findall(r"^```yaml\n(.*?)^```", PAGE, re.M | re.S)
 ]
 
 
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda example: ", ".join(example))
-def test_an_example_is_a_configuration(example: Dict[str, Any]) -> None:
+def test_an_example_is_a_configuration(example: dict[str, Any]) -> None:
     if "alert_system" in example:
         sensing.read_sources(example["battery_sensor"]["ros__parameters"])
         load_config(example)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import random
-from typing import Any, Dict, List
+from typing import Any
 
 import pytest
 from harness.seeds import fixed_seed
@@ -32,15 +32,15 @@ def play(chance: random.Random) -> None:
             for each in config.signals.values()
         ]
     )
-    found: List[Line] = []
-    log: List[str] = [repr(signals)]
+    found: list[Line] = []
+    log: list[str] = [repr(signals)]
 
     def note(changes: Any) -> None:
         found.extend((each.now_s, each.signal, each.to_level.name) for each in changes if each.signal != "link")
 
     topics = list(dict.fromkeys(each["topic"] for each in signals.values()))
     alive = dict.fromkeys(topics, chance.random() < 0.8)
-    missing: Dict[str, bool] = dict.fromkeys(signals, False)
+    missing: dict[str, bool] = dict.fromkeys(signals, False)
     up, now_s = True, 0.0
     note(monitor.tick(now_s))
     model.tick()

@@ -16,7 +16,7 @@ import subprocess
 import sys
 import urllib.request
 from pathlib import Path
-from typing import Dict, Iterator, List
+from typing import Iterator
 
 import pytest
 from harness.debian_root import DebianRoot
@@ -156,11 +156,11 @@ def test_systemd_accepts_the_units(clean: DebianRoot) -> None:
     clean.purge("robot-health")
 
 
-def names(units: Path) -> List[str]:
+def names(units: Path) -> list[str]:
     return sorted(unit.name for unit in units.glob("robot-health*.service"))
 
 
-def check_launch(root: DebianRoot, variables: Dict[str, str]) -> None:
+def check_launch(root: DebianRoot, variables: dict[str, str]) -> None:
     """Starts the launch file and waits until all nodes have said what they do."""
     port = free_port()
     ros = {"ROS_MASTER_URI": f"http://127.0.0.1:{port}", "ROS_IP": "127.0.0.1", "ROS_HOME": f"/tmp/ros{port}"}
@@ -168,7 +168,7 @@ def check_launch(root: DebianRoot, variables: Dict[str, str]) -> None:
     wait_for_lines(launch, ["watching battery_level", "system_health is the mean", 'sensor "robot" started'])
 
 
-def wait_for_lines(process: subprocess.Popen[str], wanted: List[str]) -> None:
+def wait_for_lines(process: subprocess.Popen[str], wanted: list[str]) -> None:
     """Reads the output until it has each of these texts; then ends the process, which must be a clean end."""
     left, output = set(wanted), []
     assert process.stdout is not None
@@ -240,14 +240,14 @@ def test_the_nodes_for_jazzy(clean: DebianRoot) -> None:
     shutil.rmtree(clean.folder / "opt/ros")
 
 
-def python_packages() -> List[str]:
+def python_packages() -> list[str]:
     depends = subprocess.run(
         ["dpkg-deb", "--field", str(built("ros-jazzy-*.deb")), "Depends"], stdout=subprocess.PIPE, text=True, check=True
     ).stdout
     return [name.strip() for name in depends.split(",") if name.strip().startswith("python3-")]
 
 
-def message_packages() -> List[str]:
+def message_packages() -> list[str]:
     depends = subprocess.run(
         ["dpkg-deb", "--field", str(built("robot-health-monitor_*.deb")), "Depends"],
         stdout=subprocess.PIPE, text=True, check=True,

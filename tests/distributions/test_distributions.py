@@ -11,7 +11,7 @@ import urllib.request
 import zipfile
 from email import message_from_bytes
 from pathlib import Path
-from typing import Callable, Iterator, List
+from typing import Callable, Iterator
 
 import pytest
 from harness.interpreters import find_pythons
@@ -41,7 +41,7 @@ tests:
 pytestmark = pytest.mark.skipif(not (ROOT / ".git").exists(), reason="no clone: what is built is the last commit")
 
 
-def built(folder: Path, repository: Path = ROOT, umask: int = 0o022, **variables: str) -> List[Path]:
+def built(folder: Path, repository: Path = ROOT, umask: int = 0o022, **variables: str) -> list[Path]:
     """Builds in a clone; returns the files."""
     clone = folder / "clone"
     subprocess.run(["git", "clone", "--quiet", str(repository), str(clone)], check=True)
@@ -56,7 +56,7 @@ def built(folder: Path, repository: Path = ROOT, umask: int = 0o022, **variables
 
 
 @pytest.fixture(scope="module")
-def files(tmp_path_factory: pytest.TempPathFactory) -> List[Path]:
+def files(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     """Returns what the session `dist` has built, if it runs these tests."""
     folder = os.environ.get("BUILT_DISTRIBUTIONS")
     if folder:
@@ -65,16 +65,16 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> List[Path]:
 
 
 @pytest.fixture(scope="module")
-def wheel(files: List[Path]) -> Path:
+def wheel(files: list[Path]) -> Path:
     return next(file for file in files if file.suffix == ".whl")
 
 
 @pytest.fixture(scope="module")
-def sdist(files: List[Path]) -> Path:
+def sdist(files: list[Path]) -> Path:
     return next(file for file in files if file.suffix == ".gz")
 
 
-def test_another_user_elsewhere_builds_the_same_bytes(files: List[Path], tmp_path: Path) -> None:
+def test_another_user_elsewhere_builds_the_same_bytes(files: list[Path], tmp_path: Path) -> None:
     again = built(tmp_path, umask=0o077, TZ="Asia/Tokyo", LC_ALL="C", PYTHONHASHSEED="7")
     assert [file.name for file in again] == [file.name for file in files]
     assert [file.read_bytes() for file in again] == [file.read_bytes() for file in files]
@@ -147,7 +147,7 @@ class Installed:
         pip += ["--disable-pip-version-check", "--no-compile"]
         subprocess.run([*pip, f"{wheel}[recordings]"], check=True, cwd=folder, env=self.variables)
 
-    def command(self, *arguments: object) -> List[str]:
+    def command(self, *arguments: object) -> list[str]:
         return [str(self.folder / "venv/bin/robot-health"), *map(str, arguments)]
 
     def printed(self, *arguments: object) -> str:
@@ -167,7 +167,7 @@ def installed(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathF
 @pytest.fixture
 def start(installed: Installed) -> Iterator[Callable[..., LineProcess]]:
     """Starts the command; it ends with the test."""
-    started: List[LineProcess] = []
+    started: list[LineProcess] = []
 
     def run(*arguments: object) -> LineProcess:
         started.append(LineProcess(installed.command(*arguments), installed.variables, installed.folder))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import subprocess
 from pathlib import Path
-from typing import Callable, Dict
+from typing import Callable
 
 import pytest
 import yaml
@@ -47,7 +47,7 @@ def repository(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         monkeypatch.setenv(f"GIT_{variable}_NAME", "Somebody")
         monkeypatch.setenv(f"GIT_{variable}_EMAIL", "somebody@robots.dev")
     folder = tmp_path / "repository"
-    files: Dict[str, str] = {
+    files: dict[str, str] = {
         "package.xml": PACKAGE,
         "CHANGELOG.rst": CHANGELOG,
         ".gitignore": "/dist/\n",

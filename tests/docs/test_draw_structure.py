@@ -5,10 +5,10 @@ from __future__ import annotations
 import runpy
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
-from typing import Any, Dict
+from typing import Any
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
-SCRIPT: Dict[str, Any] = runpy.run_path(str(DOCS / "draw_structure.py"))
+SCRIPT: dict[str, Any] = runpy.run_path(str(DOCS / "draw_structure.py"))
 
 
 def test_the_picture_is_the_one_that_the_script_draws() -> None:

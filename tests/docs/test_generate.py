@@ -6,13 +6,13 @@ import json
 import re
 import runpy
 from pathlib import Path
-from typing import Any, Dict, List
+from typing import Any
 
 import pytest
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
-SCRIPT: Dict[str, Any] = runpy.run_path(str(DOCS / "generate.py"))
-PAGES: Dict[Path, str] = SCRIPT["pages"]()
+SCRIPT: dict[str, Any] = runpy.run_path(str(DOCS / "generate.py"))
+PAGES: dict[Path, str] = SCRIPT["pages"]()
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
@@ -30,7 +30,7 @@ def test_every_command_is_described() -> None:
     assert sorted(listed) == sorted(SCRIPT["COMMANDS"])
 
 
-def examples() -> List[Any]:
+def examples() -> list[Any]:
     page = (DOCS / "reference" / "api.md").read_text(encoding="utf-8")
     return [json.loads(block) for block in re.findall(r"```json\n(.*?)```", page, re.DOTALL)]
 

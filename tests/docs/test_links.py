@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import re
 from pathlib import Path
-from typing import List, Set
 
 import pytest
 from harness.packaging_workspace import version
@@ -20,9 +19,9 @@ def without_code(page: Path) -> str:
     return re.sub(r"^( *)```.*?^\1```", "", page.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
 
 
-def anchors(page: Path) -> Set[str]:
+def anchors(page: Path) -> set[str]:
     """Returns the anchors of a page's headings, as GitHub makes them."""
-    found: Set[str] = set()
+    found: set[str] = set()
     for heading in re.findall(r"^#+ (.*)$", without_code(page), re.MULTILINE):
         anchor = re.sub(r"[^\w -]", "", heading.lower()).replace(" ", "-")
         number = 0
@@ -32,7 +31,7 @@ def anchors(page: Path) -> Set[str]:
     return found
 
 
-def links(page: Path) -> List[str]:
+def links(page: Path) -> list[str]:
     return [link for link in re.findall(r"\]\(([^)\s]+)\)", without_code(page)) if "://" not in link]
 
 
@@ -60,7 +59,7 @@ def test_every_page_of_the_shelves_can_be_reached_from_the_readme() -> None:
 def test_text_that_names_a_page_names_one_that_exists() -> None:
     """Comments, messages and scripts name pages by their path from the root."""
     suffixes = {".py", ".md", ".rst", ".yaml", ".toml", ".js", ".html", ".launch", ".service", ".txt"}
-    own: List[Path] = []
+    own: list[Path] = []
     for folder, below, files in os.walk(ROOT):
         below[:] = [name for name in below if name not in (".venv", ".git", "build", "data")]
         own += [file for file in map(Path(folder).joinpath, files) if file.suffix in suffixes and file.is_file()]

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import runpy
 from pathlib import Path
-from typing import Any, Dict, List, Tuple
+from typing import Any
 
 import pytest
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
-SCRIPT: Dict[str, Any] = runpy.run_path(str(DOCS / "list_names.py"))
+SCRIPT: dict[str, Any] = runpy.run_path(str(DOCS / "list_names.py"))
 
 
 def test_every_promised_name_exists_and_every_name_is_promised() -> None:
@@ -37,7 +37,7 @@ def test_names_go_before_1_0_and_with_a_new_major_version(written: str, version:
 
 
 @pytest.fixture
-def script(tmp_path: Path) -> Tuple[Dict[str, Any], Path]:
+def script(tmp_path: Path) -> tuple[dict[str, Any], Path]:
     """The program with a file of its own, at version 1.4.0."""
     found = runpy.run_path(str(DOCS / "list_names.py"))
     file = tmp_path / "names.txt"
@@ -45,11 +45,11 @@ def script(tmp_path: Path) -> Tuple[Dict[str, Any], Path]:
     return found, file
 
 
-def written(file: Path) -> List[str]:
+def written(file: Path) -> list[str]:
     return file.read_text(encoding="utf-8").splitlines()
 
 
-def test_new_names_are_written_down(script: Tuple[Dict[str, Any], Path]) -> None:
+def test_new_names_are_written_down(script: tuple[dict[str, Any], Path]) -> None:
     found, file = script
     file.write_text(found["HEAD"].format(version="1.3.0") + "key a\n")
     found["write"]()
@@ -57,7 +57,7 @@ def test_new_names_are_written_down(script: Tuple[Dict[str, Any], Path]) -> None
     assert "as of version 1.4.0." in written(file)[0]
 
 
-def test_a_name_is_not_removed_in_a_minor_version(script: Tuple[Dict[str, Any], Path]) -> None:
+def test_a_name_is_not_removed_in_a_minor_version(script: tuple[dict[str, Any], Path]) -> None:
     found, file = script
     before = found["HEAD"].format(version="1.3.0") + "key a\nkey old\n"
     file.write_text(before)
@@ -66,7 +66,7 @@ def test_a_name_is_not_removed_in_a_minor_version(script: Tuple[Dict[str, Any], 
     assert file.read_text() == before
 
 
-def test_a_major_version_may_remove_names(script: Tuple[Dict[str, Any], Path]) -> None:
+def test_a_major_version_may_remove_names(script: tuple[dict[str, Any], Path]) -> None:
     found, file = script
     file.write_text(found["HEAD"].format(version="0.9.0") + "key old\n")
     found["write"]()

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Dict
 
 ROOT = Path(__file__).resolve().parents[2]
 TEXT = (ROOT / "QUALITY_DECLARATION.md").read_text(encoding="utf-8")
-ROWS: Dict[str, str] = dict(re.findall(r"^\| (\d\.[a-z.]+) [^|]*\| (.*) \|$", TEXT, re.MULTILINE))
+ROWS: dict[str, str] = dict(re.findall(r"^\| (\d\.[a-z.]+) [^|]*\| (.*) \|$", TEXT, re.MULTILINE))
 
 CHART = {
     "1.i": "1 2 3", "1.ii": "1 2 3", "1.iii": "1 2", "1.iv": "1 2 3", "1.v": "1 2 3", "1.vi": "1 2",

@@ -6,14 +6,13 @@ import os
 import subprocess
 import sys
 from pathlib import Path
-from typing import List, Tuple
 
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 
 
-def run_example(name: str, *arguments: object) -> List[str]:
+def run_example(name: str, *arguments: object) -> list[str]:
     """Runs an example and returns the lines that it printed."""
     done = subprocess.run(
         [sys.executable, str(ROOT / "examples" / name), *map(str, arguments)],
@@ -52,7 +51,7 @@ def test_the_custom_source_reports_no_alert_below_the_bound(tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize("arguments", [(), ("alerts.csv",)])
-def test_the_custom_outlet_writes_one_row_per_alert(tmp_path: Path, arguments: Tuple[str, ...]) -> None:
+def test_the_custom_outlet_writes_one_row_per_alert(tmp_path: Path, arguments: tuple[str, ...]) -> None:
     rows = run_example("custom_outlet.py", *(tmp_path / name for name in arguments))
     assert [row.split(",")[:4] for row in rows] == [
         ["11.0", "battery_level", "WARN", "19.0"],

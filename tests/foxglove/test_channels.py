@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import struct
-from typing import Any, Callable, List, Optional
+from typing import Any, Callable
 
 import pytest
 
@@ -34,10 +34,10 @@ class Reader:
     def __init__(self, topic: str, field: str = "data") -> None:
         self.topic = topic
         self.field = field
-        self.values: List[Any] = []
-        self.errors: List[str] = []
+        self.values: list[Any] = []
+        self.errors: list[str] = []
 
-    def bind(self, channel: Channel, messages: Any) -> Optional[Callable[[bytes], None]]:
+    def bind(self, channel: Channel, messages: Any) -> Callable[[bytes], None] | None:
         try:
             get = messages.field_getter(self.field)
         except ConfigError as error:
@@ -50,14 +50,14 @@ class Server:
     """Notes what is sent."""
 
     def __init__(self) -> None:
-        self.sent: List[Any] = []
-        self.warnings: List[str] = []
+        self.sent: list[Any] = []
+        self.warnings: list[str] = []
         self.channels = Channels(lambda text: self.sent.append(json.loads(text)), self.warnings.append)
 
-    def take(self) -> List[Any]:
+    def take(self) -> list[Any]:
         """Returns the (subscription, channel) and the ended subscriptions of what was sent since the last call."""
         sent, self.sent = self.sent, []
-        found: List[Any] = []
+        found: list[Any] = []
         for each in sent:
             found += [(one["id"], one["channelId"]) for one in each.get("subscriptions", ())]
             found += each.get("subscriptionIds", ())
@@ -145,7 +145,7 @@ def test_channels_of_one_topic_are_bounded_and_each_is_bound_once() -> None:
     server, bound = Server(), []
 
     class Counting(Reader):
-        def bind(self, channel: Channel, messages: Any) -> Optional[Callable[[bytes], None]]:
+        def bind(self, channel: Channel, messages: Any) -> Callable[[bytes], None] | None:
             bound.append(channel.id)
             return super().bind(channel, messages)
 
@@ -211,7 +211,7 @@ def test_bytes_that_are_no_message_of_the_type_do_not_pass() -> None:
         ),
     ],
 )
-def test_hints_say_why_a_topic_is_silent(offered: List[Channel], wanted: str, hint: Optional[str]) -> None:
+def test_hints_say_why_a_topic_is_silent(offered: list[Channel], wanted: str, hint: str | None) -> None:
     server = Server()
     server.channels.advertise(offered)
     assert server.channels.why_silent("/battery", wanted) == hint

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import ssl
-from typing import Any, Dict, List, Optional
+from typing import Any
 
 import pytest
 from aiohttp import web
@@ -175,7 +175,7 @@ async def test_a_redirect_is_not_followed() -> None:
     await server.close()
 
 
-HOSTILE: Dict[str, List[Any]] = {
+HOSTILE: dict[str, list[Any]] = {
     "unknown opcodes": [bytes([opcode]) * 40 for opcode in (0, 2, 3, 9, 255)],
     "bytes too short": [b"\x01", b"\x01" * 12],
     "another subscription": [message(4_000_000_000, cdr(1.0))],
@@ -203,7 +203,7 @@ HOSTILE: Dict[str, List[Any]] = {
 
 
 @pytest.mark.parametrize("items", HOSTILE.values(), ids=HOSTILE.keys())
-def test_what_a_hostile_server_sends_costs_nothing_else(items: List[Any]) -> None:
+def test_what_a_hostile_server_sends_costs_nothing_else(items: list[Any]) -> None:
     @scenario
     async def run() -> None:
         server = Server()
@@ -240,7 +240,7 @@ async def test_a_subscription_that_is_never_served_is_silent_and_up() -> None:
     server = Server()
     watched = await hearing(server)
     await until(lambda: watched.ups == [True])
-    answers: List[Optional[str]] = []
+    answers: list[str | None] = []
     watched.node.look_up_silence("/battery", "std_msgs/Float32", answers.append)
     await until(lambda: answers == [None])
     assert watched.heard == []

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from typing import Any, List
+from typing import Any
 
 import pytest
 from harness.foxglove_client import FLOAT, Server, Watched, cdr, message
@@ -134,7 +134,7 @@ async def test_several_fields_of_one_message_are_read_from_one_decoding() -> Non
     schema = "float32[] data\nstring name\n"
     server = Server(channels=({**FLOAT, "schemaName": "a/msg/B", "schema": schema},))
     watched = Watched(await server.start())
-    heard: List[Any] = []
+    heard: list[Any] = []
     for field in ("data[0]", "data[1]", ""):
         watched.node.subscribe("/battery", "", lambda value, now_s: heard.append(value), field=field)
     await until(lambda: 3 in server.subscribed)

@@ -14,7 +14,7 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any, Iterator, List, Sequence
+from typing import Any, Iterator, Sequence
 
 import pytest
 from harness.foxglove_client import Watched
@@ -71,9 +71,9 @@ def npm_port() -> Iterator[int]:
         yield port
 
 
-async def lines_of(watched: Watched, signals: Any, expected: Sequence[str]) -> List[str]:
+async def lines_of(watched: Watched, signals: Any, expected: Sequence[str]) -> list[str]:
     """Returns the alert lines until those that are expected have come, without what follows the level."""
-    lines: List[str] = []
+    lines: list[str] = []
     node = watched.client.node("alert_system", parameters={"signals": signals})
     alert_system = AlertSystem(node, {"test": lambda event: lines.append(str(getattr(event, "text", event)))})
     await until(lambda: {line.partition(":")[0] for line in lines} >= set(expected))

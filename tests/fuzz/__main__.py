@@ -17,7 +17,7 @@ import sys
 import time
 import traceback
 from pathlib import Path
-from typing import List, Optional, Sequence, Type
+from typing import Sequence
 
 TESTS = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(TESTS.parent), str(TESTS)]
@@ -34,8 +34,8 @@ _MEASURED = 4
 
 
 def main(
-    arguments: Optional[Sequence[str]] = None,
-    targets: Sequence[Type[Target]] = (*TARGETS, *RECORDED_TARGETS, *STORED_TARGETS),
+    arguments: Sequence[str] | None = None,
+    targets: Sequence[type[Target]] = (*TARGETS, *RECORDED_TARGETS, *STORED_TARGETS),
 ) -> int:
     """Runs the targets, each for an equal part of the time; returns the exit code."""
     names = [target.name for target in targets]
@@ -92,7 +92,7 @@ def shown(data: object) -> str:
         text = repr(data)
     except ValueError:  # a number too long to be printed
         return "use --case to see it"
-    parts: List[str] = [text] if len(text) <= SHOWN_CHARS else [text[:SHOWN_CHARS], f"... ({len(text)} characters)"]
+    parts: list[str] = [text] if len(text) <= SHOWN_CHARS else [text[:SHOWN_CHARS], f"... ({len(text)} characters)"]
     return "".join(parts)
 
 

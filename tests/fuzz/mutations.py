@@ -6,7 +6,7 @@ import copy
 import math
 import random
 import sys
-from typing import Any, List, Sequence, Tuple
+from typing import Any, Sequence
 
 NUMBERS: Sequence[Any] = (
     0,
@@ -98,9 +98,9 @@ def mutate_tree(chance: random.Random, tree: Any, others: Sequence[Any] = ()) ->
     return tree
 
 
-def _places(tree: Any) -> List[Tuple[Any, Any]]:
+def _places(tree: Any) -> list[tuple[Any, Any]]:
     """Returns every container in a tree with each of its keys."""
-    found: List[Tuple[Any, Any]] = []
+    found: list[tuple[Any, Any]] = []
     open_trees = [tree]
     while open_trees:
         container = open_trees.pop()

@@ -7,7 +7,7 @@ import random
 import struct
 import tempfile
 from pathlib import Path
-from typing import Any, List, Tuple
+from typing import Any
 
 from fuzz.mutations import mutate_bytes
 from fuzz.targets import Target, check_text, size_of
@@ -54,14 +54,14 @@ class Definitions(Target):
         b"a/T x\n", b"B[100] x\n", b"MSG: a/T\n", _SEPARATOR, b"\x00", b"\xff", b" " * 500, b"x" * 500,
     )  # fmt: skip
 
-    def make(self, chance: random.Random) -> Tuple[str, str, str, bytes]:
+    def make(self, chance: random.Random) -> tuple[str, str, str, bytes]:
         form, text = chance.choice(self.seeds)
         form = form if chance.random() < 0.95 else "idl"
         changed = mutate_bytes(chance, text, self.pieces).decode("utf-8", "replace")
         parts = [struct.pack("<I", chance.choice((0, 1, 2, 5, 2**31, 2**32 - 1))) for _ in range(chance.randrange(40))]
         return form, chance.choice(("cdr", "ros1")), changed, b"\0\1\0\0" + b"".join(parts)
 
-    def use(self, data: Tuple[str, str, str, bytes]) -> None:
+    def use(self, data: tuple[str, str, str, bytes]) -> None:
         form, encoding, text, message = data
         types = type_of(Channel("/x", RawFormat(encoding, "a/T", f"ros2{form}", text, "")))
         candidates = Candidates()
@@ -87,7 +87,7 @@ class RecordedFiles(Target):
 
     def __init__(self) -> None:
         self._folder = Path(tempfile.mkdtemp(prefix="fuzz-"))
-        messages: List[Recorded] = [*values("/x", range(60)), *values("/y", range(30), period_s=2.0)]
+        messages: list[Recorded] = [*values("/x", range(60)), *values("/y", range(30), period_s=2.0)]
         files = [
             write_bag(self._folder / f"{kind}.bag", messages, kind, chunk_size=500) for kind in ("none", "bz2", "lz4")
         ]
@@ -98,11 +98,11 @@ class RecordedFiles(Target):
         files += map(str, Path(write_folder(self._folder / "bag", messages)).glob("*.db3"))
         self._files = [(Path(file).suffix, Path(file).read_bytes()) for file in files]
 
-    def make(self, chance: random.Random) -> Tuple[str, bytes]:
+    def make(self, chance: random.Random) -> tuple[str, bytes]:
         suffix, data = chance.choice(self._files)
         return suffix, mutate_bytes(chance, data, self.pieces)
 
-    def use(self, data: Tuple[str, bytes]) -> None:
+    def use(self, data: tuple[str, bytes]) -> None:
         path = self._folder / f"fuzzed{data[0]}"
         path.write_bytes(data[1])
         with Recordings([str(path)]) as recordings:

@@ -7,7 +7,7 @@ import shutil
 import sqlite3
 import tempfile
 from pathlib import Path
-from typing import Any, List, Sequence, Tuple, Type
+from typing import Any, Sequence, Tuple
 
 from fuzz.mutations import NUMBERS, any_text
 from fuzz.targets import Target
@@ -42,10 +42,10 @@ class HistoryRows(Target):
         ]
         connection.close()
 
-    def make(self, chance: random.Random) -> List[Change]:
+    def make(self, chance: random.Random) -> list[Change]:
         return [(*chance.choice(self._columns), self._value(chance)) for _ in range(chance.randrange(1, 5))]
 
-    def use(self, data: List[Change]) -> None:
+    def use(self, data: list[Change]) -> None:
         shutil.copyfile(self._filled, self._file)
         connection = sqlite3.connect(str(self._file), isolation_level=None)
         for table, column, value in data:
@@ -68,7 +68,7 @@ class HistoryRows(Target):
         finally:
             history.close()
 
-    def allowed(self, data: List[Change]) -> Work:
+    def allowed(self, data: list[Change]) -> Work:
         return Work(2_000_000, 50_000_000)  # SQLite's files, whatever the values
 
     def close(self) -> None:
@@ -85,4 +85,4 @@ class HistoryRows(Target):
         return chance.choice((None, "", 0, -1, 2**63 - 1, -(2**63), float("inf"), "[" * 5_000, '{"a": NaN}'))
 
 
-STORED_TARGETS: Sequence[Type[Target]] = (HistoryRows,)
+STORED_TARGETS: Sequence[type[Target]] = (HistoryRows,)

@@ -11,7 +11,7 @@ import struct
 import tempfile
 from abc import ABC, abstractmethod
 from pathlib import Path
-from typing import Any, Dict, List, Mapping, Sequence, Tuple, Type
+from typing import Any, Mapping, Sequence
 
 import cbor2
 import yaml
@@ -54,7 +54,7 @@ class Target(ABC):
     """One thing to fuzz."""
 
     name = ""
-    errors: Tuple[Type[Exception], ...] = ()
+    errors: tuple[type[Exception], ...] = ()
     """What it may raise."""
     longest_error = 600
 
@@ -199,7 +199,7 @@ class Mappings(Target):
 
     def use(self, data: Any) -> None:
         name, tree = data
-        classes: Dict[str, Any] = {"aggregator": Aggregator, "battery_sensor": BatterySensor}
+        classes: dict[str, Any] = {"aggregator": Aggregator, "battery_sensor": BatterySensor}
         bus = LocalBus()
         if isinstance(tree, dict):
             classes.get(name, AlertSystem)(bus.node(name, parameters=tree))
@@ -210,9 +210,9 @@ class Mappings(Target):
         return Work(300_000 + 1_000 * size_of(data), 3_000_000 + 2_000 * size_of(data))
 
 
-def wires(chance: random.Random) -> List[Wire]:
+def wires(chance: random.Random) -> list[Wire]:
     """Returns messages of a peer: valid ones, and changed ones."""
-    made: List[Wire] = []
+    made: list[Wire] = []
     for _ in range(chance.randrange(1, 6)):
         fields = mutate_tree(chance, chance.choice(EXAMPLES), EXAMPLES)
         text = as_json(fields)
@@ -273,10 +273,10 @@ class Protocol(Target):
     name = "protocol"
     errors = (MessageError,)
 
-    def make(self, chance: random.Random) -> List[Wire]:
+    def make(self, chance: random.Random) -> list[Wire]:
         return wires(chance)
 
-    def use(self, data: List[Wire]) -> None:
+    def use(self, data: list[Wire]) -> None:
         for wire in data:
             topic_of_message(wire)
             try:
@@ -326,17 +326,17 @@ class Sessions(Target):
         self._server = Server(self._bus.node("rosbridge"), port=0, threads=False, access=access)
         self._loop.run_until_complete(self._server.start())
 
-    def make(self, chance: random.Random) -> List[Wire]:
+    def make(self, chance: random.Random) -> list[Wire]:
         return wires(chance)
 
-    def use(self, data: List[Wire]) -> None:
+    def use(self, data: list[Wire]) -> None:
         self._bus.log_lines.clear()
         self._loop.run_until_complete(self._talk(data))
         failures = [line.text for line in self._bus.log_lines if "failed: " in line.text]
         assert not failures, failures
         assert all("\n" not in line.text and len(line.text) < 2_000 for line in self._bus.log_lines)
 
-    async def _talk(self, data: List[Wire]) -> None:
+    async def _talk(self, data: list[Wire]) -> None:
         server, cbor = self._server, size_of(data) % 2 == 0
         session = Session(server._node, server._topics, server.services, _Transport(), cbor=cbor)
         for wire in data:
@@ -358,11 +358,11 @@ class Clients(Target):
 
     name = "client"
 
-    def make(self, chance: random.Random) -> List[Wire]:
+    def make(self, chance: random.Random) -> list[Wire]:
         return wires(chance)
 
-    def use(self, data: List[Wire]) -> None:
-        lines: List[str] = []
+    def use(self, data: list[Wire]) -> None:
+        lines: list[str] = []
         connection = ServerConnection(
             "ws://robot:9090",
             on_change=lambda up, cause: None,
@@ -388,8 +388,8 @@ class FoxgloveClients(Target):
         ],
     }
 
-    def make(self, chance: random.Random) -> List[Wire]:
-        made: List[Wire] = [json.dumps(self.offered)]
+    def make(self, chance: random.Random) -> list[Wire]:
+        made: list[Wire] = [json.dumps(self.offered)]
         for _ in range(chance.randrange(1, 12)):
             if chance.random() < 0.3:
                 text = as_json(mutate_tree(chance, self.offered, [self.offered]))
@@ -399,8 +399,8 @@ class FoxgloveClients(Target):
                 made.append(head + mutate_bytes(chance, b"\x00\x01\x00\x00\x02\x00\x00\x00" * 3, JSON_PIECES))
         return made
 
-    def use(self, data: List[Wire]) -> None:
-        lines: List[LogLine] = []
+    def use(self, data: list[Wire]) -> None:
+        lines: list[LogLine] = []
         client = FoxgloveClient("foxglove://robot:8765", clock=lambda: 0.0, on_log=lines.append)
         node = client.node("a")
         for field in ("data", "data[0]", "data[*].d", "", None):
@@ -421,11 +421,11 @@ class Core(Target):
 
     def make(self, chance: random.Random) -> Any:
         names = ["a", "b", "link"]
-        trees: List[Any] = []
+        trees: list[Any] = []
         for _ in range(2):
             signals = {name: self._signal(chance) for name in names[: chance.randrange(1, 3)]}
             trees.append({"signals": signals, "robot_name": chance.choice(("", "atlas", any_text(chance)))})
-        calls: List[Tuple[Any, ...]] = []
+        calls: list[tuple[Any, ...]] = []
         now_s = 0.0
         for _ in range(chance.randrange(40)):
             now_s += chance.choice((0.0, 0.1, 1.0, 10.0, chance.random() * 5.0, -5.0, 1e6))
@@ -436,7 +436,7 @@ class Core(Target):
             calls.append((what, time_s, chance.choice(("a", "a", "b", "unknown", any_text(chance))), value))
         return trees, calls
 
-    def _signal(self, chance: random.Random) -> Dict[str, Any]:
+    def _signal(self, chance: random.Random) -> dict[str, Any]:
         given = {"warn_below": 50.0}
         for parameter in chance.sample(list(SIGNAL_PARAMETERS), chance.randrange(6)):
             value: Any = chance.choice((0.0, 1.0, 2.0, 30.0, 80.0, True, chance.choice(NUMBERS)))
@@ -453,14 +453,14 @@ class Core(Target):
 
     def use(self, data: Any) -> None:
         trees, calls = data
-        configs: List[MonitorConfig] = []
+        configs: list[MonitorConfig] = []
         for tree in trees:
             with contextlib.suppress(ConfigError):
                 configs.append(load_config(tree))
         if not configs:
             return
         monitor = Monitor(configs[0])
-        announced: Dict[str, Level] = {}
+        announced: dict[str, Level] = {}
         for what, time_s, name, value in calls:
             transitions: Sequence[Transition] = ()
             if what == "observe":
@@ -518,11 +518,11 @@ class Addresses(Target):
         b"\n",
     )
 
-    def make(self, chance: random.Random) -> List[str]:
+    def make(self, chance: random.Random) -> list[str]:
         made = [mutate_bytes(chance, chance.choice(self.seeds), self.pieces) for _ in range(3)]
         return [data.decode("utf-8", "surrogateescape") for data in made] + [any_text(chance)]
 
-    def use(self, data: List[str]) -> None:
+    def use(self, data: list[str]) -> None:
         access = Access(origins=("https://studio.example.org",))
         tokens = TokenCheck("secret")
         for text in data:
@@ -605,7 +605,7 @@ def deliver(path: str, message: Any) -> None:
     LocalBus().node("x").subscribe("/in", "", lambda value, now_s: None, field=path).deliver(message)
 
 
-TARGETS: Sequence[Type[Target]] = (
+TARGETS: Sequence[type[Target]] = (
     YamlBytes,
     OpsBytes,
     Mappings,

@@ -10,7 +10,7 @@ import signal
 import sys
 import tracemalloc
 from types import FrameType
-from typing import Any, Iterator, NamedTuple, Optional
+from typing import Any, Iterator, NamedTuple
 
 _LONGEST_S = 20
 
@@ -85,5 +85,5 @@ def bounded(allowed: Work) -> Iterator[None]:
         raise TooMuchWork(f"{peak} bytes of memory, allowed {allowed.bytes}")
 
 
-def _too_long(number: int, frame: Optional[FrameType]) -> None:
+def _too_long(number: int, frame: FrameType | None) -> None:
     raise TooMuchWork(f"more than {_LONGEST_S} s")

@@ -9,7 +9,7 @@ import time
 import urllib.request
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Dict, Iterator, List
+from typing import Any, Iterator
 
 import pytest
 
@@ -30,12 +30,12 @@ class RunningAlertmanager:
     def __init__(self, url: str) -> None:
         self.url = url
 
-    def alerts(self) -> List[Dict[str, Any]]:
+    def alerts(self) -> list[dict[str, Any]]:
         """Returns the alerts that are firing."""
-        found: List[Dict[str, Any]] = json.loads(self._get("/api/v2/alerts"))
+        found: list[dict[str, Any]] = json.loads(self._get("/api/v2/alerts"))
         return found
 
-    def levels(self) -> Dict[str, str]:
+    def levels(self) -> dict[str, str]:
         """Returns the level of each signal with an alert that is firing; fails if a signal has several."""
         alerts = self.alerts()
         levels = {alert["labels"]["signal"]: alert["labels"]["level"] for alert in alerts}

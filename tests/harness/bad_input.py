@@ -6,12 +6,12 @@ Only what every middleware can carry; `tests/rosbridge/test_bad_fields.py` has w
 from __future__ import annotations
 
 import math
-from typing import Any, Dict, Iterator, List, Mapping
+from typing import Any, Iterator, Mapping
 
 from harness.field_timeline import BATTERY, JOINTS, Published, Scene, status
 from harness.port_conformance import DIAGNOSTICS, START_S
 
-SIGNALS: Dict[str, Any] = {
+SIGNALS: dict[str, Any] = {
     "age": {"topic": "battery", "type": BATTERY, "field": "header.stamp", "warn_above": 5.0, "warn_below": -5.0},
     "cells": {
         "topic": "battery", "type": BATTERY, "field": "cell_voltage[*]", "unit": "V", "warn_below": 3.25,
@@ -32,18 +32,18 @@ SIGNALS: Dict[str, Any] = {
 }  # fmt: skip
 
 
-def messages() -> List[Published]:
+def messages() -> list[Published]:
     """Returns all messages in the order of their times."""
     return sorted((*_batteries(), *_joints(), *_drivers()), key=lambda published: published.time_s)
 
 
 def _batteries() -> Iterator[Published]:
-    stamps: Dict[int, Dict[str, int]] = {
+    stamps: dict[int, dict[str, int]] = {
         4: {"sec": 0, "nanosec": 0},
         5: {"sec": 1_000_000, "nanosec": 999_999_999},
         6: {"sec": 0, "nanosec": 1},
     }
-    cells: Dict[int, List[float]] = {
+    cells: dict[int, list[float]] = {
         1: [3.75] * 10_000,
         2: [3.75] * 10_001,
         3: [],
@@ -59,7 +59,7 @@ def _batteries() -> Iterator[Published]:
 
 
 def _joints() -> Iterator[Published]:
-    names: Dict[int, List[str]] = {
+    names: dict[int, list[str]] = {
         1: ["wheel_left"],
         2: [],
         3: ["wheel_left", "wheel_left"],
@@ -68,7 +68,7 @@ def _joints() -> Iterator[Published]:
         6: [f"wheel_{number}" for number in range(10_001)],
         7: ["wheel_right", "wheel_left", "wheel_caf\u00e9"],
     }
-    efforts: Dict[int, List[float]] = {1: [1.0, 2.0], 2: [1.0, 2.0], 3: [1.0, 50.0], 7: [2.0, 10.0, 3.0]}
+    efforts: dict[int, list[float]] = {1: [1.0, 2.0], 2: [1.0, 2.0], 3: [1.0, 50.0], 7: [2.0, 10.0, 3.0]}
     for step in range(12):
         name = names.get(step, ["wheel_left", "wheel_right"])
         message = {"name": name, "effort": efforts.get(step, [1.0] * len(name))}
@@ -78,7 +78,7 @@ def _joints() -> Iterator[Published]:
 def _drivers() -> Iterator[Published]:
     """The second driver renames itself with each message."""
     for step in range(12):
-        statuses: List[Mapping[str, Any]] = [status("motor", 0), status(f"driver {step}", 0)]
+        statuses: list[Mapping[str, Any]] = [status("motor", 0), status(f"driver {step}", 0)]
         if step == 3:
             statuses[0] = status("motor", 7)
         if step == 4:

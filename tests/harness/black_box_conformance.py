@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import threading
 from pathlib import Path
-from typing import Any, List
+from typing import Any
 
 import pytest
 
@@ -36,7 +36,7 @@ class BlackBoxConformance:
         node = harness.node(
             "alert_system", namespace="robot1", parameters={"robot_name": "r1", "signals": SIGNALS}, sim_time=sim_time
         )
-        events: List[Any] = []
+        events: list[Any] = []
         alert_system = operations.start(node, {"test": events.append})
         harness.publish("/extra/a", FLOAT32, {"data": 1.0})
         pause = threading.Event()
@@ -48,7 +48,7 @@ class BlackBoxConformance:
             pause.wait(0.06)
         harness.publish("/extra/a", FLOAT32, {"data": 1.0})
 
-        def transitions() -> List[Transition]:
+        def transitions() -> list[Transition]:
             return [event for event in events if isinstance(event, Transition)]
 
         harness.wait_until(lambda: bool(transitions()))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Dict, List, Mapping, Optional, Tuple
+from typing import Any, Mapping
 
 from harness.waiting import wait_for
 from robot_health_monitor.cli.operations import Operations
@@ -25,20 +25,20 @@ class RecordedRobot:
     def __init__(
         self,
         folder: Path,
-        signals: Optional[Mapping[str, Mapping[str, Any]]] = None,
+        signals: Mapping[str, Mapping[str, Any]] | None = None,
         *,
         name: str = "r1",
-        operations: Optional[Operations] = None,
+        operations: Operations | None = None,
         namespace: str = "",
         **settings: Any,
     ) -> None:
         """Starts alert_system; `settings` are further ones of the section `black_box`."""
         self.folder = folder
-        self.lines: List[Any] = []
+        self.lines: list[Any] = []
         self.bus = LocalBus(START_S, on_log=self.lines.append, wall_time_s=self.wall_s)
         config = OpsConfig(black_box=BlackBoxSettings(str(folder), **settings))
         self.operations = operations or Operations(config, self.wall_s, lambda: self.bus.now_s)
-        self.events: List[Event] = []
+        self.events: list[Event] = []
         parameters = {"robot_name": name, "signals": {"battery": BATTERY} if signals is None else signals}
         self.node = self.bus.node("alert_system", namespace=namespace, parameters=parameters)
         self.alert_system = self.operations.start(self.node, {"test": self.events.append})
@@ -65,11 +65,11 @@ class RecordedRobot:
         self.bus.run_until(self.bus.now_s + seconds)
 
     @property
-    def transitions(self) -> List[Transition]:
+    def transitions(self) -> list[Transition]:
         """What was announced."""
         return [event for event in self.events if isinstance(event, Transition)]
 
-    def files(self) -> List[Path]:
+    def files(self) -> list[Path]:
         """Waits until all recordings that have ended are written; returns the files, by name."""
         box = self.operations.black_box
         assert box is not None
@@ -82,18 +82,18 @@ class RecordedRobot:
         self.operations.close()
 
 
-def recorded(file: Path) -> Dict[str, List[Tuple[float, bytes]]]:
+def recorded(file: Path) -> dict[str, list[tuple[float, bytes]]]:
     """Returns the messages of a file by topic: virtual time in s, and bytes."""
     from mcap.reader import make_reader
 
-    found: Dict[str, List[Tuple[float, bytes]]] = {}
+    found: dict[str, list[tuple[float, bytes]]] = {}
     with file.open("rb") as stream:
         for _, channel, message in make_reader(stream).iter_messages():
             found.setdefault(channel.topic, []).append((message.log_time / 1e9 - BOOT_S, message.data))
     return found
 
 
-def attachments(file: Path) -> Dict[str, str]:
+def attachments(file: Path) -> dict[str, str]:
     """Returns the attachments of a file by name."""
     from mcap.reader import make_reader
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import threading
-from typing import Any, Callable, List, Mapping, Sequence
+from typing import Any, Callable, Mapping, Sequence
 
 from harness.parameters import set_parameter
 from harness.port_conformance import START_S, LogLine, poll_until
@@ -26,7 +26,7 @@ class BridgedBus:
         self.outside = self.bus.node("outside")
         self.outside.advertise("/clock", "rosgraph_msgs/Clock")
         self._up = threading.Event()
-        self._nodes: List[Any] = []
+        self._nodes: list[Any] = []
 
     def make_client(self, kind: Callable[..., Any], url: str) -> None:
         up = self._up
@@ -46,9 +46,9 @@ class BridgedBus:
         self._nodes.append(node)
         self.set_time(self._now_s)
 
-    def listen(self, topic: str, type_name: str) -> List[Mapping[str, Any]]:
+    def listen(self, topic: str, type_name: str) -> list[Mapping[str, Any]]:
         self.settle()
-        heard: List[Mapping[str, Any]] = []
+        heard: list[Mapping[str, Any]] = []
         self.on_robot(lambda: self.outside.subscribe(topic, type_name, lambda value, now_s: heard.append(value)))
         return heard
 

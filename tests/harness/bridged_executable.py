@@ -10,7 +10,7 @@ import re
 import signal
 import time
 from pathlib import Path
-from typing import Any, List, Mapping, Tuple
+from typing import Any, Mapping
 
 from harness.port_conformance import Recorder
 from harness.raw_conformance import Capture
@@ -35,7 +35,7 @@ def settings(folder: Path, port: int, token: str) -> str:
     return _SETTINGS.format(port=port, token_file=file)
 
 
-async def look_at(port: int, token: str) -> List[Any]:
+async def look_at(port: int, token: str) -> list[Any]:
     """Returns what a client sees: a battery level, the answer of `reset`, that of a service that it may not call, the
     names of the parameters, and the answers to HTTP requests."""
     import aiohttp
@@ -66,13 +66,13 @@ async def look_at(port: int, token: str) -> List[Any]:
     return [level["msg"]["data"], reset["values"], refused["values"], parameters, answers, captured]
 
 
-async def _capture(url: str, token: str) -> Tuple[Capture, List[float], Any]:
+async def _capture(url: str, token: str) -> tuple[Capture, list[float], Any]:
     """Returns what a node of the client captures of a topic, what it judges meanwhile, and counts in the graph."""
     client = RosbridgeClient(url, token=token, on_link=lambda up, cause: None)
     node, capture, judged = client.node("watcher"), Capture(), Recorder()
     node.subscribe("/battery_level", "", judged, field="data")
     node.subscribe_raw("/battery_level", "", capture)
-    graph: List[Any] = []
+    graph: list[Any] = []
     node.follow_graph(lambda: GRAPH, lambda counts, now_s: graph.append(counts))
     running = asyncio.ensure_future(client.run())
     while len(capture.items) < 2 or len(graph) < 2 or len(graph[-1]) < len(GRAPH):
@@ -83,7 +83,7 @@ async def _capture(url: str, token: str) -> Tuple[Capture, List[float], Any]:
     return capture, judged.values, graph[-1]
 
 
-def _check_captured(capture: Capture, judged: List[float], graph: Any) -> None:
+def _check_captured(capture: Capture, judged: list[float], graph: Any) -> None:
     """Checks that the bytes are those of ROS, with the definition that reads them, and are judged as such."""
     assert graph["publishers", "/battery_level"] == 1.0
     assert graph["subscribers", "/heard_by_none"] == 0.0
@@ -95,7 +95,7 @@ def _check_captured(capture: Capture, judged: List[float], graph: Any) -> None:
     assert judged[-len(values) :] == values
 
 
-def check_web(answers: Mapping[str, Tuple[int, str]]) -> None:
+def check_web(answers: Mapping[str, tuple[int, str]]) -> None:
     """Checks the answers to the HTTP requests of `look_at`."""
     assert answers[""][0] == 200 and "<!DOCTYPE html>" in answers[""][1]
     robot = json.loads(answers["api/state"][1])["robots"][platform.node()]
@@ -110,7 +110,7 @@ def check_web(answers: Mapping[str, Tuple[int, str]]) -> None:
     assert f'robot_health_level{{robot="{platform.node()}",signal="battery_level"}} 0.0' in answers["metrics"][1]
 
 
-def check_served(process: Any, seen: List[Any]) -> None:
+def check_served(process: Any, seen: list[Any]) -> None:
     """Checks what `look_at` saw of `health_monitor`, and that the process ends as it should."""
     level, reset, refused, parameters, answers, captured = seen
     _check_captured(*captured)

@@ -16,7 +16,7 @@ import threading
 import time
 from functools import partial
 from pathlib import Path
-from typing import Any, Callable, List, Mapping, NamedTuple, Sequence
+from typing import Any, Callable, Mapping, NamedTuple, Sequence
 
 from harness.line_process import LineProcess
 from harness.separate_network import SeparateNetwork
@@ -34,7 +34,7 @@ class Robot:
     """A peer process."""
 
     def __init__(self, command: Sequence[str], environment: Mapping[str, str]) -> None:
-        self.alerts: List[str] = []
+        self.alerts: list[str] = []
         """The levels of battery_level's alerts, in the order of arrival."""
         self._periods = 0
         self._is_connected = False
@@ -98,14 +98,14 @@ class Robot:
 class Life(NamedTuple):
     """What one process of the monitor was given, and where its alerts begin."""
 
-    wanted: List[str]
+    wanted: list[str]
     first_alert: int
 
 
 class Trial:
     """Drives the battery through levels and compares the alerts with those that the rules give."""
 
-    def __init__(self, seed: int, alerts: List[str], publish: Callable[[float], None]) -> None:
+    def __init__(self, seed: int, alerts: list[str], publish: Callable[[float], None]) -> None:
         """Starts with a battery that is OK.
 
         Args:
@@ -181,7 +181,7 @@ class Trial:
         wanted, seen = self._lives[-1].wanted, self.seen()
         assert seen == wanted, f"expected {wanted}, got {seen}"
 
-    def seen(self) -> List[str]:
+    def seen(self) -> list[str]:
         """Returns the alerts of the present life."""
         return list(self._alerts[self._lives[-1].first_alert :])
 
@@ -248,9 +248,9 @@ class AlertsOfOutput:
     """The alerts in the JSON output of a process, which is read all the time."""
 
     def __init__(self) -> None:
-        self.alerts: List[str] = []
+        self.alerts: list[str] = []
         """The levels of battery_level's."""
-        self.links: List[str] = []
+        self.links: list[str] = []
         """The levels of the link's."""
 
     def wait_for_links(self, *levels: str) -> None:

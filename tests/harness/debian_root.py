@@ -6,7 +6,7 @@ import os
 import shutil
 import subprocess
 from pathlib import Path
-from typing import Dict, List, Mapping, Optional, Sequence, Set
+from typing import Mapping, Sequence
 
 _NOBODY = ("--reuid=65534", "--regid=65534", "--clear-groups")
 _NOT_OF_PACKAGES = ("/proc/", "/dev/", "/sys/", "/tmp/", "/run/", "/var/log/", "/var/cache/", "/var/lib/apt/")
@@ -37,7 +37,7 @@ class DebianRoot:
         return _check(["chroot", str(self.folder), *command], fails=fails)
 
     def start(
-        self, *command: str, variables: Optional[Mapping[str, str]] = None, user: Sequence[str] = _NOBODY
+        self, *command: str, variables: Mapping[str, str] | None = None, user: Sequence[str] = _NOBODY
     ) -> subprocess.Popen[str]:
         """Starts a command as another user, nobody by default; its output is in `stdout`."""
         return subprocess.Popen(
@@ -65,7 +65,7 @@ class DebianRoot:
         output = self.run("dpkg", "--purge", "--force-depends", package)
         assert "dpkg: error" not in output, output
 
-    def files(self) -> Set[str]:
+    def files(self) -> set[str]:
         """Returns the paths of everything, except what apt itself keeps and what Python compiles on its own."""
         found = set()
         for folder, folders, files in os.walk(self.folder):
@@ -77,18 +77,18 @@ class DebianRoot:
             found |= {place + name for name in [*files, *folders]}
         return found - _BACKUPS
 
-    def users(self) -> Set[str]:
+    def users(self) -> set[str]:
         """Returns the names of users and groups."""
         texts = [(self.folder / "etc" / name).read_text() for name in ("passwd", "group")]
         return {line.partition(":")[0] for text in texts for line in text.splitlines()}
 
 
-def _variables() -> Dict[str, str]:
+def _variables() -> dict[str, str]:
     path = "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"
     return {"PATH": path, "HOME": "/tmp", "LC_ALL": "C.UTF-8", "DEBIAN_FRONTEND": "noninteractive"}
 
 
-def _check(command: List[str], fails: bool = False) -> str:
+def _check(command: list[str], fails: bool = False) -> str:
     done = subprocess.run(
         command,
         env=_variables(),

@@ -6,7 +6,7 @@ import asyncio
 import shutil
 import threading
 from contextlib import contextmanager
-from typing import Any, Callable, Iterator, List, TypeVar
+from typing import Any, Callable, Iterator, TypeVar
 
 import pytest
 
@@ -118,16 +118,16 @@ class Browser:
         for key in keys:
             self.driver.switch_to.active_element.send_keys(key)
 
-    def texts(self, selector: str) -> List[str]:
+    def texts(self, selector: str) -> list[str]:
         """Returns the texts of all elements of a selector, with blanks in place of no-break spaces."""
-        found: List[str] = self.run(
+        found: list[str] = self.run(
             "return [...document.querySelectorAll(arguments[0])].map((each) => each.textContent)"
             ".map((text) => text.replaceAll('\u00a0', ' '))",
             selector,
         )
         return found
 
-    def console(self) -> List[str]:
+    def console(self) -> list[str]:
         """Returns what the page has written to the console since the last call, without advice."""
         return [entry["message"] for entry in self.driver.get_log("browser") if entry["level"] in ("SEVERE", "WARNING")]
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 import csv
 import math
 from pathlib import Path
-from typing import Any, Callable, List, NamedTuple, Sequence, Union
+from typing import Any, Callable, NamedTuple, Sequence
 
 import pytest
 
@@ -82,10 +82,10 @@ class Refusal(NamedTuple):
 class Judged(NamedTuple):
     """What the messages of a robot brought about."""
 
-    transitions: List[Transition]
-    samples: List[int]
+    transitions: list[Transition]
+    samples: list[int]
     """How many samples there were after each message."""
-    faults: List[str]
+    faults: list[str]
     """Those of the node itself at the end."""
 
 
@@ -135,9 +135,9 @@ class Equivalence:
         judged.faults.extend(f"{part}: {fault.text}" for part, fault in sorted(node.wrapped.faults.current().items()))
         return judged
 
-    def replay(self, harness: Harness) -> List[Union[Transition, Refusal]]:
+    def replay(self, harness: Harness) -> list[Transition | Refusal]:
         """Returns what the timeline brings about, in order."""
-        results: List[Union[Transition, Refusal]] = []
+        results: list[Transition | Refusal] = []
         node = _Watched(harness.node("alert_system", parameters=PARAMETERS))
         AlertSystem(node, {"test": lambda event: results.append(event) if isinstance(event, Transition) else None})
         clock = _Clock(harness, node)
@@ -156,7 +156,7 @@ class Equivalence:
         return results
 
 
-def read_timeline() -> List[Event]:
+def read_timeline() -> list[Event]:
     """Returns the rows of the timeline."""
     with open(TIMELINE, encoding="utf-8", newline="") as file:
         return [Event(float(row["time_s"]), row["event"], row["name"], row["value"]) for row in csv.DictReader(file)]
@@ -194,7 +194,7 @@ class _Watched:
     def __init__(self, wrapped: Middleware) -> None:
         self.wrapped = wrapped
         self.samples = 0
-        self._ticks: List[List[float]] = []
+        self._ticks: list[list[float]] = []
 
     def has_ticked(self, now_s: float) -> bool:
         return all(times_s[-1:] == [now_s] for times_s in self._ticks)
@@ -211,7 +211,7 @@ class _Watched:
     def create_timer(self, period_s: float, callback: Callable[[float], None], *, steady: bool = False) -> Timer:
         if steady:
             return self.wrapped.create_timer(period_s, callback, steady=True)
-        times_s: List[float] = []
+        times_s: list[float] = []
         self._ticks.append(times_s)
 
         def noted(now_s: float) -> None:

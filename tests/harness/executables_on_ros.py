@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import signal
 from pathlib import Path
-from typing import Any, List, Mapping
+from typing import Any, Mapping
 
 import pytest
 
@@ -37,11 +37,11 @@ def file_with(folder: Path, text: str) -> str:
     return str(file)
 
 
-def warnings_of(process: LineProcess, signal_name: str) -> List[str]:
+def warnings_of(process: LineProcess, signal_name: str) -> list[str]:
     return [line.text for line in process.lines if f"{signal_name} WARN" in line.text]
 
 
-def unexpected(process: LineProcess) -> List[str]:
+def unexpected(process: LineProcess) -> list[str]:
     """Returns the lines of a calm run that say more than that it starts."""
     return [line.text for line in process.lines if "[INFO]" not in line.text and "simulated values: " not in line.text]
 
@@ -52,7 +52,7 @@ def level_of(status: Mapping[str, Any]) -> int:
     return level[0] if isinstance(level, bytes) else level
 
 
-def shows(reports: List[Mapping[str, Any]], name: str, level: int) -> bool:
+def shows(reports: list[Mapping[str, Any]], name: str, level: int) -> bool:
     """Returns whether a report has a status of alert_system at a level."""
     statuses = [status for report in tuple(reports) for status in report["status"]]
     return any(each["name"] == f"alert_system: {name}" and level_of(each) == level for each in statuses)

@@ -7,7 +7,7 @@ the same values at the same instants. `tests/data/field_alerts.txt` has the aler
 from __future__ import annotations
 
 import math
-from typing import Any, Dict, Iterator, List, Mapping, NamedTuple, Sequence
+from typing import Any, Iterator, Mapping, NamedTuple, Sequence
 
 from harness.port_conformance import DIAGNOSTICS, FLOAT32, START_S
 
@@ -32,7 +32,7 @@ class Scene(NamedTuple):
     seconds: float
 
 
-SIGNALS: Dict[str, Any] = {
+SIGNALS: dict[str, Any] = {
     # A falling charge: three lines through 4 s, 8 s ahead.
     "charge_soon": {
         "topic": "battery", "type": BATTERY, "field": "charge", "unit": "Ah",
@@ -102,7 +102,7 @@ SIGNALS: Dict[str, Any] = {
 }  # fmt: skip
 
 
-def messages() -> List[Published]:
+def messages() -> list[Published]:
     """Returns all messages in the order of their times."""
     return sorted((*_battery(), *_scan(), *_joints(), *_drivers()), key=lambda published: published.time_s)
 
@@ -118,7 +118,7 @@ def _battery() -> Iterator[Published]:
             yield Published(START_S + elapsed_s, "/battery", BATTERY, message)
 
 
-def _stamp(elapsed_s: float) -> Dict[str, int]:
+def _stamp(elapsed_s: float) -> dict[str, int]:
     """0.0625 s ago; from 3 s on 0.75 s ago, from 5 s on in the future, from 7 s on none, for one second each."""
     if 7.0 < elapsed_s < 8.0:
         return {"sec": 0, "nanosec": 0}
@@ -127,7 +127,7 @@ def _stamp(elapsed_s: float) -> Dict[str, int]:
     return {"sec": int(seconds), "nanosec": round(seconds % 1.0 * 1e9)}
 
 
-def _cells(elapsed_s: float) -> List[float]:
+def _cells(elapsed_s: float) -> list[float]:
     """Four cells of 3.75 V: one drops at 2 s, one is not measured from 4 s on, one is high at 6 s, none from 8 s on."""
     cells = [3.75, 3.75, 3.75, 3.75]
     if 2.0 < elapsed_s < 3.0:

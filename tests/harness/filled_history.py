@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sqlite3
 from pathlib import Path
-from typing import List
 
 from harness.histories import opened, transition
 from robot_health_monitor.core import Level
@@ -35,7 +34,7 @@ def fill_history(path: Path) -> None:
     opened(path).close()  # a second run
 
 
-def read_everything(connection: sqlite3.Connection) -> List[str]:
+def read_everything(connection: sqlite3.Connection) -> list[str]:
     """Calls every reader; returns the texts of the transitions."""
     found = [*queries.transitions(connection), *queries.transitions(connection, since_s=NOW_S, newest_first=True)]
     for each in found:

@@ -6,7 +6,7 @@ import math
 import random
 from functools import partial
 from itertools import chain, count, product, repeat
-from typing import Any, Callable, Dict, Iterator, Mapping, NamedTuple
+from typing import Any, Callable, Iterator, Mapping, NamedTuple
 
 from robot_health_monitor.core import Level, Monitor, Sample, Transition, load_config
 from robot_health_monitor.core.judge.forecast import ForecastWindow
@@ -61,7 +61,7 @@ class Scene(NamedTuple):
 
     values: Callable[[], _Values]
     """Noise of 0.5, correlated over 20 s, is added."""
-    settings: Dict[str, float]
+    settings: dict[str, float]
     """Keys of the signal."""
     seconds: int
 
@@ -115,7 +115,7 @@ def shift(high: float, low: float) -> _Values:
 
 _BATTERY = {"warn_below": 20.0}
 _ALMOST_EMPTY = {"warn_below": 5.0}
-SCENES: Dict[str, Scene] = {
+SCENES: dict[str, Scene] = {
     **{
         f"70 degrees approached in {time_s:g} s, bound 80, horizon {forecast_s:g} s": Scene(
             partial(after, 1800, 25.0, partial(approach, 25.0, 70.0, time_s)),

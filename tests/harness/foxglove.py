@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import threading
-from typing import Any, Mapping, Optional
+from typing import Any, Mapping
 
 from harness.bridged_bus import BridgedBus
 from harness.foxglove_server import MARKER, FoxgloveServer
@@ -35,8 +35,8 @@ class FoxgloveHarness(BridgedBus):
         name: str,
         *,
         namespace: str = "",
-        parameters: Optional[Mapping[str, Any]] = None,
-        remap: Optional[Mapping[str, str]] = None,
+        parameters: Mapping[str, Any] | None = None,
+        remap: Mapping[str, str] | None = None,
         sim_time: bool = True,
     ) -> FoxgloveMiddleware:
         outputs = self.bus.node(name, namespace=namespace, remap=remap)
@@ -52,7 +52,7 @@ class FoxgloveHarness(BridgedBus):
         self.settle()
         self.on_robot(lambda: self.outside.publish(topic, message))
 
-    def call(self, service: str, type_name: str, request: Optional[Mapping[str, Any]] = None) -> Mapping[str, Any]:
+    def call(self, service: str, type_name: str, request: Mapping[str, Any] | None = None) -> Mapping[str, Any]:
         self.settle()
         try:
             return self.bus.call_service(service, request or {})

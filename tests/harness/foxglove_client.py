@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import struct
-from typing import Any, Awaitable, Callable, Dict, List, Optional, Sequence
+from typing import Any, Awaitable, Callable, Sequence
 
 import aiohttp
 from aiohttp import web
@@ -38,11 +38,11 @@ class Watched:
     """A client with one node, and what it received."""
 
     def __init__(self, url: str, *, probation_s: float = 0.0, **options: Any) -> None:
-        self.ups: List[bool] = []
-        self.causes: List[str] = []
+        self.ups: list[bool] = []
+        self.causes: list[str] = []
         self.client = FoxgloveClient(url, on_link=self._on_link, probation_s=probation_s, **options)
         self.node = self.client.node("watcher")
-        self.heard: List[Any] = []
+        self.heard: list[Any] = []
         self.task = asyncio.ensure_future(self.client.run())
 
     def _on_link(self, up: bool, cause: Cause) -> None:
@@ -54,7 +54,7 @@ class Watched:
     def hear(self, value: Any, now_s: float) -> None:
         self.heard.append(value)
 
-    def problems(self) -> List[str]:
+    def problems(self) -> list[str]:
         return [line.text for line in self.client.log_lines if line.severity >= Severity.WARN]
 
     async def close(self) -> None:
@@ -66,15 +66,15 @@ class Watched:
 class Server:
     """A server that offers channels and sends what it is given."""
 
-    def __init__(self, channels: Sequence[Dict[str, Any]] = (FLOAT,), protocols: Sequence[str] = ()) -> None:
+    def __init__(self, channels: Sequence[dict[str, Any]] = (FLOAT,), protocols: Sequence[str] = ()) -> None:
         self.channels = channels
         self.protocols = protocols or ("foxglove.sdk.v1",)
-        self.received: List[Dict[str, Any]] = []
-        self.requests: List[web.Request] = []
-        self.sockets: List[web.WebSocketResponse] = []
-        self.answer: Optional[Callable[[Dict[str, Any]], Optional[Dict[str, Any]]]] = None
+        self.received: list[dict[str, Any]] = []
+        self.requests: list[web.Request] = []
+        self.sockets: list[web.WebSocketResponse] = []
+        self.answer: Callable[[dict[str, Any]], dict[str, Any] | None] | None = None
         """Returns the answer to a message, None if there is none."""
-        self.on_connect: Optional[Callable[[web.WebSocketResponse], Awaitable[None]]] = None
+        self.on_connect: Callable[[web.WebSocketResponse], Awaitable[None]] | None = None
 
     async def start(self, port: int = 0, ssl_context: Any = None) -> str:
         application = web.Application()
@@ -101,7 +101,7 @@ class Server:
             await socket.send_str(data if isinstance(data, str) else json.dumps(data))
 
     @property
-    def subscribed(self) -> Dict[int, int]:
+    def subscribed(self) -> dict[int, int]:
         """Subscription by channel, of all that was received."""
         found = [one for each in self.received if each.get("op") == "subscribe" for one in each["subscriptions"]]
         return {one["channelId"]: one["id"] for one in found}

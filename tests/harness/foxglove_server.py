@@ -9,7 +9,7 @@ import asyncio
 import base64
 import json
 import struct
-from typing import Any, Dict, List, Mapping
+from typing import Any, Mapping
 
 import aiohttp
 import numpy as np
@@ -70,12 +70,12 @@ class FoxgloveServer:
     def __init__(self, bus: LocalBus, encoding: str = "cdr") -> None:
         self.bus = bus
         self.encoding = encoding
-        self.received: List[Dict[str, Any]] = []
-        self.requests: List[web.Request] = []
+        self.received: list[dict[str, Any]] = []
+        self.requests: list[web.Request] = []
         self._outside = bus.node("foxglove_bridge")
-        self._channels: Dict[str, Dict[str, Any]] = {}
-        self._followed: Dict[str, Any] = {}
-        self._clients: Dict[web.WebSocketResponse, _Client] = {}
+        self._channels: dict[str, dict[str, Any]] = {}
+        self._followed: dict[str, Any] = {}
+        self._clients: dict[web.WebSocketResponse, _Client] = {}
 
     async def start(self, port: int = 0) -> None:
         application = web.Application()
@@ -119,7 +119,7 @@ class FoxgloveServer:
             elif channel["id"] not in wanted and topic in self._followed:
                 self._outside.unsubscribe(self._followed.pop(topic))
 
-    def _channel(self, topic: str, type_name: str) -> Dict[str, Any]:
+    def _channel(self, topic: str, type_name: str) -> dict[str, Any]:
         name = long_name(type_name)
         channel = {"id": len(self._channels) + 7, "topic": topic, "schemaName": name}
         if self.encoding == "json" or name not in STORE.types:
@@ -173,7 +173,7 @@ class _Client:
     def __init__(self, socket: web.WebSocketResponse) -> None:
         self.socket = socket
         self.queue: asyncio.Queue[Any] = asyncio.Queue()
-        self.subscriptions: Dict[int, int] = {}
+        self.subscriptions: dict[int, int] = {}
 
     def take(self, fields: Mapping[str, Any]) -> None:
         if fields["op"] == "subscribe":

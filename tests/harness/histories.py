@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, List, Optional, Tuple
+from typing import Any
 
 from harness.waiting import WAIT_S
 from robot_health_monitor.core import Level
@@ -39,23 +39,23 @@ def transition(
     return Transition(signal=signal, robot=robot, from_level=from_level, to_level=to_level, **values)
 
 
-def opened(file: Path, faults: Optional[Faults] = None, **settings: Any) -> History:
+def opened(file: Path, faults: Faults | None = None, **settings: Any) -> History:
     """Returns an open history in a file."""
     return History(HistorySettings(str(file), **settings), faults=faults)
 
 
-def texts(history: History) -> List[str]:
+def texts(history: History) -> list[str]:
     """Returns the texts of all transitions in the database in use, in their order."""
     query = "SELECT text FROM transitions ORDER BY id"
     return [text for (text,) in history.run(lambda connection: connection.execute(query).fetchall(), WAIT_S)]
 
 
-def stored_texts(file: Path) -> List[str]:
+def stored_texts(file: Path) -> list[str]:
     """Returns the texts of all transitions in a file, in their order."""
     with reading(file) as connection:
         return [each.text for each in queries.transitions(connection)]
 
 
-def fault_texts(faults: Faults) -> List[Tuple[str, str]]:
+def fault_texts(faults: Faults) -> list[tuple[str, str]]:
     """Returns the parts and texts of the faults."""
     return [(part, fault.text) for part, fault in faults.current().items()]

@@ -6,7 +6,7 @@ import json
 import threading
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from queue import Queue
-from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Type
+from typing import Any, Callable, Mapping, NamedTuple
 
 DEADLINE_S = 30.0
 
@@ -50,7 +50,7 @@ class Handler(BaseHTTPRequestHandler):
     def log_message(self, *arguments: object) -> None:
         """Writes nothing."""
 
-    def respond(self, status: int, body: bytes = b"", headers: Optional[Dict[str, str]] = None) -> None:
+    def respond(self, status: int, body: bytes = b"", headers: dict[str, str] | None = None) -> None:
         self.send_response_only(status)
         own = {"Date": self.date_time_string(), "Content-Length": str(len(body))}
         for name, value in {**own, **(headers or {})}.items():
@@ -74,7 +74,7 @@ class HttpServer:
         self.behave: Behaviour = responding(200)
         self.closing = threading.Event()
         """Ends behaviours that would last for ever."""
-        handler: Type[Handler] = type("BoundHandler", (Handler,), {"owner": self})
+        handler: type[Handler] = type("BoundHandler", (Handler,), {"owner": self})
         self._server = ManyAtOnce(("127.0.0.1", 0), handler)
         self._thread = threading.Thread(target=self._server.serve_forever, args=(0.01,), daemon=True)
 
@@ -86,7 +86,7 @@ class HttpServer:
         """Waits for a request."""
         return self.received.get(timeout=DEADLINE_S)
 
-    def all(self) -> List[Received]:
+    def all(self) -> list[Received]:
         """Returns the requests that have come and were not taken yet."""
         return [self.received.get() for _ in range(self.received.qsize())]
 

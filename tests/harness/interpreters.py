@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import shutil
 import subprocess
-from typing import Dict
 
 
-def find_pythons() -> Dict[str, str]:
+def find_pythons() -> dict[str, str]:
     """Returns the released CPython interpreters on the PATH by minor version ("3.8"), oldest first."""
     found = {}
     for minor in range(8, 30):

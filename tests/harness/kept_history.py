@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Mapping, Sequence
 
 from harness.stage import Stage
 from robot_health_monitor.core.judge.sample_summary import SampleSummary
@@ -19,13 +19,13 @@ class KeptHistory:
     def __init__(self, stage: Stage, wall_offset_s: float = 1e9) -> None:
         self._stage = stage
         self.wall_offset_s = wall_offset_s
-        self.states: Dict[str, SavedSignal] = {}
-        self.stopped_s: Optional[float] = None
-        self.events: List[str] = []
-        self.evidence: List[Sequence[Tuple[float, Any]]] = []
-        self.configurations: List[Mapping[str, Any]] = []
-        self.saves: List[Mapping[str, SavedSignal]] = []
-        self.samples: List[Mapping[str, Sequence[SampleSummary]]] = []
+        self.states: dict[str, SavedSignal] = {}
+        self.stopped_s: float | None = None
+        self.events: list[str] = []
+        self.evidence: list[Sequence[tuple[float, Any]]] = []
+        self.configurations: list[Mapping[str, Any]] = []
+        self.saves: list[Mapping[str, SavedSignal]] = []
+        self.samples: list[Mapping[str, Sequence[SampleSummary]]] = []
 
     keeps_samples = True
 
@@ -35,10 +35,10 @@ class KeptHistory:
     def restore(self) -> Mapping[str, SavedSignal]:
         return dict(self.states)
 
-    def watched_until_s(self) -> Optional[float]:
+    def watched_until_s(self) -> float | None:
         return self.stopped_s
 
-    def record(self, transition: Transition, saved: SavedSignal, evidence: Sequence[Tuple[float, Any]]) -> None:
+    def record(self, transition: Transition, saved: SavedSignal, evidence: Sequence[tuple[float, Any]]) -> None:
         self.events.append(transition.text)
         self.evidence.append(evidence)
         self._keep({transition.signal: saved})
@@ -73,9 +73,9 @@ class Robot:
     def __init__(self, *, use_sim_time: bool = False, **signals: Mapping[str, Any]) -> None:
         self.stage = Stage()
         self.history = KeptHistory(self.stage)
-        self.signals: Dict[str, Mapping[str, Any]] = signals
+        self.signals: dict[str, Mapping[str, Any]] = signals
         self._use_sim_time = use_sim_time
-        self._announced: List[str] = []
+        self._announced: list[str] = []
         self.start()
 
     def start(self) -> None:
@@ -101,12 +101,12 @@ class Robot:
                 self.stage.publish(name, value)
             self.stage.bus.run_until(self.stage.bus.now_s + 1.0)
 
-    def shown(self, signal: str = "battery") -> Tuple[str, str]:
+    def shown(self, signal: str = "battery") -> tuple[str, str]:
         """Returns level and message of a signal."""
         status = self.system.monitor.report(self.stage.bus.now_s).statuses[signal]
         return status.level.name, status.message
 
-    def announced(self) -> List[str]:
+    def announced(self) -> list[str]:
         """Returns and forgets what was announced."""
         found, self._announced = self._announced, []
         return found

@@ -8,13 +8,13 @@ import signal
 import subprocess
 import threading
 import time
-from typing import Any, Callable, List, Mapping, NamedTuple, Optional, Sequence
+from typing import Any, Callable, Mapping, NamedTuple, Sequence
 
 DEADLINE_S = 30.0
 
 
 def start_process(
-    command: Sequence[object], streams: Sequence[int], environment: Optional[Mapping[str, str]] = None, cwd: Any = None
+    command: Sequence[object], streams: Sequence[int], environment: Mapping[str, str] | None = None, cwd: Any = None
 ) -> subprocess.Popen:
     """Starts a program in a new session, with these file descriptors as its stdin, stdout and stderr."""
     stdin, stdout, stderr = streams
@@ -44,12 +44,12 @@ class LineProcess:
     def __init__(
         self,
         command: Sequence[object],
-        environment: Optional[Mapping[str, str]] = None,
+        environment: Mapping[str, str] | None = None,
         cwd: Any = None,
         start: Callable[..., Any] = start_process,
     ) -> None:
         """Starts `command` in a new session; with `start_fork` of `warm_python`, a program of this Python."""
-        self.lines: List[Line] = []
+        self.lines: list[Line] = []
         """Its output, as far as `wait_for_line` and `wait` have read."""
         self._arrivals: queue.Queue = queue.Queue()
         reading_out, out = os.pipe()
@@ -76,7 +76,7 @@ class LineProcess:
         return self._process.poll() is None
 
     @property
-    def errors(self) -> List[str]:
+    def errors(self) -> list[str]:
         """The lines of its standard error."""
         return [line.text for line in self.lines if line.stream == "err"]
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from typing import Any, Callable, List, Mapping, Optional, Sequence
+from typing import Any, Callable, Mapping, Sequence
 
 from harness.parameters import set_parameter
 from harness.port_conformance import START_S, LogLine, ServiceFailed, poll_until
@@ -20,7 +20,7 @@ class LocalHarness:
         self.bus = LocalBus(1.0, wall_time_s=time.time)
         self._outside = self.bus.node("outside")
         self._outside.advertise("/clock", "rosgraph_msgs/Clock")
-        self._nodes: List[LocalMiddleware] = []
+        self._nodes: list[LocalMiddleware] = []
         self._sim_time_s = START_S
 
     def node(
@@ -28,8 +28,8 @@ class LocalHarness:
         name: str,
         *,
         namespace: str = "",
-        parameters: Optional[Mapping[str, Any]] = None,
-        remap: Optional[Mapping[str, str]] = None,
+        parameters: Mapping[str, Any] | None = None,
+        remap: Mapping[str, str] | None = None,
         sim_time: bool = True,
     ) -> LocalMiddleware:
         node = self.bus.node(name, namespace=namespace, parameters=parameters, remap=remap, use_sim_time=sim_time)
@@ -41,12 +41,12 @@ class LocalHarness:
         self._outside.advertise(topic, type_name)
         self._outside.publish(topic, message)
 
-    def listen(self, topic: str, type_name: str) -> List[Mapping[str, Any]]:
-        messages: List[Mapping[str, Any]] = []
+    def listen(self, topic: str, type_name: str) -> list[Mapping[str, Any]]:
+        messages: list[Mapping[str, Any]] = []
         self._outside.subscribe(topic, type_name, lambda message, now_s: messages.append(message))
         return messages
 
-    def call(self, service: str, type_name: str, request: Optional[Mapping[str, Any]] = None) -> Mapping[str, Any]:
+    def call(self, service: str, type_name: str, request: Mapping[str, Any] | None = None) -> Mapping[str, Any]:
         try:
             return self.bus.call_service(service, request)
         except ServiceError as error:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Mapping, Optional
+from typing import Mapping
 
 from robot_health_monitor.core.sensors.computer import Computer, HostPaths
 
@@ -22,7 +22,7 @@ class Machine:
         for folder in self.paths:
             Path(folder).mkdir()
 
-    def __call__(self, *trees: Mapping[str, Optional[str]]) -> None:
+    def __call__(self, *trees: Mapping[str, str | None]) -> None:
         """Writes the files of the trees; a later one changes them, None removes a file."""
         for tree in trees:
             for path, text in tree.items():

@@ -7,12 +7,12 @@ made up, but plausible, and different from one another, so that no value can be 
 
 from __future__ import annotations
 
-from typing import Dict, Mapping
+from typing import Mapping
 
 HWMON, THERMAL, POWER, NET = "/sys/class/hwmon", "/sys/class/thermal", "/sys/class/power_supply", "/sys/class/net"
 
 
-def memory(total_kb: int, available_kb: int, swap_kb: int, swap_free_kb: int, oom_kills: int) -> Dict[str, str]:
+def memory(total_kb: int, available_kb: int, swap_kb: int, swap_free_kb: int, oom_kills: int) -> dict[str, str]:
     return {
         "/proc/meminfo": f"MemTotal: {total_kb} kB\nMemFree: {available_kb // 2} kB\nMemAvailable: {available_kb} kB\n"
         f"Buffers: 1000 kB\nCached: {available_kb // 3} kB\nShmem: 10 kB\nActive: 1 kB\nInactive: 1 kB\n"
@@ -22,7 +22,7 @@ def memory(total_kb: int, available_kb: int, swap_kb: int, swap_free_kb: int, oo
     }
 
 
-def interfaces(**counters: str) -> Dict[str, str]:
+def interfaces(**counters: str) -> dict[str, str]:
     """Returns /proc/net/dev of interfaces with `received sent errors dropped`, the latter two both ways."""
     lines = [
         "Inter-|   Receive                                                |  Transmit",
@@ -35,7 +35,7 @@ def interfaces(**counters: str) -> Dict[str, str]:
     return {"/proc/net/dev": "\n".join(lines)}
 
 
-def links(**links: str) -> Dict[str, str]:
+def links(**links: str) -> dict[str, str]:
     """Returns the files of interfaces below /sys: `type carrier`."""
     tree = {}
     for name, text in links.items():
@@ -44,7 +44,7 @@ def links(**links: str) -> Dict[str, str]:
     return tree
 
 
-def disks(**requests: str) -> Dict[str, str]:
+def disks(**requests: str) -> dict[str, str]:
     """Returns /proc/diskstats of disks with `reads read_ms writes write_ms`."""
     lines = []
     for minor, (name, text) in enumerate(requests.items()):
@@ -53,7 +53,7 @@ def disks(**requests: str) -> Dict[str, str]:
     return {"/proc/diskstats": "\n".join(lines)}
 
 
-def chip(number: int, name: str, **inputs: str) -> Dict[str, str]:
+def chip(number: int, name: str, **inputs: str) -> dict[str, str]:
     """Returns a chip of hwmon: `fan1="1200"`, or with a label: `in1="5040 VDD_IN"`."""
     folder = f"{HWMON}/hwmon{number}"
     tree = {f"{folder}/name": name}
@@ -65,7 +65,7 @@ def chip(number: int, name: str, **inputs: str) -> Dict[str, str]:
     return tree
 
 
-def pressure(cpu: str, memory: str, io: str) -> Dict[str, str]:
+def pressure(cpu: str, memory: str, io: str) -> dict[str, str]:
     return {
         f"/proc/pressure/{resource}": f"some avg10={avg10} avg60=0.10 avg300=0.01 total=123\n"
         "full avg10=0.00 avg60=0.00 avg300=0.00 total=0"
@@ -73,7 +73,7 @@ def pressure(cpu: str, memory: str, io: str) -> Dict[str, str]:
     }
 
 
-def wireless(name: str, level: str) -> Dict[str, str]:
+def wireless(name: str, level: str) -> dict[str, str]:
     return {
         "/proc/net/wireless": "Inter-| sta-|   Quality        |   Discarded packets               | Missed | WE\n"
         " face | tus | link level noise |  nwid  crypt   frag  retry   misc | beacon | 22\n"

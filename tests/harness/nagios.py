@@ -8,7 +8,7 @@ over the number of possible ones are the percent state change.
 from __future__ import annotations
 
 from fractions import Fraction
-from typing import Iterable, Iterator, List, Optional, Sequence, Tuple
+from typing import Iterable, Iterator, Sequence
 
 from robot_health_monitor.core.values.model import Level
 
@@ -25,19 +25,19 @@ def percent_state_change(levels: Sequence[Level]) -> Fraction:
     return total * 100 / (RESULTS - 1)
 
 
-def last_21(history: Sequence[Level]) -> List[Level]:
+def last_21(history: Sequence[Level]) -> list[Level]:
     return ([Level.OK] * RESULTS + list(history))[-RESULTS:]
 
 
-def announcements(levels: Iterable[Level]) -> Iterator[Tuple[List[Tuple[Level, Level]], bool]]:
+def announcements(levels: Iterable[Level]) -> Iterator[tuple[list[tuple[Level, Level]], bool]]:
     """Yields, per level, the changes to announce, and whether it flaps: from 50 % until below 25 %.
 
     Every change is announced, but while it flaps only a level that is worse than those announced since it began, and
     the level once when that ends.
     """
-    history: List[Level] = []
+    history: list[Level] = []
     announced, flapping = Level.OK, False
-    worst: Optional[Level] = None  # announced since flapping began
+    worst: Level | None = None  # announced since flapping began
     for level in levels:
         history.append(level)
         percent = percent_state_change(last_21(history))

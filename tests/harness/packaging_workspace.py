@@ -10,7 +10,7 @@ import threading
 import time
 import xmlrpc.client
 from pathlib import Path
-from typing import Dict, Sequence
+from typing import Sequence
 from xml.etree import ElementTree
 
 import pytest
@@ -36,7 +36,7 @@ def version() -> str:
     return found
 
 
-def clean_environment(folder: Path) -> Dict[str, str]:
+def clean_environment(folder: Path) -> dict[str, str]:
     """Returns the variables of a user who has sourced nothing; ROS keeps its files in `folder`."""
     ours = ("ROS_", "AMENT_", "COLCON_", "CMAKE_PREFIX_PATH", "PYTHON", "VIRTUAL_ENV", "PYTEST_")
     variables = {name: value for name, value in os.environ.items() if not name.startswith(ours)}
@@ -53,7 +53,7 @@ def clean_environment(folder: Path) -> Dict[str, str]:
 
 
 def run(
-    command: Sequence[str], folder: Path, variables: Dict[str, str], fails: bool = False
+    command: Sequence[str], folder: Path, variables: dict[str, str], fails: bool = False
 ) -> subprocess.CompletedProcess[str]:
     """Runs a command to its end, which must be a good one unless it `fails`."""
     done = subprocess.run(

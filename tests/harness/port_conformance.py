@@ -18,7 +18,7 @@ import math
 import threading
 import time
 from pathlib import Path
-from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Protocol, Sequence, Tuple
+from typing import Any, Callable, Mapping, NamedTuple, Protocol, Sequence
 
 import pytest
 
@@ -78,8 +78,8 @@ class Harness(Protocol):
         name: str,
         *,
         namespace: str = "",
-        parameters: Optional[Mapping[str, Any]] = None,
-        remap: Optional[Mapping[str, str]] = None,
+        parameters: Mapping[str, Any] | None = None,
+        remap: Mapping[str, str] | None = None,
         sim_time: bool = True,
     ) -> Middleware:
         """Returns a new node; `close()` of the harness closes it.
@@ -95,7 +95,7 @@ class Harness(Protocol):
     def publish(self, topic: str, type_name: str, message: Mapping[str, Any]) -> None:
         """Publishes as a foreign process would; returns when it has been sent to all present subscribers."""
 
-    def listen(self, topic: str, type_name: str) -> List[Mapping[str, Any]]:
+    def listen(self, topic: str, type_name: str) -> list[Mapping[str, Any]]:
         """Subscribes as a foreign process would, to all present publishers.
 
         Returns:
@@ -103,7 +103,7 @@ class Harness(Protocol):
             the wire, byte arrays as bytes, base64 text or lists.
         """
 
-    def call(self, service: str, type_name: str, request: Optional[Mapping[str, Any]] = None) -> Mapping[str, Any]:
+    def call(self, service: str, type_name: str, request: Mapping[str, Any] | None = None) -> Mapping[str, Any]:
         """Calls a service by its absolute name and returns the response.
 
         Raises:
@@ -172,8 +172,8 @@ class Recorder:
     """A callback that records its arguments, and counts messages that hold no value."""
 
     def __init__(self) -> None:
-        self.values: List[Any] = []
-        self.times_s: List[float] = []
+        self.values: list[Any] = []
+        self.times_s: list[float] = []
         self.without = 0
 
     def __call__(self, value: Any, now_s: float) -> None:
@@ -191,7 +191,7 @@ class RefusingNode:
     BOUND = Parameter("signals.battery_level.warn_below", float, None, "level in % below which to warn")
 
     def __init__(self, middleware: Middleware) -> None:
-        self.trees: List[Mapping[str, Any]] = []
+        self.trees: list[Mapping[str, Any]] = []
         middleware.declare_parameters([self.RATE, self.BOUND], self._on_change)
 
     def _on_change(self, tree: Mapping[str, Any]) -> str:
@@ -200,7 +200,7 @@ class RefusingNode:
         return f"change {len(self.trees)}"
 
 
-def levels_to(levels: List[Tuple[str, str]]) -> Outlet:
+def levels_to(levels: list[tuple[str, str]]) -> Outlet:
     """Returns an outlet that appends the signal and the new level of each transition."""
 
     def outlet(event: Event) -> None:
@@ -210,7 +210,7 @@ def levels_to(levels: List[Tuple[str, str]]) -> Outlet:
     return outlet
 
 
-def plain(tree: Mapping[str, Any]) -> Dict[str, Any]:
+def plain(tree: Mapping[str, Any]) -> dict[str, Any]:
     """Returns a tree's leaves that have a value, by dotted name."""
     return {name: value for name, value in flatten(tree) if value is not None}
 
@@ -490,7 +490,7 @@ class PortConformance:
         assert one.without == every.without == 1
 
     def test_the_age_of_a_stamp_is_judged_by_the_simulated_clock(self, harness: Harness) -> None:
-        events: List[Any] = []
+        events: list[Any] = []
         age = {"topic": "in", "type": "sensor_msgs/Imu", "field": "header.stamp", "warn_above": 0.5}
         node = harness.node("alert_system", parameters={"signals": {"age": age}})
         AlertSystem(node, {"test": events.append})
@@ -550,7 +550,7 @@ class PortConformance:
         heard = Recorder()
         harness.node("alert_system").subscribe("in", "", heard, field="percentage")
 
-        def errors() -> List[str]:
+        def errors() -> list[str]:
             harness.publish("/in", FLOAT32, {"data": 1.0})
             return [line.text for line in harness.log_lines() if line.severity == Severity.ERROR]
 
@@ -600,7 +600,7 @@ class PortConformance:
         assert listened[1]["header"]["frame_id"] == "base"
 
     @pytest.mark.parametrize("stamp", [{"sec": 7, "nanosec": 250_000_000}, {"secs": 7, "nsecs": 250_000_000}])
-    def test_a_stamp_that_is_given_is_kept_in_either_spelling(self, harness: Harness, stamp: Dict[str, int]) -> None:
+    def test_a_stamp_that_is_given_is_kept_in_either_spelling(self, harness: Harness, stamp: dict[str, int]) -> None:
         node = harness.node("aggregator")
         node.advertise("/diagnostics", DIAGNOSTICS)
         listened = harness.listen("/diagnostics", DIAGNOSTICS)
@@ -680,7 +680,7 @@ class PortConformance:
             harness.node("battery_sensor").publish("out", {"data": 1.0})
 
     @pytest.mark.parametrize("message", [{"data": "full"}, {"data": []}])
-    def test_a_message_that_does_not_fit_its_type_is_an_error(self, harness: Harness, message: Dict[str, Any]) -> None:
+    def test_a_message_that_does_not_fit_its_type_is_an_error(self, harness: Harness, message: dict[str, Any]) -> None:
         node = harness.node("battery_sensor")
         node.advertise("out", FLOAT32)
         with pytest.raises(MessageError):
@@ -805,7 +805,7 @@ class PortConformance:
             },
             "imu": {"field": "", "statistic": "frequency_hz", "warn_below": 5.0},
         }  # fmt: skip
-        received: List[Tuple[str, str]] = []
+        received: list[tuple[str, str]] = []
         configured = {"signals": {name: {**signal, **waits} for name, signal in signals.items()}}
         node = harness.node("alert_system", parameters=configured)
         AlertSystem(node, {"test": levels_to(received)})
@@ -827,7 +827,7 @@ class PortConformance:
 
     @pytest.mark.parametrize("names", [("alert_system", "second"), ("left", "right")])
     def test_two_alert_nodes_watch_the_diagnostics_of_each_other_without_feedback(
-        self, harness: Harness, names: Tuple[str, str]
+        self, harness: Harness, names: tuple[str, str]
     ) -> None:
         """One wildcard watches every driver; what the nodes publish themselves is no signal."""
         common = {"topic": "/diagnostics", "type": DIAGNOSTICS, "stale_after_s": 0.0}
@@ -844,7 +844,7 @@ class PortConformance:
             )
             for name, other in (names, names[::-1])
         ]
-        announced: List[Tuple[str, str]] = []
+        announced: list[tuple[str, str]] = []
         systems = [AlertSystem(node, {"test": levels_to(announced)}) for node in nodes]
         monitors = [system.monitor for system in systems]
 
@@ -902,7 +902,7 @@ class PortConformance:
         pytest.importorskip("yaml")
         file = CONFIG / f"{example}.yaml"
         tree = sections(read_yaml(file).tree)["alert_system"].tree
-        received: List[Tuple[str, str]] = []
+        received: list[tuple[str, str]] = []
         node = harness.node("alert_system", parameters=tree)
         AlertSystem(node, {"test": levels_to(received)})
 
@@ -966,7 +966,7 @@ class PortConformance:
             node.create_timer(0.5, timers.append)
             first(value, now_s)
 
-        timers: List[float] = []
+        timers: list[float] = []
         subscription = node.subscribe("first", FLOAT32, move, field="data")
         harness.publish("/first", FLOAT32, {"data": 1.0})
         harness.wait_until(lambda: first.values == [1.0])
@@ -1053,7 +1053,7 @@ class PortConformance:
         harness.wait_until(has_hint)
         harness.set_time(START_S + 100_002.0)
 
-        def lines() -> List[str]:
+        def lines() -> list[str]:
             return [line.text for line in harness.log_lines() if line.text.startswith("battery STALE: ")]
 
         harness.wait_until(lambda: bool(lines()))
@@ -1076,7 +1076,7 @@ class PortConformance:
         monitor = AlertSystem(node).monitor
         times_s = itertools.count(START_S + 2.0)
 
-        def reads(texts: List[str]) -> bool:
+        def reads(texts: list[str]) -> bool:
             harness.set_time(next(times_s))
             return [status.message for status in monitor.report(0.0).statuses.values()] == texts[first:]
 
@@ -1141,7 +1141,7 @@ class PortConformance:
     # Services
 
     def test_a_service_answers_every_call(self, harness: Harness) -> None:
-        requests: List[Mapping[str, Any]] = []
+        requests: list[Mapping[str, Any]] = []
 
         def count(request: Mapping[str, Any]) -> Mapping[str, Any]:
             requests.append(request)
@@ -1160,7 +1160,7 @@ class PortConformance:
         assert harness.call("/alert_system/enable", "std_srvs/SetBool", {"data": False})["success"] is False
 
     def test_a_service_that_fails_is_logged_and_answers_the_next_call(self, harness: Harness) -> None:
-        calls: List[int] = []
+        calls: list[int] = []
 
         def fail_once(request: Mapping[str, Any]) -> Mapping[str, Any]:
             calls.append(len(calls))
@@ -1189,7 +1189,7 @@ class PortConformance:
         assert times_s == [101.0, 102.0, 103.0]
 
     def test_time_that_jumps_ahead_gives_one_call_and_keeps_the_beat(self, harness: Harness) -> None:
-        times_s: List[float] = []
+        times_s: list[float] = []
         harness.node("aggregator").create_timer(1.0, times_s.append)
         for step, calls in ((110.5, 1), (110.75, 1), (111.0, 2), (112.0, 3)):
             harness.set_time(step)
@@ -1263,7 +1263,7 @@ class PortConformance:
     def test_another_thread_can_keep_callbacks_from_running(self, harness: Harness) -> None:
         node = harness.node("alert_system")
         entered, leave = threading.Event(), threading.Event()
-        calls: List[str] = []
+        calls: list[str] = []
 
         def linger() -> str:
             entered.set()
@@ -1274,7 +1274,7 @@ class PortConformance:
         def release(value: Any, now_s: float) -> None:
             calls.append("callback")
 
-        results: List[str] = []
+        results: list[str] = []
         thread = threading.Thread(target=lambda: results.append(node.exclusively(linger)))
         node.subscribe("fast", FLOAT32, release, field="data")
         thread.start()
@@ -1309,7 +1309,7 @@ class PortConformance:
         assert all("RuntimeError" in line.text and "\n" not in line.text for line in errors)
 
     def test_a_timer_that_raises_keeps_running(self, harness: Harness) -> None:
-        times_s: List[float] = []
+        times_s: list[float] = []
 
         def fail(now_s: float) -> None:
             times_s.append(now_s)

@@ -11,7 +11,7 @@ import urllib.error
 import urllib.parse
 import urllib.request
 from pathlib import Path
-from typing import Any, Callable, Dict, List, Optional, Sequence, TypeVar
+from typing import Any, Callable, Sequence, TypeVar
 
 import pytest
 
@@ -29,7 +29,7 @@ _DIRECT = urllib.request.build_opener(urllib.request.ProxyHandler({}))
 class PrometheusServer:
     """Prometheus with its data in a temporary folder."""
 
-    def __init__(self, folder: Path, target: str, rules: str = "", authorization: Optional[str] = None) -> None:
+    def __init__(self, folder: Path, target: str, rules: str = "", authorization: str | None = None) -> None:
         """Starts it.
 
         Args:
@@ -63,7 +63,7 @@ class PrometheusServer:
         self._process.send_signal(signal.SIGHUP)
 
     def _configure(self, targets: Sequence[str]) -> None:
-        job: Dict[str, Any] = {"job_name": "robot_health", "static_configs": [{"targets": list(targets)}]}
+        job: dict[str, Any] = {"job_name": "robot_health", "static_configs": [{"targets": list(targets)}]}
         if self._authorization is not None:
             job["authorization"] = {"credentials": self._authorization}
         config = {
@@ -73,16 +73,16 @@ class PrometheusServer:
         }
         (self._folder / "prometheus.yaml").write_text(json.dumps(config))
 
-    def query(self, expression: str) -> List[Dict[str, Any]]:
+    def query(self, expression: str) -> list[dict[str, Any]]:
         """Returns the result of an instant query: a list of `metric` and `value`."""
         address = f"http://127.0.0.1:{self.port}/api/v1/query?{urllib.parse.urlencode({'query': expression})}"
         with _DIRECT.open(address, timeout=30.0) as answer:
-            result: List[Dict[str, Any]] = json.load(answer)["data"]["result"]
+            result: list[dict[str, Any]] = json.load(answer)["data"]["result"]
         return result
 
     def wait_for(
-        self, expression: str, wanted: Callable[[Sequence[Dict[str, Any]]], bool] = bool
-    ) -> List[Dict[str, Any]]:
+        self, expression: str, wanted: Callable[[Sequence[dict[str, Any]]], bool] = bool
+    ) -> list[dict[str, Any]]:
         """Queries until the result is as wanted; returns it."""
         end_s = time.monotonic() + _LIMIT_S
         result: Any = "no answer"

@@ -9,7 +9,7 @@ import shutil
 import subprocess
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Mapping, Sequence
 
 import pytest
 
@@ -37,7 +37,7 @@ class Timeline:
 
     name: str
     signal: Mapping[str, Any]
-    values: Sequence[Optional[float]]
+    values: Sequence[float | None]
 
 
 def random_duration(chance: random.Random) -> float:
@@ -45,7 +45,7 @@ def random_duration(chance: random.Random) -> float:
 
 
 def random_timeline(chance: random.Random, name: str) -> Timeline:
-    signal: Dict[str, Any] = {"stale_after_s": 0.0, "hysteresis": chance.choice((0.0, 0.0, 0.5, 1.0, 2.0))}
+    signal: dict[str, Any] = {"stale_after_s": 0.0, "hysteresis": chance.choice((0.0, 0.0, 0.5, 1.0, 2.0))}
     low, high = chance.choice((-5.0, 0.0, 20.0)), chance.choice((23.0, 25.5, 30.0))
     if chance.random() < 0.7:
         signal["warn_below"] = low
@@ -59,7 +59,7 @@ def random_timeline(chance: random.Random, name: str) -> Timeline:
         if chance.random() < 0.7:
             signal[key] = random_duration(chance)
     bounds = [value for key, value in signal.items() if key.endswith(("below", "above"))]
-    values: List[Optional[float]] = []
+    values: list[float | None] = []
     value = chance.choice(bounds)
     for _ in range(STEPS):
         kind = chance.random()
@@ -79,12 +79,12 @@ def random_timeline(chance: random.Random, name: str) -> Timeline:
     return Timeline(name, signal, values)
 
 
-def random_timelines(seed: int) -> List[Timeline]:
+def random_timelines(seed: int) -> list[Timeline]:
     chance = random.Random(seed)
     return [random_timeline(chance, f"t{number}") for number in range(TIMELINES)]
 
 
-def prometheus_rules(timeline: Timeline) -> List[Dict[str, Any]]:
+def prometheus_rules(timeline: Timeline) -> list[dict[str, Any]]:
     signal, rules = timeline.signal, []
     for level in ("warn", "error"):
         crossed = []
@@ -102,7 +102,7 @@ def prometheus_rules(timeline: Timeline) -> List[Dict[str, Any]]:
             rules.append({"record": record, "expr": expression})
             crossed.append(f"{record} == 1")
         if crossed:
-            rule: Dict[str, Any] = {
+            rule: dict[str, Any] = {
                 "alert": level.upper(),
                 "expr": " or ".join(crossed),
                 "labels": {"timeline": timeline.name},
@@ -116,7 +116,7 @@ def prometheus_rules(timeline: Timeline) -> List[Dict[str, Any]]:
     return rules
 
 
-def firing_at(step: int, levels: Mapping[str, Sequence[Level]]) -> List[Dict[str, Any]]:
+def firing_at(step: int, levels: Mapping[str, Sequence[Level]]) -> list[dict[str, Any]]:
     return [
         {"labels": f'{{alertname="{of_name[step].name}",timeline="{name}"}}', "value": 1}
         for name, of_name in levels.items()
@@ -165,7 +165,7 @@ def run_promtool(folder: Path, timelines: Sequence[Timeline], levels: Mapping[st
     return "" if result.returncode == 0 else findings
 
 
-def mismatches(findings: str) -> List[Tuple[str, str]]:
+def mismatches(findings: str) -> list[tuple[str, str]]:
     """Pairs of (time, timelines that differ) out of promtool's report."""
     found = []
     for part in re.split(r"(?=expr: )", findings)[1:]:

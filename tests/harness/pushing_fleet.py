@@ -21,7 +21,7 @@ import urllib.parse
 import urllib.request
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
-from typing import Any, Callable, Dict, Iterable, Iterator, List, Optional, Sequence
+from typing import Any, Callable, Iterable, Iterator, Sequence
 
 from robot_health_monitor.core.config.monitor_config import MonitorConfig
 from robot_health_monitor.ops.export.fleet import FleetSettings, export_fleet
@@ -59,7 +59,7 @@ class Scraped:
 
     def __init__(self, exposition: Callable[[], bytes]) -> None:
         """Serves what `exposition` returns; it is called in several threads."""
-        self.series: Dict[str, int] = {}
+        self.series: dict[str, int] = {}
         self.exposition = exposition
         """Call it to ask without being counted."""
         self._lock = threading.Lock()
@@ -116,7 +116,7 @@ class Pager:
 
     def __init__(self) -> None:
         """Listens on a free port."""
-        self.sent: List[Dict[str, Any]] = []
+        self.sent: list[dict[str, Any]] = []
         owner = self
 
         class Handler(BaseHTTPRequestHandler):
@@ -148,7 +148,7 @@ class PushingFleet:
         config: MonitorConfig,
         free_port: Callable[[], int],
         *,
-        robots: Optional[Sequence[str]] = None,
+        robots: Sequence[str] | None = None,
         interval_s: float = 1.0,
         silent_after_s: float = 900.0,
         outage_s: float = 6 * 3600.0,
@@ -164,10 +164,10 @@ class PushingFleet:
         self.port = free_port()
         self.alertmanager_port = free_port()
         self.pager = Pager()
-        self.processes: Dict[str, subprocess.Popen[bytes]] = {}
+        self.processes: dict[str, subprocess.Popen[bytes]] = {}
         self._centre = self._written("centre", [], self.port)
 
-    def _written(self, name: str, monitors: Sequence[str], port: int) -> Dict[str, str]:
+    def _written(self, name: str, monitors: Sequence[str], port: int) -> dict[str, str]:
         """Writes the files of an export to a folder of its own; returns them with the folders and ports of this run."""
         settings = self._settings._replace(receiver=f"http://127.0.0.1:{port}/api/v1/write", monitors=monitors)
         exported = export_fleet(settings, self._config, self._robots)
@@ -184,7 +184,7 @@ class PushingFleet:
             f"Addr=:{port} ": f"Addr=127.0.0.1:{port} ",
         }
         folder.mkdir(exist_ok=True)
-        files: Dict[str, str] = {}
+        files: dict[str, str] = {}
         for path, text in exported.items():
             for old, new in replaced.items():
                 text = text.replace(old, new)
@@ -200,7 +200,7 @@ class PushingFleet:
             (folder / path).write_text(text)
         return files
 
-    def start(self, unit: str, files: Optional[Dict[str, str]] = None, name: str = "centre") -> None:
+    def start(self, unit: str, files: dict[str, str] | None = None, name: str = "centre") -> None:
         """Starts the command of a unit, by default of the centre."""
         command = re.search(r"ExecStart=((?:.|\\\n)*?)\nExec", (files or self._centre)[f"robot-health-{unit}.service"])
         assert command is not None
@@ -226,15 +226,15 @@ class PushingFleet:
         ended.terminate()
         ended.wait(_LIMIT_S)
 
-    def query(self, expression: str) -> List[Dict[str, Any]]:
+    def query(self, expression: str) -> list[dict[str, Any]]:
         """Returns the result of an instant query: a list of `metric` and `value`."""
         words = urllib.parse.urlencode({"query": expression, "nocache": 1})
-        result: List[Dict[str, Any]] = json.loads(get(f"http://127.0.0.1:{self.port}/api/v1/query?{words}"))["data"][
+        result: list[dict[str, Any]] = json.loads(get(f"http://127.0.0.1:{self.port}/api/v1/query?{words}"))["data"][
             "result"
         ]
         return result
 
-    def by_label(self, expression: str, *labels: str) -> Dict[Any, float]:
+    def by_label(self, expression: str, *labels: str) -> dict[Any, float]:
         """Returns the values of an instant query by labels; without a centre that answers, none."""
         try:
             found = self.query(expression)
@@ -246,12 +246,12 @@ class PushingFleet:
             return {}
         return {tuple(each["metric"].get(label, "") for label in labels): float(each["value"][1]) for each in found}
 
-    def counts(self, names: Iterable[str], window_s: float = 900.0) -> Dict[str, float]:
+    def counts(self, names: Iterable[str], window_s: float = 900.0) -> dict[str, float]:
         """Returns how many samples of each metric the centre has.
 
         It counts half of the robots at a time: VictoriaMetrics refuses a query of too many series.
         """
-        found: Dict[str, float] = {}
+        found: dict[str, float] = {}
         for name in names:
             for half in ('robot=~".*[0-4]"', 'robot!~".*[0-4]"'):
                 series = f"{name}{{{half}}}"

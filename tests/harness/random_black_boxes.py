@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import random
 from pathlib import Path
-from typing import Any, Dict, List, Tuple
+from typing import Any
 
 import pytest
 
@@ -12,7 +12,7 @@ from harness.black_boxes import BOOT_S, RecordedRobot
 from robot_health_monitor.core import Level
 
 
-def judged(file: Path, *, sim_time: bool = False) -> List[Tuple[float, Level, str]]:
+def judged(file: Path, *, sim_time: bool = False) -> list[tuple[float, Level, str]]:
     """Returns the transitions of a replay in this process: virtual time, level, and the line without `(was ...)`."""
     from robot_health_monitor.core.config.monitor_config import find_section
     from robot_health_monitor.core.config.yaml_file import parse_yaml
@@ -22,7 +22,7 @@ def judged(file: Path, *, sim_time: bool = False) -> List[Tuple[float, Level, st
     from robot_health_monitor.recordings.middleware import Player
     from robot_health_monitor.recordings.reading import Recordings
 
-    found: List[Tuple[float, Level, str]] = []
+    found: list[tuple[float, Level, str]] = []
 
     def note(event: JudgedEvent) -> None:
         if isinstance(event.event, Transition):
@@ -41,9 +41,9 @@ def without_past(text: str) -> str:
     return text.partition(" (was ")[0]
 
 
-def random_signal(choices: random.Random) -> Dict[str, Any]:
+def random_signal(choices: random.Random) -> dict[str, Any]:
     """Returns a signal with a statistic, durations and a bound that a random walk around 50 crosses now and then."""
-    signal: Dict[str, Any] = {"type": "std_msgs/Float32", "unit": "%", "stale_after_s": choices.choice([1.0, 3.0, 5.0])}
+    signal: dict[str, Any] = {"type": "std_msgs/Float32", "unit": "%", "stale_after_s": choices.choice([1.0, 3.0, 5.0])}
     statistic = choices.choice(["last", "last", "mean", "min", "max", "frequency_hz", "stddev"])
     signal["statistic"] = statistic
     if statistic == "frequency_hz":

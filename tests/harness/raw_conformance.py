@@ -10,7 +10,7 @@ import gc
 import json
 import os
 from functools import partial
-from typing import Any, Dict, List, Mapping, Tuple
+from typing import Any, Mapping
 
 import pytest
 
@@ -35,13 +35,13 @@ class Capture:
     """A callback of `subscribe_raw` that keeps everything."""
 
     def __init__(self) -> None:
-        self.items: List[Tuple[bytes, float, RawFormat]] = []
+        self.items: list[tuple[bytes, float, RawFormat]] = []
 
     def __call__(self, message: RawMessage, now_s: float) -> None:
         data, raw_format = message
         self.items.append((data, now_s, raw_format))
 
-    def values(self, field: str = "data") -> List[Any]:
+    def values(self, field: str = "data") -> list[Any]:
         return counted([decoded(data, raw_format)[field] for data, _, raw_format in self.items])
 
 
@@ -64,7 +64,7 @@ def decoded(data: bytes, raw_format: RawFormat) -> Mapping[str, Any]:
     return _fields(read(data, name))
 
 
-def _fields(message: Any) -> Dict[str, Any]:
+def _fields(message: Any) -> dict[str, Any]:
     return {name: value for name, value in vars(message).items() if not name.startswith("__")}
 
 
@@ -95,7 +95,7 @@ def begin(harness: Harness, capture: Capture, topic: str) -> None:
     harness.wait_until(is_captured)
 
 
-def counted(values: List[Any]) -> List[Any]:
+def counted(values: list[Any]) -> list[Any]:
     """Returns the values without those of `begin`."""
     return [
         value for value in values if not (isinstance(value, (float, dict)) and value in (IGNORED, {"data": IGNORED}))
@@ -221,12 +221,12 @@ class RawConformance:
         assert order.index(("captured", 1.0)) < order.index(("judged", 1.0))
 
     def test_alerts_are_those_without_capture(self, harness: Harness) -> None:
-        levels: List[Tuple[str, str]] = []
+        levels: list[tuple[str, str]] = []
         signal = {"topic": "in", "type": FLOAT32, "field": "data", "warn_below": 20.0, "error_below": 10.0}
         node, capture = harness.node("alert_system", parameters={"signals": {"charge": signal}}), Capture()
         AlertSystem(node, {"test": levels_to(levels)})
         node.subscribe_raw("in", "", capture)
-        expected: List[Tuple[str, str]] = []
+        expected: list[tuple[str, str]] = []
         for step, (value, level) in enumerate(((25.0, ""), (15.0, "WARN"), (5.0, "ERROR"), (25.5, "OK"))):
             harness.set_time(START_S + 1.0 + step)
             expected += [("charge", level)] if level else []

@@ -5,7 +5,7 @@ from __future__ import annotations
 import random
 import struct
 from pathlib import Path
-from typing import Any, Iterable, List, Mapping, NamedTuple, Optional, Sequence
+from typing import Any, Iterable, Mapping, NamedTuple, Sequence
 
 import numpy as np
 from mcap.writer import CompressionType
@@ -39,9 +39,9 @@ class Recorded(NamedTuple):
 class ReadBack(NamedTuple):
     """What was read from recordings."""
 
-    messages: List[Recorded]
-    problems: List[str]
-    channels: List[Channel]
+    messages: list[Recorded]
+    problems: list[str]
+    channels: list[Channel]
 
 
 def values(topic: str, numbers: Iterable[float], period_s: float = 1.0, start_s: float = 0.0) -> Sequence[Recorded]:
@@ -81,7 +81,7 @@ def write_folder(
     path: Path,
     messages: Iterable[Recorded],
     *,
-    version: Optional[int] = None,
+    version: int | None = None,
     storage: str = "sqlite3",
     compression: str = "",
 ) -> str:
@@ -127,7 +127,7 @@ def write_mcap(
     *,
     encoding: str = "cdr",
     compression: str = "none",
-    definitions: Optional[Mapping[str, Any]] = None,
+    definitions: Mapping[str, Any] | None = None,
     **options: Any,
 ) -> str:
     """Writes an MCAP file with the library mcap; returns its path.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ast
 from pathlib import Path
-from typing import Any, List
+from typing import Any
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -19,29 +19,29 @@ ROS2_WHEELS = [
 """ROS 2 from PyPI, for machines without Jazzy."""
 
 
-def runtime_requirements() -> List[str]:
+def runtime_requirements() -> list[str]:
     """Returns the packages that the monitor needs."""
-    requirements: List[str] = _setup_argument("install_requires")
+    requirements: list[str] = _setup_argument("install_requires")
     return requirements
 
 
-def test_requirements() -> List[str]:
+def test_requirements() -> list[str]:
     """Returns the packages that the tests need in addition."""
-    requirements: List[str] = _setup_argument("extras_require")["test"]
+    requirements: list[str] = _setup_argument("extras_require")["test"]
     return requirements
 
 
-def recordings_requirements() -> List[str]:
+def recordings_requirements() -> list[str]:
     """Returns the packages that reading recordings needs in addition."""
-    requirements: List[str] = _setup_argument("extras_require")["recordings"]
+    requirements: list[str] = _setup_argument("extras_require")["recordings"]
     return requirements
 
 
-def package_folders() -> List[str]:
+def package_folders() -> list[str]:
     """Returns the top-level folders that are packages below the root package."""
     for node in ast.walk(_setup_file()):
         if isinstance(node, ast.Assign) and getattr(node.targets[0], "id", "") == "FOLDERS":
-            folders: List[str] = ast.literal_eval(node.value)
+            folders: list[str] = ast.literal_eval(node.value)
             return folders
     raise AssertionError("setup.py has no FOLDERS")
 

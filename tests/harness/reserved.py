@@ -8,11 +8,11 @@ import functools
 import os
 import socket
 import tempfile
-from typing import IO, Iterable, List
+from typing import IO, Iterable
 
-_locks: List[IO[str]] = []
+_locks: list[IO[str]] = []
 """Open as long as this process: closing a file releases its lock."""
-_ports: List[int] = []
+_ports: list[int] = []
 _FIRST_PORT = 12_000
 """The ports are below Linux's ephemeral range, from which the kernel gives ports to any process."""
 _PORTS_PER_RUN = 200

@@ -6,7 +6,7 @@ import base64
 import functools
 import itertools
 import threading
-from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Set
+from typing import Any, Callable, Mapping, Sequence
 
 import genpy
 import rosgraph
@@ -34,9 +34,9 @@ class Ros1Harness:
     knows_listeners = True
 
     def __init__(self) -> None:
-        self._nodes: List[Ros1Middleware] = []
-        self._publishers: Dict[str, Any] = {}
-        self._subscribers: List[Any] = []
+        self._nodes: list[Ros1Middleware] = []
+        self._publishers: dict[str, Any] = {}
+        self._subscribers: list[Any] = []
         self._pause = threading.Event()
         self._master = rosgraph.Master(rospy.get_name())
         _for_all_tests()
@@ -52,8 +52,8 @@ class Ros1Harness:
         name: str,
         *,
         namespace: str = "",
-        parameters: Optional[Mapping[str, Any]] = None,
-        remap: Optional[Mapping[str, str]] = None,
+        parameters: Mapping[str, Any] | None = None,
+        remap: Mapping[str, str] | None = None,
         sim_time: bool = True,
     ) -> Ros1Middleware:
         full_name = f"/{namespace}/{name}" if namespace else f"/{name}"
@@ -76,12 +76,12 @@ class Ros1Harness:
         self._wait_for_connections(topic)
         self._publishers[topic].publish(native)
 
-    def services(self) -> Set[str]:
+    def services(self) -> set[str]:
         """Returns the names of all services that there are."""
         return {name for name, _ in self._master.getSystemState()[2]}
 
-    def listen(self, topic: str, type_name: str) -> List[Mapping[str, Any]]:
-        messages: List[Mapping[str, Any]] = []
+    def listen(self, topic: str, type_name: str) -> list[Mapping[str, Any]]:
+        messages: list[Mapping[str, Any]] = []
         cls = roslib.message.get_message_class(type_name)
 
         def hear(native: Any) -> None:
@@ -93,7 +93,7 @@ class Ros1Harness:
         self._wait_for_connections(topic)
         return messages
 
-    def call(self, service: str, type_name: str, request: Optional[Mapping[str, Any]] = None) -> Mapping[str, Any]:
+    def call(self, service: str, type_name: str, request: Mapping[str, Any] | None = None) -> Mapping[str, Any]:
         cls = roslib.message.get_service_class(type_name)
         native = cls._request_class()
         genpy.message.fill_message_args(native, [dict(request or {})])
@@ -163,7 +163,7 @@ class Ros1Harness:
         self.wait_until(are_there)
 
 
-_log: List[LogLine] = []
+_log: list[LogLine] = []
 _numbers = itertools.count(1)
 
 
@@ -174,12 +174,12 @@ def _for_all_tests() -> Any:
     return rospy.Publisher("/clock", Clock, queue_size=100, tcp_nodelay=True)
 
 
-def _as_mapping(native: Any) -> Dict[str, Any]:
+def _as_mapping(native: Any) -> dict[str, Any]:
     """Parses rospy's printed form of a message, which is YAML: no code is shared with the adapter."""
     return yaml.safe_load(str(native)) or {}
 
 
-def _as_genpy_wants(cls: Any, message: Mapping[str, Any]) -> Dict[str, Any]:
+def _as_genpy_wants(cls: Any, message: Mapping[str, Any]) -> dict[str, Any]:
     types = dict(zip(cls.__slots__, cls._slot_types))
     plain = {name: _with_ros1_stamps(value) for name, value in message.items()}
     return {

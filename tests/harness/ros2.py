@@ -9,7 +9,7 @@ import math
 import threading
 import time
 import traceback
-from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Set
+from typing import Any, Callable, Mapping, Sequence
 
 import rclpy
 from rcl_interfaces.msg import Log
@@ -69,7 +69,7 @@ class Spinner:
     """Spins a participant in a separate thread, as its process would."""
 
     def __init__(self, participant: Participant) -> None:
-        self.failure: Optional[BaseException] = None
+        self.failure: BaseException | None = None
         self._participant = participant
         self._thread = threading.Thread(target=self._spin, daemon=True)
         self._thread.start()
@@ -115,11 +115,11 @@ class Ros2Harness:
         self._inside, self._outside, self._spinner = inside, outside, spinner
         self._witness = inside.node("witness")
         self._me = outside.node("outside")
-        self._nodes: List[Ros2Middleware] = []
-        self._simulated: List[Ros2Middleware] = []
-        self._publishers: Dict[str, Any] = {}
+        self._nodes: list[Ros2Middleware] = []
+        self._simulated: list[Ros2Middleware] = []
+        self._publishers: dict[str, Any] = {}
         self._now_s = START_S
-        self._log: List[LogLine] = []
+        self._log: list[LogLine] = []
         everything = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self._me.create_subscription(Log, "/rosout", self._keep, everything)
         self._clock = self._me.create_publisher(Clock, "/clock", 10)
@@ -129,9 +129,9 @@ class Ros2Harness:
         name: str,
         *,
         namespace: str = "",
-        parameters: Optional[Mapping[str, Any]] = None,
-        remap: Optional[Mapping[str, str]] = None,
-        sim_time: Optional[bool] = True,
+        parameters: Mapping[str, Any] | None = None,
+        remap: Mapping[str, str] | None = None,
+        sim_time: bool | None = True,
         before_time: Callable[[Ros2Middleware], object] = lambda node: None,
     ) -> Ros2Middleware:
         """See `Harness.node`.
@@ -208,12 +208,12 @@ class Ros2Harness:
 
         self.wait_until(has_arrived)
 
-    def services(self) -> Set[str]:
+    def services(self) -> set[str]:
         """Returns the names of all services that there are."""
         return {name for name, _ in self._witness.get_service_names_and_types()}
 
-    def listen(self, topic: str, type_name: str) -> List[Mapping[str, Any]]:
-        messages: List[Mapping[str, Any]] = []
+    def listen(self, topic: str, type_name: str) -> list[Mapping[str, Any]]:
+        messages: list[Mapping[str, Any]] = []
         subscription = self._me.create_subscription(
             _message_class(type_name), topic, lambda native: messages.append(as_mapping(native)), 100
         )
@@ -231,7 +231,7 @@ class Ros2Harness:
         self._wait_until_matched(topic, subscription.get_publisher_count, self._witness.get_publishers_info_by_topic)
         return messages
 
-    def call(self, service: str, type_name: str, request: Optional[Mapping[str, Any]] = None) -> Mapping[str, Any]:
+    def call(self, service: str, type_name: str, request: Mapping[str, Any] | None = None) -> Mapping[str, Any]:
         package, name = type_name.split("/")
         cls = getattr(__import__(f"{package}.srv", fromlist=[name]), name)
         return as_mapping(self._call(service, cls, fill(cls.Request(), request or {})))
@@ -340,7 +340,7 @@ _ROS2_NAMES = {"secs": "sec", "nsecs": "nanosec"}
 """The parts of a stamp, by their names in ROS 1."""
 
 
-def as_mapping(native: Any) -> Dict[str, Any]:
+def as_mapping(native: Any) -> dict[str, Any]:
     """Returns a message's fields, nested; nothing here shares code with the adapter."""
     return {name: _plain(getattr(native, name)) for name in native.get_fields_and_field_types()}
 

@@ -5,7 +5,7 @@ Nodes announce on the bus: the robot behind the server is only read.
 
 from __future__ import annotations
 
-from typing import Any, Mapping, Optional
+from typing import Any, Mapping
 
 from harness.bridged_bus import BridgedBus
 from harness.port_conformance import ServiceFailed
@@ -34,8 +34,8 @@ class RosbridgeHarness(BridgedBus):
         name: str,
         *,
         namespace: str = "",
-        parameters: Optional[Mapping[str, Any]] = None,
-        remap: Optional[Mapping[str, str]] = None,
+        parameters: Mapping[str, Any] | None = None,
+        remap: Mapping[str, str] | None = None,
         sim_time: bool = True,
     ) -> RosbridgeMiddleware:
         outputs = self.on_robot(lambda: self.bus.node(name, namespace=namespace, remap=remap))
@@ -55,7 +55,7 @@ class RosbridgeHarness(BridgedBus):
 
         self.on_robot(publish)
 
-    def call(self, service: str, type_name: str, request: Optional[Mapping[str, Any]] = None) -> Mapping[str, Any]:
+    def call(self, service: str, type_name: str, request: Mapping[str, Any] | None = None) -> Mapping[str, Any]:
         self.settle()
         try:
             return self.robot.call(self.server.services.call(service, request or {}, None))  # type: ignore[no-any-return]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
-from typing import Any, Awaitable, Callable, Dict, List, Optional
+from typing import Any, Awaitable, Callable
 
 import aiohttp
 from aiohttp import web
@@ -39,13 +39,13 @@ class Watched:
     """A client with one node, and what it received."""
 
     def __init__(self, url: str, *, use_sim_time: bool = False, probation_s: float = 0.0, **options: Any) -> None:
-        self.ups: List[bool] = []
-        self.causes: List[str] = []
+        self.ups: list[bool] = []
+        self.causes: list[str] = []
         self.client = RosbridgeClient(
             url.replace("http", "ws", 1), on_link=self._on_link, probation_s=probation_s, **options
         )
         self.node = self.client.node("watcher", use_sim_time=use_sim_time)
-        self.heard: List[Any] = []
+        self.heard: list[Any] = []
         self.task = asyncio.ensure_future(self.client.run())
 
     def _on_link(self, up: bool, cause: Cause) -> None:
@@ -57,7 +57,7 @@ class Watched:
     def hear(self, value: Any, now_s: float) -> None:
         self.heard.append(value)
 
-    def problems(self) -> List[str]:
+    def problems(self) -> list[str]:
         return [line.text for line in self.client.log_lines if line.severity >= Severity.WARN]
 
     async def call(self, service: str) -> Any:
@@ -77,16 +77,16 @@ class ForeignServer:
     """A rosbridge server that speaks JSON only and does not reply to what it does not like."""
 
     def __init__(self) -> None:
-        self.received: List[Dict[str, Any]] = []
-        self.sockets: List[web.WebSocketResponse] = []
-        self.requests: List[web.Request] = []
-        self.types: Dict[str, str] = {}
-        self.details: Dict[str, Any] = {}
+        self.received: list[dict[str, Any]] = []
+        self.sockets: list[web.WebSocketResponse] = []
+        self.requests: list[web.Request] = []
+        self.types: dict[str, str] = {}
+        self.details: dict[str, Any] = {}
         """The definitions of each type, as `rosapi_msgs/TypeDef`."""
         self.rosapi = True
-        self.answer: Optional[Callable[[str, Any], Any]] = None
+        self.answer: Callable[[str, Any], Any] | None = None
         """Answers a call by service and request: values, the text of a failure, or None: no response."""
-        self.on_connect: Optional[Callable[[web.WebSocketResponse], Awaitable[None]]] = None
+        self.on_connect: Callable[[web.WebSocketResponse], Awaitable[None]] | None = None
         """What to do with a new connection before reading from it."""
 
     async def start(self, port: int = 0) -> str:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any, Dict, List
+from typing import Any
 
-EXAMPLES: List[Dict[str, Any]] = [
+EXAMPLES: list[dict[str, Any]] = [
     {"op": "advertise", "id": "a1", "topic": "/in", "type": "std_msgs/Float32"},
     {"op": "unadvertise", "id": "a1", "topic": "/in"},
     {"op": "publish", "id": "p1", "topic": "/in", "msg": {"data": 19.5}},

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
-from typing import Any, AsyncIterator, Awaitable, Callable, Dict, List, Optional
+from typing import Any, AsyncIterator, Awaitable, Callable
 
 import aiohttp
 import cbor2
@@ -28,7 +28,7 @@ class Peer:
     async def send(self, op: str, **fields: Any) -> None:
         await self.socket.send_str(json.dumps({"op": op, **fields}))
 
-    async def receive(self) -> Dict[str, Any]:
+    async def receive(self) -> dict[str, Any]:
         """Returns the next message, from JSON or CBOR."""
         message = await asyncio.wait_for(self.socket.receive(), DEADLINE_S)
         assert message.type in (aiohttp.WSMsgType.TEXT, aiohttp.WSMsgType.BINARY), message
@@ -36,11 +36,11 @@ class Peer:
         assert isinstance(decoded, dict)
         return decoded
 
-    async def receive_many(self, count: int) -> List[Any]:
+    async def receive_many(self, count: int) -> list[Any]:
         """Returns the `data` of the next messages."""
         return [(await self.receive())["msg"]["data"] for _ in range(count)]
 
-    async def call(self, service: str, args: object = None, **options: Any) -> Dict[str, Any]:
+    async def call(self, service: str, args: object = None, **options: Any) -> dict[str, Any]:
         """Calls a service and returns its response; other messages that come first are left out."""
         await self.send("call_service", service=service, args={} if args is None else args, id="call", **options)
         while True:
@@ -57,7 +57,7 @@ class Peer:
         """Returns when the server has taken everything that was sent until now."""
         assert (await self.call("/rosapi/get_time"))["result"] is True
 
-    async def closed(self) -> Optional[int]:
+    async def closed(self) -> int | None:
         """Waits until the connection has ended; returns the code."""
         while not self.socket.closed:
             await asyncio.wait_for(self.socket.receive(), DEADLINE_S)
@@ -67,11 +67,11 @@ class Peer:
 class Robot:
     """A bus with one node on it, and the server in front."""
 
-    def __init__(self, access: Optional[Access], options: Dict[str, Any]) -> None:
+    def __init__(self, access: Access | None, options: dict[str, Any]) -> None:
         """`options` are those of `Server`, or fields of `Limits`."""
         limited = {name: options[name] for name in Limits._fields if name in options}
         given = {name: value for name, value in options.items() if name not in limited}
-        self.log: List[str] = []
+        self.log: list[str] = []
         self.bus = LocalBus(on_log=self._on_log)
         self.node = self.bus.node("robot")
         self.node.advertise("/battery_level", FLOAT32)
@@ -104,11 +104,11 @@ class Robot:
             await asyncio.sleep(0.01)
 
 
-def with_robot(access: Optional[Access] = None, **options: Any) -> Callable[[Any], Callable[[Any], None]]:
+def with_robot(access: Access | None = None, **options: Any) -> Callable[[Any], Callable[[Any], None]]:
     """Turns `async def test(self_or_nothing, robot)` into a test; the robot is started before and closed after it."""
 
     def decorate(scenario: Callable[[Robot], Awaitable[None]]) -> Callable[[], None]:
-        async def run(arguments: Dict[str, Any]) -> None:
+        async def run(arguments: dict[str, Any]) -> None:
             robot = Robot(access, options)
             await robot.server.start()
             try:

@@ -6,7 +6,6 @@ import os
 import random
 import shutil
 import subprocess
-from typing import List
 
 import pytest
 
@@ -41,7 +40,7 @@ class SeparateNetwork:
         self._ip("-n", self._name, "link", "set", "lo", "up")
 
     @property
-    def command(self) -> List[str]:
+    def command(self) -> list[str]:
         """What to write before a command to run it in the namespace."""
         return ["ip", "netns", "exec", self._name]
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any, Dict, Iterator, List
+from typing import Any, Iterator
 
 from harness.field_timeline import JOINTS, Published, Scene
 from harness.port_conformance import DIAGNOSTICS, FLOAT32, START_S, STATUS
 
-SIGNALS: Dict[str, Any] = {
+SIGNALS: dict[str, Any] = {
     "speed": {
         "topic": "speed", "type": FLOAT32, "warn_below": 0.5, "for_s": 1.0, "stale_after_s": 3.0,
         "depends_on": ["drivers[motor]"],
@@ -20,7 +20,7 @@ SIGNALS: Dict[str, Any] = {
 }  # fmt: skip
 
 
-def messages() -> List[Published]:
+def messages() -> list[Published]:
     """Returns all messages in the order of their times."""
     return sorted((*_motion(), *_driver()), key=lambda published: published.time_s)
 

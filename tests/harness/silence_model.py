@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import random
 from dataclasses import dataclass, field
-from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Mapping, Sequence, Tuple
 
 SEVERITY = {"OK": 0, "WARN": 1, "STALE": 2, "ERROR": 3}
 EPSILON = 1e-6
@@ -25,13 +25,13 @@ class Signal:
     stale_after_s: float
     grace_s: float
     depends_on: Sequence[str]
-    sample_s: Optional[float] = None
-    grace_from_s: Optional[float] = 0.0
+    sample_s: float | None = None
+    grace_from_s: float | None = 0.0
     is_stale: bool = False
     value: float = 0.0
     announced: str = "OK"
     held_by: str = ""  # the alert of its silent source
-    awaits_from_s: Optional[float] = None
+    awaits_from_s: float | None = None
     awaits_parted: bool = False
     cause: str = ""
     was_caused: bool = False
@@ -43,13 +43,13 @@ class Topic:
     """One source."""
 
     name: str
-    signals: List[Signal]
-    message_s: Optional[float] = None
+    signals: list[Signal]
+    message_s: float | None = None
     from_s: float = 0.0
     is_silent: bool = False
-    anew_s: Optional[float] = None
+    anew_s: float | None = None
     """The limit since something made it count anew, from `from_s` on."""
-    head: Optional[Topic] = None
+    head: Topic | None = None
     speaks: bool = False
     announced: str = "OK"
     parted: bool = False
@@ -65,7 +65,7 @@ class Topic:
             return grace_s
         return stale_s
 
-    def silence(self, now_s: float) -> Tuple[float, float]:
+    def silence(self, now_s: float) -> tuple[float, float]:
         """Returns for how long it has been silent, and its limit, both as they count now."""
         limit_s = self.limit_s(self.signals) if self.anew_s is None else self.anew_s
         return now_s - self.from_s, limit_s
@@ -80,11 +80,11 @@ class Topic:
 class Model:
     """The announcements of a monitor."""
 
-    signals: List[Signal]
-    lines: List[Line] = field(default_factory=list)
+    signals: list[Signal]
+    lines: list[Line] = field(default_factory=list)
     now_s: float = 0.0
     downtime_s: float = 0.0
-    down_since_s: Optional[float] = None
+    down_since_s: float | None = None
 
     def __post_init__(self) -> None:
         names = dict.fromkeys(each.topic for each in self.signals)
@@ -125,7 +125,7 @@ class Model:
                 if self.is_bad(name):
                     return name
             seen += layer
-            following: List[str] = []
+            following: list[str] = []
             for name in layer:
                 if name in self.by_name:
                     of_cause = self.by_name[name]
@@ -143,8 +143,8 @@ class Model:
                 signal.settles_until_s = self.time_s + signal.stale_after_s
                 self.announce(signal)  # at once if it need not settle
 
-    def causes_first(self) -> List[Signal]:
-        ordered: List[Signal] = []
+    def causes_first(self) -> list[Signal]:
+        ordered: list[Signal] = []
 
         def place(signal: Signal) -> None:
             for name in signal.depends_on:
@@ -240,7 +240,7 @@ class Model:
             return abs(other.from_s - due.from_s) <= 2.0 + EPSILON
 
         heads = [each for each in self.topics if each.is_silent and each.head is None and together(each)]
-        others: List[Topic] = []
+        others: list[Topic] = []
         if heads:
             due.head, due.speaks = heads[0], False
         else:
@@ -288,10 +288,10 @@ class Model:
         self.look_at_causes()
 
 
-def random_robot(chance: random.Random) -> Dict[str, Dict[str, Any]]:
+def random_robot(chance: random.Random) -> dict[str, dict[str, Any]]:
     """Returns two to six signals on one to four topics, some of which depend on earlier ones or their topics."""
     topics = [f"/t{number}" for number in range(chance.randint(1, 4))]
-    signals: Dict[str, Dict[str, Any]] = {}
+    signals: dict[str, dict[str, Any]] = {}
     for number in range(chance.randint(2, 6)):
         known = [*signals, *dict.fromkeys(each["topic"] for each in signals.values())]
         topic = chance.choice(topics)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sqlite3
-from typing import Callable, Collection, Optional
+from typing import Callable, Collection
 
 from robot_health_monitor.core import Level
 from robot_health_monitor.core.values.model import Status, Transition
@@ -54,7 +54,7 @@ class FixedSilences(Silences):
     def __init__(self, alerts: Collection[Alert] = ()) -> None:
         self.alerts = alerts
 
-    def silence_of(self, robot: str, signal: str) -> Optional[Silence]:
+    def silence_of(self, robot: str, signal: str) -> Silence | None:
         is_silenced = (robot, signal) in self.alerts
         return Silence(1, "robot=*", "", "", 0.0) if is_silenced else None
 

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from typing import List
-
 
 class SlowTransport:
     """A transport whose buffer empties when the test says so; a real one cannot be stopped at a byte."""
 
     def __init__(self, buffered: int = 0) -> None:
         self.buffered = buffered
-        self.written: List[bytes] = []
+        self.written: list[bytes] = []
         self.breaks = False
         """Whether the next write finds that the client has gone."""
         self.closing = False

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Dict, List, Mapping, Optional, Tuple
+from typing import Any, Mapping
 
 from robot_health_monitor.core.nodes import AlertSystem
 from robot_health_monitor.core.nodes.outlets import Outlet
@@ -29,23 +29,23 @@ class Stage:
         seconds = int(now_s)
         self.outside.publish("/clock", {"clock": {"sec": seconds, "nanosec": round((now_s - seconds) * 1e9)}})
 
-    def listen(self, topic: str, field: str = "") -> List[Any]:
-        messages: List[Any] = []
+    def listen(self, topic: str, field: str = "") -> list[Any]:
+        messages: list[Any] = []
         self.outside.subscribe(topic, "", lambda value, now_s: messages.append(value), field=field)
         return messages
 
-    def log(self, *severities: Severity) -> List[str]:
+    def log(self, *severities: Severity) -> list[str]:
         return [line.text for line in self.bus.log_lines if line.severity in severities]
 
     def alert_system(
         self,
-        parameters: Optional[Mapping[str, Any]] = None,
-        outlets: Optional[Mapping[str, Outlet]] = None,
+        parameters: Mapping[str, Any] | None = None,
+        outlets: Mapping[str, Outlet] | None = None,
         *,
         log_alerts: bool = True,
         use_sim_time: bool = False,
         **options: Any,
-    ) -> Tuple[AlertSystem, LocalMiddleware]:
+    ) -> tuple[AlertSystem, LocalMiddleware]:
         """Starts an alert_system; `options` are further ones of `AlertSystem`."""
         middleware = self.bus.node("alert_system", parameters=parameters, use_sim_time=use_sim_time)
         return AlertSystem(middleware, outlets or {}, log_alerts=log_alerts, **options), middleware
@@ -57,6 +57,6 @@ def status(array: Any, name: str) -> Any:
     return found
 
 
-def values_of(message: Any) -> Dict[str, str]:
+def values_of(message: Any) -> dict[str, str]:
     """Returns the key-values of a DiagnosticStatus."""
     return {pair["key"]: pair["value"] for pair in message["values"]}

@@ -6,7 +6,6 @@ import contextlib
 import select
 import socket
 import threading
-from typing import Dict, List
 
 
 class TcpProxy:
@@ -20,7 +19,7 @@ class TcpProxy:
         """Forwards nothing, and closes nothing: as with a cable that is pulled."""
         self.refusing = False
         """Closes every new connection at once."""
-        self._pairs: Dict[socket.socket, socket.socket] = {}
+        self._pairs: dict[socket.socket, socket.socket] = {}
         self._lock = threading.Lock()
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
@@ -75,7 +74,7 @@ class TcpProxy:
         except (OSError, KeyError):
             pass
         with self._lock:
-            gone: List[socket.socket] = [end]
+            gone: list[socket.socket] = [end]
             other = self._pairs.pop(end, None)
             if other is not None:
                 self._pairs.pop(other, None)

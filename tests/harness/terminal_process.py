@@ -11,7 +11,7 @@ import sys
 import termios
 import time
 from pathlib import Path
-from typing import Any, Callable, List, Mapping, Sequence
+from typing import Any, Callable, Mapping, Sequence
 
 import pyte
 
@@ -71,7 +71,7 @@ class TerminalProcess:
         return "\n".join(line.rstrip() for line in self.screen.display).rstrip()
 
     @property
-    def rows(self) -> List[str]:
+    def rows(self) -> list[str]:
         """The lines of `text`."""
         return self.text.split("\n")
 

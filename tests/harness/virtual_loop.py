@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import random
 import selectors
-from typing import Any, Callable, Coroutine, List, Optional, Tuple
+from typing import Any, Callable, Coroutine
 
 
 class _Selector(selectors.SelectSelector):
@@ -16,7 +16,7 @@ class _Selector(selectors.SelectSelector):
         self.now_s = 0.0
         self._late_s = late_s
 
-    def select(self, timeout: Optional[float] = None) -> List[Tuple[selectors.SelectorKey, int]]:
+    def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
         assert timeout is not None, "nothing left to wait for"
         if timeout > 0.0:
             self.now_s += timeout + self._late_s()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import time
 import urllib.request
-from typing import Callable, List
+from typing import Callable
 
 WAIT_S = 30.0
 _TICK = "robot_health_last_tick_timestamp_seconds{"
@@ -29,7 +29,7 @@ def wait_for(condition: Callable[[], object], deadline_s: float = WAIT_S) -> Non
 def wait_for_ticks(port: int, lasts_s: float) -> None:
     """Waits until every robot of a monitor that serves on this port has ticked for some time, by the robots' ticks."""
 
-    def ticks_s() -> List[float]:
+    def ticks_s() -> list[float]:
         with urllib.request.urlopen(f"http://127.0.0.1:{port}/metrics?profile=fleet", timeout=WAIT_S) as answer:
             lines = answer.read().decode().splitlines()
         return [float(line.rpartition(" ")[2]) for line in lines if line.startswith(_TICK)]

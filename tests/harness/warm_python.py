@@ -27,7 +27,7 @@ import threading
 import time
 import weakref
 from pathlib import Path
-from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Mapping, Sequence
 
 PACKAGE = "robot_health_monitor"
 _FREE = ("PYTHONIOENCODING", "PYTHONUNBUFFERED")
@@ -44,13 +44,13 @@ class ForkedProgram:
         weakref.finalize(self, self._status.close)  # not when it has ended: other threads may wait for it, too
         self._reading = threading.Lock()
         self.pid = int(self._status.readline())
-        self.returncode: Optional[int] = None
+        self.returncode: int | None = None
 
-    def poll(self) -> Optional[int]:
+    def poll(self) -> int | None:
         """Returns the exit code, as `Popen` has it; None while it runs."""
         return self._exit_code(0.0)
 
-    def wait(self, timeout: Optional[float] = None) -> int:
+    def wait(self, timeout: float | None = None) -> int:
         """Returns the exit code once it has ended, or raises `subprocess.TimeoutExpired`."""
         code = self._exit_code(timeout)
         if code is None:
@@ -67,7 +67,7 @@ class ForkedProgram:
         """Sends SIGKILL, unless it has ended."""
         self.send_signal(signal.SIGKILL)
 
-    def _exit_code(self, timeout_s: Optional[float]) -> Optional[int]:
+    def _exit_code(self, timeout_s: float | None) -> int | None:
         if self.returncode is None and select.select([self._status], [], [], timeout_s)[0]:
             with self._reading:
                 if self.returncode is None:
@@ -76,7 +76,7 @@ class ForkedProgram:
 
 
 def start_fork(
-    command: Sequence[object], streams: Sequence[int], environment: Optional[Mapping[str, str]] = None, cwd: Any = None
+    command: Sequence[object], streams: Sequence[int], environment: Mapping[str, str] | None = None, cwd: Any = None
 ) -> ForkedProgram:
     """Starts a program of this Python in a new session, as a fork of one that has imported the monitor.
 
@@ -94,7 +94,7 @@ def start_fork(
 
 
 @functools.lru_cache(maxsize=None)
-def _warm(fixed: Tuple[Tuple[str, str], ...]) -> WarmPython:
+def _warm(fixed: tuple[tuple[str, str], ...]) -> WarmPython:
     return WarmPython(dict(fixed))
 
 
@@ -143,7 +143,7 @@ def import_all() -> None:
             pass
 
 
-def serve(connection: socket.socket) -> List[str]:
+def serve(connection: socket.socket) -> list[str]:
     """Forks for each request; returns in a program only, with what it is to run. It exits when the tests have ended."""
     while True:
         message, ancillary, _, _ = connection.recvmsg(1 << 20, socket.CMSG_SPACE(4 * 4))
@@ -181,7 +181,7 @@ def _reap(options: int = os.WNOHANG) -> bool:
         return False
 
 
-def become(request: Dict[str, Any], streams: Sequence[int]) -> List[str]:
+def become(request: dict[str, Any], streams: Sequence[int]) -> list[str]:
     """Makes this process the program of a request; returns its arguments."""
     os.setsid()
     if os.isatty(streams[0]):

@@ -6,7 +6,7 @@ import asyncio
 import contextlib
 import time
 from pathlib import Path
-from typing import AsyncIterator, List
+from typing import AsyncIterator
 
 from robot_health_monitor.cli.fleet import Fleet
 from robot_health_monitor.cli.fleet_configuration import FleetReader, Options, read_addresses
@@ -29,11 +29,11 @@ alert_system:
 class Watching:
     """The fleet of `watching`."""
 
-    def __init__(self, urls: List[str], thresholds: Path, sim: bool) -> None:
+    def __init__(self, urls: list[str], thresholds: Path, sim: bool) -> None:
         file = thresholds / "thresholds.yaml"
         file.write_text(THRESHOLDS.format(sim=str(sim).lower()))
-        self.log: List[LogLine] = []
-        self.alerts: List[str] = []
+        self.log: list[LogLine] = []
+        self.alerts: list[str] = []
         reader = FleetReader(read_addresses(urls), "", Options(thresholds=str(file)), lambda text: None)
         self.operations = Operations(OpsConfig())
         self.fleet = Fleet(reader, self.operations, clock=time.monotonic, on_log=self.log.append, outlet=self._outlet)
@@ -45,12 +45,12 @@ class Watching:
 
         return on_event
 
-    def lines(self, least: Severity) -> List[str]:
+    def lines(self, least: Severity) -> list[str]:
         return [f"{line.node}: {line.text}" for line in self.log if line.severity >= least]
 
 
 @contextlib.asynccontextmanager
-async def watching(urls: List[str], thresholds: Path, *, sim: bool = False) -> AsyncIterator[Watching]:
+async def watching(urls: list[str], thresholds: Path, *, sim: bool = False) -> AsyncIterator[Watching]:
     watched = Watching(urls, thresholds, sim)
     task = asyncio.ensure_future(watched.fleet.run())
     try:

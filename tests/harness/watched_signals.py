@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, List, Mapping, NamedTuple, Sequence, Tuple
+from typing import Any, Mapping, NamedTuple, Sequence, Tuple
 
 from robot_health_monitor.core import Sample, load_config
 from robot_health_monitor.core.judge.continuity import Continuity
@@ -47,9 +47,9 @@ def watched(file: Path, signals: Mapping[str, Any], name: str, timeline: Timelin
     return file
 
 
-def every_second(values: Sequence[Any]) -> List[Tuple[float, Any]]:
+def every_second(values: Sequence[Any]) -> list[tuple[float, Any]]:
     """Returns a sample each second, `...` for none, with a tick half a second after each."""
-    found: List[Tuple[float, Any]] = []
+    found: list[tuple[float, Any]] = []
     for number, value in enumerate(values):
         found += [(float(number), value)] if value is not ... else []
         found.append((number + 0.5, None))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 from functools import partial
-from typing import Any, Awaitable, Callable, Dict, List, Mapping, Optional, Tuple
+from typing import Any, Awaitable, Callable, Mapping
 
 import aiohttp
 
@@ -28,14 +28,14 @@ class Robots:
     """alert_systems in virtual time, which the test moves."""
 
     def __init__(self, *names: str, signals: Mapping[str, Any] = BATTERY, history_file: str = "") -> None:
-        self.history: Optional[History] = None
-        self.silences: Optional[Silences] = None
+        self.history: History | None = None
+        self.silences: Silences | None = None
         self.bus = LocalBus(100.0, on_log=lambda line: None)
         self.wall_offset_s = START_S - 100.0
         if history_file:
             self.history = History(HistorySettings(history_file), self.wall_s)
             self.silences = Silences(self.history)
-        self.all: List[AlertSystem] = [self.new(name, signals) for name in names or ("atlas",)]
+        self.all: list[AlertSystem] = [self.new(name, signals) for name in names or ("atlas",)]
 
     def new(self, name: str, signals: Mapping[str, Any] = BATTERY) -> AlertSystem:
         node = self.bus.node(
@@ -44,7 +44,7 @@ class Robots:
         history = None if self.history is None else self.history.of_robot(name)
         return AlertSystem(node, {}, log_alerts=False, history=history, silence_of=partial(self.silence_text, name))
 
-    def silence_text(self, robot: str, signal: str) -> Optional[str]:
+    def silence_text(self, robot: str, signal: str) -> str | None:
         silence = None if self.silences is None else self.silences.silence_of(robot, signal)
         return None if silence is None else silence.reason
 
@@ -78,11 +78,11 @@ class Site:
         self.session = session
         self.url = f"http://127.0.0.1:{server.port}"
 
-    async def get(self, path: str, **options: Any) -> Tuple[int, Any]:
+    async def get(self, path: str, **options: Any) -> tuple[int, Any]:
         async with self.session.get(self.url + path, **options) as response:
             return response.status, await read(response)
 
-    async def post(self, path: str, body: object, **options: Any) -> Tuple[int, Any]:
+    async def post(self, path: str, body: object, **options: Any) -> tuple[int, Any]:
         async with self.session.post(self.url + path, json=body, **options) as response:
             return response.status, await read(response)
 
@@ -94,7 +94,7 @@ async def read(response: aiohttp.ClientResponse) -> Any:
 
 def with_site(
     use: Callable[[Site], Awaitable[None]],
-    robots: Optional[Robots] = None,
+    robots: Robots | None = None,
     *,
     token: str = "",
     **options: Any,
@@ -125,10 +125,10 @@ class Page:
     def __init__(self, response: aiohttp.ClientResponse) -> None:
         self.response = response
 
-    async def next(self, kind: str = "") -> Tuple[str, Dict[str, Any]]:
+    async def next(self, kind: str = "") -> tuple[str, dict[str, Any]]:
         """Returns the next event, or the next of a kind."""
         while True:
-            fields: Dict[str, str] = {}
+            fields: dict[str, str] = {}
             while True:
                 line = (await asyncio.wait_for(self.response.content.readline(), 30.0)).decode("ascii")
                 if not line:

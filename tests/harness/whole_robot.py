@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import random
-from typing import Any, Callable, Container, Dict, List, Mapping
+from typing import Any, Callable, Container, Mapping
 
 from robot_health_monitor.core.port.middleware import Middleware
 
@@ -19,7 +19,7 @@ class WholeRobot:
         self.fault = ""
         self._node = node
         self._chance = random.Random(7)
-        self._calls: Dict[str, int] = {}
+        self._calls: dict[str, int] = {}
         self._still_s = 0.0
         for topic, type_name, rate_hz, make in (
             ("battery_state", "sensor_msgs/BatteryState", 1.0, self._battery),
@@ -49,7 +49,7 @@ class WholeRobot:
         if self._chance.random() < 0.03:
             self._node.publish("event", {"data": "bumper"})
 
-    def _header(self, topic: str, age_s: float) -> Dict[str, Any]:
+    def _header(self, topic: str, age_s: float) -> dict[str, Any]:
         stamp_s = self._node.stamp_s() - age_s
         if self.fault == f"{topic} stands still":
             self._still_s = stamp_s = self._still_s or stamp_s
@@ -90,7 +90,7 @@ class WholeRobot:
     def _drivers(self, now_s: float) -> Mapping[str, Any]:
         level = {"a driver reports ERROR": 2, "a driver reports WARN": 1}.get(self.fault, 0)
         names = DRIVERS[1:] if self.fault == "a driver is silent" else DRIVERS
-        statuses: List[Any] = [
+        statuses: list[Any] = [
             {"name": name, "level": level if name == DRIVERS[0] else 0, "message": "overcurrent" if level else "ok"}
             for name in names
         ]

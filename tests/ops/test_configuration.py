@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Dict, List, Optional
+from typing import Any
 
 import pytest
 from hypothesis import given
@@ -41,7 +41,7 @@ def read(folder: Path, text: str) -> OpsConfig:
     return read_ops(read_yaml(file))
 
 
-def mistakes(folder: Path, text: str) -> List[str]:
+def mistakes(folder: Path, text: str) -> list[str]:
     """Returns the lines of the error, without the name of the folder."""
     with pytest.raises(ConfigError) as caught:
         read(folder, text)
@@ -274,10 +274,10 @@ _TARGETS = st.dictionaries(_KEYS, _LEAVES | st.dictionaries(_KEYS, _LEAVES, max_
 
 
 @given(st.dictionaries(_KEYS, _LEAVES | _TARGETS, max_size=4))
-def test_any_mapping_is_read_or_refused(tree: Dict[str, Any]) -> None:
+def test_any_mapping_is_read_or_refused(tree: dict[str, Any]) -> None:
     file = YamlFile(tree, {}, "ops.yaml")
     try:
-        config: Optional[OpsConfig] = read_ops(file)
+        config: OpsConfig | None = read_ops(file)
     except ConfigError:
         config = None
     assert config is None or (config == read_ops(file) and set(tree) <= {"history", "notify", "server"})

@@ -6,7 +6,6 @@ import re
 import subprocess
 import sys
 from pathlib import Path
-from typing import Dict, List, Set
 from xml.etree import ElementTree
 
 import pytest
@@ -33,7 +32,7 @@ def debian(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "debian"
 
 
-def paragraphs(control: str) -> List[Dict[str, str]]:
+def paragraphs(control: str) -> list[dict[str, str]]:
     """Returns the fields of each paragraph, continued lines joined."""
     return [
         dict(line.split(": ", 1) for line in re.sub(r"\n ", " ", text).splitlines() if line)
@@ -117,7 +116,7 @@ printf '%s\\n' "${COMPREPLY[@]}"
         (["check", "/etc/hostn"], {"/etc/hostname"}),
     ],
 )
-def test_bash_completes_commands_options_and_files(completions: Path, words: List[str], expected: Set[str]) -> None:
+def test_bash_completes_commands_options_and_files(completions: Path, words: list[str], expected: set[str]) -> None:
     command = ["bash", "-c", COMPLETE, "bash", str(completions / "robot-health.bash"), "robot-health", *words]
     found = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout.split()
     assert set(found) == expected
@@ -162,7 +161,7 @@ def test_bloom_finds_every_key_of_package_xml(tmp_path: Path) -> None:
     index = Path(variables["ROSDISTRO_INDEX_URL"].partition("://")[2])
     (source,) = Path(variables["ROSDEP_SOURCE_PATH"]).glob("*.list")
     rosdep = yaml.safe_load(Path(source.read_text().split("://")[1].strip()).read_text())
-    packages: Dict[str, Set[str]] = {}
+    packages: dict[str, set[str]] = {}
     for name, entry in yaml.safe_load(index.read_text())["distributions"].items():
         packages[name] = set(yaml.safe_load((index.parent / entry["distribution"][0]).read_text())["repositories"])
     assert list(packages) == list(debs.DISTROS)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Any, List, Set
+from typing import Any
 
 import pytest
 import yaml
@@ -23,7 +23,7 @@ OPTIONAL = {"cbor2", "rich"}
 
 
 def package(context: object) -> Any:
-    warnings: List[str] = []
+    warnings: list[str] = []
     found = parse_package(str(ROOT), warnings=warnings)
     found.evaluate_conditions(context)
     assert warnings == []
@@ -32,7 +32,7 @@ def package(context: object) -> Any:
     return found
 
 
-def keys(depends: Any) -> Set[str]:
+def keys(depends: Any) -> set[str]:
     return {depend.name for depend in depends if depend.evaluated_condition}
 
 

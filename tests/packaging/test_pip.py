@@ -6,7 +6,6 @@ import os
 import shutil
 import sys
 from pathlib import Path
-from typing import Dict
 
 import pytest
 from harness.interpreters import find_pythons
@@ -32,7 +31,7 @@ class Environment:
 
     def __init__(self, workspace: Workspace, python: str) -> None:
         self.folder = workspace.folder / "venv"
-        self.variables: Dict[str, str] = workspace.variables
+        self.variables: dict[str, str] = workspace.variables
         self._package = workspace.package
         run([_PYTHONS[python], "-m", "venv", str(self.folder)], workspace.folder, self.variables)
 

@@ -9,7 +9,7 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
-from typing import Dict, Iterator, Mapping, Set
+from typing import Iterator, Mapping
 
 import pytest
 from harness.packaging_workspace import ROOT
@@ -68,7 +68,7 @@ def other_users_process() -> Iterator[None]:
     process.wait()
 
 
-def sources(folder: Path, *mounts: str) -> Dict[str, float]:
+def sources(folder: Path, *mounts: str) -> dict[str, float]:
     """Returns what each source reads in a mount namespace, without capabilities; None: nothing."""
     code = folder / "read.py"
     code.write_text(READ)
@@ -79,7 +79,7 @@ def sources(folder: Path, *mounts: str) -> Dict[str, float]:
     path = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))  # a sourced ROS may have psutil
     environment = {"PATH": os.environ["PATH"], "PYTHONPATH": path, "PYTHONDONTWRITEBYTECODE": "1"}
     done = subprocess.run(command, env=environment, stdout=subprocess.PIPE, text=True, check=True, timeout=60)
-    found: Dict[str, float] = json.loads(done.stdout)
+    found: dict[str, float] = json.loads(done.stdout)
     return found
 
 
@@ -100,7 +100,7 @@ def test_every_source_reads_under_the_unit_what_it_reads_without(
     assert changed == set()
 
 
-def differences(free: Mapping[str, float], restricted: Mapping[str, float]) -> Set[str]:
+def differences(free: Mapping[str, float], restricted: Mapping[str, float]) -> set[str]:
     """Returns the sources with a value in one of two readings only, or with two where none changes by itself."""
     exact = ("disk_read_only", "process_running")
     return {

@@ -12,7 +12,7 @@ import subprocess
 import sys
 from contextlib import closing
 from pathlib import Path
-from typing import Callable, Dict, List
+from typing import Callable
 
 import lz4.frame
 import pytest
@@ -68,7 +68,7 @@ def page_that_is_its_own_child(folder: Path) -> str:
     assert data[start] == 5, "an interior page"
     (cells,) = struct.unpack_from(">H", data, start + 3)
     pages = len(data) // page_size
-    levels: List[int] = [root]
+    levels: list[int] = [root]
     for level in range(12):  # copies of the root, each pointing to the next copy only
         levels.append(pages + level + 1)
         data += data[start : start + page_size]
@@ -232,7 +232,7 @@ def long_topics(folder: Path) -> str:
     return database(folder, f"UPDATE topics SET type = 'std_msgs/msg/' || '{'a' * 900_000}'")
 
 
-ATTACKS: Dict[str, Callable[[Path], str]] = {
+ATTACKS: dict[str, Callable[[Path], str]] = {
     "endless view": endless_view,
     "generated blobs": generated_blobs,
     "page that is its own child": page_that_is_its_own_child,

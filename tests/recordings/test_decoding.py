@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import random
-from typing import Any, Iterator, Tuple
+from typing import Any, Iterator
 
 import numpy as np
 import pytest
@@ -43,7 +43,7 @@ def channel(encoding: str, type_name: str, text: str = "", form: str = "msg") ->
     return Channel("/topic", RawFormat(encoding, type_name, f"ros2{form}" if text else "", text, ""))
 
 
-def numbers_in(message: Any, store: Any, prefix: str = "") -> Iterator[Tuple[str, Any]]:
+def numbers_in(message: Any, store: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
     """Yields the path and the value of every number and string that is not in an array."""
     for field, (kind, _) in fields_of(store, message.__msgtype__):
         value = getattr(message, field)

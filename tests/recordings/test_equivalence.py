@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Callable, List, Mapping
+from typing import Any, Callable, Mapping
 
 import pytest
 from harness.bad_input import BAD_INPUT
@@ -23,7 +23,7 @@ SHIFT_S = START_NS // 10**9 - round(START_S)
 """From the times of the timeline to those of the recordings."""
 
 
-def recorded(scene: Scene, store: Any) -> List[Recorded]:
+def recorded(scene: Scene, store: Any) -> list[Recorded]:
     """Returns the messages of the timeline."""
     return [
         Recorded(each.time_s - START_S, each.topic, message_of(store, native_type(each.type_name), later(each.message)))
@@ -59,7 +59,7 @@ def test_a_replay_gives_the_alerts_of_the_run(
 ) -> None:
     reference = Equivalence().publish(LocalHarness(), scene).transitions
     player = Player(Recordings([write(tmp_path / "run", scene)]))
-    found: List[Transition] = []
+    found: list[Transition] = []
     node = player.node("alert_system", {"robot_name": "robot1", "signals": scene.signals})
     AlertSystem(node, {"test": lambda event: found.append(event) if isinstance(event, Transition) else None})
     player.play()

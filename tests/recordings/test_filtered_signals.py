@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Callable, List
+from typing import Any, Callable
 
 import pytest
 from harness.recorded import ROS1, ROS2, Recorded, write_bag, write_folder, write_mcap
@@ -49,7 +49,7 @@ def log(store: Any, level: int, name: str) -> Any:
     return store.types["rcl_interfaces/msg/Log"](stamp, level, name, "failed", "", "", 0)
 
 
-def messages(store: Any) -> List[Recorded]:
+def messages(store: Any) -> list[Recorded]:
     error, info = (8, 2) if store is ROS1 else (40, 20)
     recorded = [Recorded(0.0, "/tf_static", tree(store, ("lidar", 0.0), ("camera", 0.0), z=-0.25))]
     for second in range(8):
@@ -76,7 +76,7 @@ def test_frames_and_the_log_give_the_same_alerts_from_every_recording(
     write: Callable[[Path], str], tmp_path: Path
 ) -> None:
     player = Player(Recordings([write(tmp_path / "run")]))
-    said: List[str] = []
+    said: list[str] = []
     system = AlertSystem(
         player.node("alert_system", {"signals": SIGNALS}),
         {"test": lambda event: said.append(event.text) if isinstance(event, Transition) else None},

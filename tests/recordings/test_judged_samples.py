@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any, Dict, Mapping, NamedTuple, Optional
+from typing import Any, Mapping, NamedTuple
 
 import pytest
 
@@ -56,8 +56,8 @@ class Totals(NamedTuple):
 
     good: int
     bad: int
-    least: Optional[float]
-    most: Optional[float]
+    least: float | None
+    most: float | None
 
 
 @pytest.fixture(scope="module")
@@ -79,7 +79,7 @@ def live(tmp_path_factory: pytest.TempPathFactory) -> RecordedRobot:
     return robot
 
 
-def stamped(message: Mapping[str, Any], start_s: float) -> Dict[str, Any]:
+def stamped(message: Mapping[str, Any], start_s: float) -> dict[str, Any]:
     """Returns a message whose stamp, if it has one, counts from another start of the timeline."""
     stamp = message.get("header", {}).get("stamp")
     if not stamp or not any(stamp.values()):
@@ -87,10 +87,10 @@ def stamped(message: Mapping[str, Any], start_s: float) -> Dict[str, Any]:
     return {**message, "header": {"stamp": {**stamp, "sec": stamp["sec"] + round(start_s - SCENE_START_S)}}}
 
 
-def stored(robot: RecordedRobot, capsys: pytest.CaptureFixture[str]) -> Dict[str, Totals]:
+def stored(robot: RecordedRobot, capsys: pytest.CaptureFixture[str]) -> dict[str, Totals]:
     """Returns the samples of the live run."""
     assert main(["history", "--samples", "--json", str(robot.folder.parent / "history.db")]) == 0
-    found: Dict[str, Totals] = {}
+    found: dict[str, Totals] = {}
     for row in map(json.loads, capsys.readouterr().out.splitlines()):
         good, bad, least, most = found.get(row["signal"], Totals(0, 0, None, None))
         if row["min"] is not None:
@@ -100,7 +100,7 @@ def stored(robot: RecordedRobot, capsys: pytest.CaptureFixture[str]) -> Dict[str
     return found
 
 
-def replayed(file: str, tree: Optional[Mapping[str, Any]] = None) -> Dict[str, Totals]:
+def replayed(file: str, tree: Mapping[str, Any] | None = None) -> dict[str, Totals]:
     """Returns the samples of a replay, as its table has them; of a black box with its own thresholds and states."""
     found = {}
     with Recordings([file]) as recordings:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Any, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Iterable, Mapping, NamedTuple, Sequence
 
 import pytest
 from harness.recorded import ROS1, ROS2, START_NS, Recorded, message_of, values, write_bag, write_mcap
@@ -33,12 +33,12 @@ BATTERY: Mapping[str, Any] = {"signals": {"battery": {"type": "std_msgs/Float32"
 class Result(NamedTuple):
     """What a judge found."""
 
-    transitions: List[Tuple[float, str, str, str]]
+    transitions: list[tuple[float, str, str, str]]
     """Seconds since the start, configuration, signal, level."""
-    summaries: Dict[Tuple[str, str], SignalSummary]
-    samples: Dict[Tuple[str, str], List[Tuple[float, float]]]
+    summaries: dict[tuple[str, str], SignalSummary]
+    samples: dict[tuple[str, str], list[tuple[float, float]]]
     """Per configuration and signal: seconds since the start, and the value that the bounds apply to."""
-    bad_times: List[float]
+    bad_times: list[float]
 
 
 def judge(folder: Path, messages: Iterable[Recorded], *configurations: Mapping[str, Any], **options: Any) -> Result:
@@ -228,7 +228,7 @@ def test_recordings_that_overlap_have_no_gap(tmp_path: Path) -> None:
     assert levels == ["STALE", "OK", "STALE"]
 
 
-def noted(*samples: Tuple[float, Optional[float], bool]) -> SignalSummary:
+def noted(*samples: tuple[float, float | None, bool]) -> SignalSummary:
     """Returns the summary of samples: time in s, value and whether it is good."""
     found = SignalSummary("a", read_signal("battery", {}), "/battery", True, "")
     for sample in samples:
@@ -237,7 +237,7 @@ def noted(*samples: Tuple[float, Optional[float], bool]) -> SignalSummary:
     return found
 
 
-def statistics(*values: Optional[float]) -> SampleSummary:
+def statistics(*values: float | None) -> SampleSummary:
     """Returns the statistics of values that came every second; None is bad."""
     return noted(*((float(second), value, value is not None) for second, value in enumerate(values))).samples
 
@@ -280,9 +280,9 @@ def announced(wall_s: float, file: str, level: Level, signal: str = "battery", t
     return JudgedEvent(wall_s, file, transition)
 
 
-def differences(*events: JudgedEvent) -> List[Tuple[float, str]]:
+def differences(*events: JudgedEvent) -> list[tuple[float, str]]:
     """Returns time and configuration of the transitions in which a.yaml and b.yaml differ."""
-    found: List[Tuple[float, str]] = []
+    found: list[tuple[float, str]] = []
     compared = Differences(["a.yaml", "b.yaml"], lambda event: found.append((event.wall_s, event.file)))
     for event in events:
         compared.add(event)
@@ -365,7 +365,7 @@ def test_elements_beyond_the_limit_are_not_measured(tmp_path: Path) -> None:
     assert result.summaries["a", "drivers[lidar]"].samples.most == pytest.approx(0.6)
 
 
-def state_of_a_low_battery() -> Dict[str, Any]:
+def state_of_a_low_battery() -> dict[str, Any]:
     live = Monitor(load_config(dict(BATTERY)), "r")
     live.set_link(False, "cable", 100.0)
     live.set_link(True, "", 101.0)
@@ -379,10 +379,10 @@ def state_of_a_low_battery() -> Dict[str, Any]:
     ids=["known", "unknown", "odd"],
 )
 def test_a_recording_continues_from_the_states_at_its_beginning(
-    tmp_path: Path, states: Dict[str, Any], levels: List[str]
+    tmp_path: Path, states: dict[str, Any], levels: list[str]
 ) -> None:
     """The battery was WARN: that is not announced again, and counts. The link is not part of a recording."""
-    found: List[str] = []
+    found: list[str] = []
 
     def note(judged: JudgedEvent) -> None:
         if isinstance(judged.event, Transition):
@@ -438,7 +438,7 @@ def test_a_topic_that_falls_silent_has_its_time_and_its_effects(tmp_path: Path) 
     signals["wheel"] = {"type": "std_msgs/Float32", "warn_below": 1.0, "depends_on": ["/scan"]}
     scan = [*values("/scan", [50.0] * 21), *values("/scan", [50.0] * 10, start_s=40.0)]
     wheel = values("/wheel", [5.0] * 28 + [0.0] * 7 + [5.0] * 15)
-    events: List[JudgedEvent] = []
+    events: list[JudgedEvent] = []
     with Recordings([write_bag(tmp_path / "test.bag", sorted([*scan, *wheel]))]) as recordings:
         judge = Judge(Player(recordings), events.append)
         judge.add("a", {"signals": signals})

@@ -7,7 +7,7 @@ promises that a recording can keep are tested here instead.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, List, Tuple
+from typing import Any
 
 import pytest
 from harness.recorded import ROS2, START_NS, Recorded, values, write_bag, write_folder, write_mcap
@@ -29,9 +29,9 @@ FLOAT32 = "std_msgs/Float32"
 SIGNALS = {"signals": {"battery_level": {"warn_below": 20.0, "stale_after_s": 5.0}}}
 
 
-def transitions(player: Player, parameters: Any = SIGNALS) -> List[Tuple[float, str, Level]]:
+def transitions(player: Player, parameters: Any = SIGNALS) -> list[tuple[float, str, Level]]:
     """Returns time since the start, signal and level of each transition of an alert_system."""
-    found: List[Tuple[float, str, Level]] = []
+    found: list[tuple[float, str, Level]] = []
 
     def note(event: Any) -> None:
         if isinstance(event, Transition):
@@ -61,7 +61,7 @@ def test_the_age_of_a_stamp_is_that_at_its_log_time(tmp_path: Path) -> None:
 
     path = write_folder(tmp_path / "bag", [temperature(0.0, 0.25), temperature(1.0, 2.0), temperature(2.0, -1.0)])
     age = {"topic": "board", "type": "sensor_msgs/Temperature", "field": "header.stamp", "warn_above": 0.5}
-    said: List[str] = []
+    said: list[str] = []
     player = Player(Recordings([str(path)]))
     node = player.node("alert_system", {"signals": {"age": age}})
     AlertSystem(node, {"test": lambda event: said.append(getattr(event, "text", ""))}, log_alerts=False)
@@ -88,7 +88,7 @@ def test_a_signal_that_falls_silent_before_the_end_is_stale(tmp_path: Path) -> N
 def test_a_sample_comes_before_a_tick_at_the_same_instant_also_at_the_end(tmp_path: Path) -> None:
     player = Player(Recordings([write_bag(tmp_path / "a.bag", values("/x", [1, 2, 3]))]))
     node = player.node("node", {})
-    calls: List[Any] = []
+    calls: list[Any] = []
     node.subscribe("x", FLOAT32, lambda value, now_s: calls.append((value, now_s - START_S)), field="data")
     node.create_timer(1.0, lambda now_s: calls.append(("tick", now_s - START_S)))
     player.play()
@@ -97,7 +97,7 @@ def test_a_sample_comes_before_a_tick_at_the_same_instant_also_at_the_end(tmp_pa
 
 def test_timers_keep_their_periods_between_messages(tmp_path: Path) -> None:
     player = Player(Recordings([write_bag(tmp_path / "a.bag", values("/x", [1, 2], period_s=2.25))]))
-    calls: List[float] = []
+    calls: list[float] = []
     player.node("node", {}).create_timer(0.5, lambda now_s: calls.append(now_s - START_S))
     player.play()
     assert calls == [0.5, 1.0, 1.5, 2.0]
@@ -106,7 +106,7 @@ def test_timers_keep_their_periods_between_messages(tmp_path: Path) -> None:
 def test_a_timer_that_a_callback_creates_is_called(tmp_path: Path) -> None:
     player = Player(Recordings([write_bag(tmp_path / "a.bag", values("/x", [1, 2]))]))
     node = player.node("node", {})
-    calls: List[float] = []
+    calls: list[float] = []
     note = lambda now_s: calls.append(now_s - START_S)  # noqa: E731
     node.subscribe("x", FLOAT32, lambda value, now_s: node.create_timer(0.25, note), field=None)
     player.play()
@@ -114,10 +114,10 @@ def test_a_timer_that_a_callback_creates_is_called(tmp_path: Path) -> None:
 
 
 def test_a_callback_that_raises_is_one_error_line_and_ends_nothing(tmp_path: Path) -> None:
-    lines: List[LogLine] = []
+    lines: list[LogLine] = []
     player = Player(Recordings([write_bag(tmp_path / "a.bag", values("/x", [1, 2]))]), on_log=lines.append)
     node = player.node("node", {})
-    heard: List[float] = []
+    heard: list[float] = []
 
     def fail(value: float, now_s: float) -> None:
         heard.append(value)
@@ -138,7 +138,7 @@ def test_a_callback_that_raises_is_one_error_line_and_ends_nothing(tmp_path: Pat
 def test_after_close_or_unsubscribe_nothing_calls_back(tmp_path: Path) -> None:
     player = Player(Recordings([write_bag(tmp_path / "a.bag", values("/x", [1, 2, 3]))]))
     leaving, closing = player.node("leaving", {}), player.node("closing", {})
-    heard: List[str] = []
+    heard: list[str] = []
 
     def leave(value: float, now_s: float) -> None:
         heard.append("leaving")
@@ -179,7 +179,7 @@ def test_a_wrong_field_is_refused(tmp_path: Path) -> None:
 
 def test_a_topic_that_is_not_recorded_delivers_nothing(tmp_path: Path) -> None:
     player = Player(Recordings([write_bag(tmp_path / "a.bag", values("/x", [1]))]))
-    heard: List[float] = []
+    heard: list[float] = []
     player.node("node", {}).subscribe("y", FLOAT32, lambda value, now_s: heard.append(value))
     player.play()
     assert heard == []
@@ -198,7 +198,7 @@ def test_a_node_gets_the_reason(tmp_path: Path) -> None:
 
 def test_a_topic_that_is_recorded_with_another_type_delivers_nothing(tmp_path: Path) -> None:
     player = Player(Recordings([write_bag(tmp_path / "a.bag", values("/x", [1]))]))
-    heard: List[float] = []
+    heard: list[float] = []
     player.node("node", {}).subscribe("x", "std_msgs/Int32", lambda value, now_s: heard.append(value), field="data")
     player.play()
     assert heard == []
@@ -209,7 +209,7 @@ def test_a_topic_that_is_recorded_with_another_type_delivers_nothing(tmp_path: P
 
 def test_only_watched_fields_are_decoded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Where only arrivals matter, messages are counted."""
-    asked: List[Tuple[str, str]] = []
+    asked: list[tuple[str, str]] = []
     real = SerializedType.field_getter
 
     def counted_getter(types: Any, field: str) -> Any:
@@ -225,7 +225,7 @@ def test_only_watched_fields_are_decoded(tmp_path: Path, monkeypatch: pytest.Mon
     messages = [*values("/x", [1, 2]), *values("/y", [1, 2]), *values("/z", [1, 2])]
     player = Player(Recordings([write_bag(tmp_path / "a.bag", messages)]))
     node = player.node("node", {})
-    arrivals: List[float] = []
+    arrivals: list[float] = []
     node.subscribe("x", FLOAT32, lambda value, now_s: None, field="data")
     node.subscribe("x", FLOAT32, lambda value, now_s: None, field="data")
     node.subscribe("y", FLOAT32, lambda value, now_s: arrivals.append(value), field=None)
@@ -237,7 +237,7 @@ def test_only_watched_fields_are_decoded(tmp_path: Path, monkeypatch: pytest.Mon
 def test_a_part_of_a_recording_is_played(tmp_path: Path) -> None:
     player = Player(Recordings([write_bag(tmp_path / "a.bag", values("/x", range(10)))]), from_s=3.0, to_s=5.0)
     assert player.wall_s == START_S + 3.0
-    heard: List[float] = []
+    heard: list[float] = []
     player.node("node", {}).subscribe("x", FLOAT32, lambda value, now_s: heard.append(value), field="data")
     player.play()
     assert (heard, player.wall_s, player.problems) == ([3.0, 4.0, 5.0], START_S + 5.0, [])
@@ -246,7 +246,7 @@ def test_a_part_of_a_recording_is_played(tmp_path: Path) -> None:
 def test_progress_goes_from_0_to_1(tmp_path: Path) -> None:
     player = Player(Recordings([write_bag(tmp_path / "a.bag", values("/x", range(11)))]))
     player.node("node", {}).subscribe("x", FLOAT32, lambda value, now_s: None)
-    seen: List[float] = []
+    seen: list[float] = []
     player.play(seen.append)
     assert seen == sorted(seen)
     assert seen[-1] == 1.0
@@ -265,7 +265,7 @@ def test_a_recording_of_which_nothing_can_be_decoded_is_not_played(tmp_path: Pat
 
 def test_a_time_in_the_far_future_does_not_run_the_timers_of_centuries(tmp_path: Path) -> None:
     player = Player(Recordings([write_bag(tmp_path / "a.bag", [*values("/x", [1]), Recorded(2e9, "/x", 2)])]))
-    calls: List[float] = []
+    calls: list[float] = []
     player.node("node", {}).create_timer(1.0, calls.append)
     player.node("other", {}).subscribe("x", FLOAT32, lambda value, now_s: None)
     player.play()
@@ -288,7 +288,7 @@ class TestSimulatedTime:
             Recordings([write_folder(tmp_path / "bag", sorted(messages, key=lambda m: m.time_s))]), use_sim_time=True
         )
         node = player.node("node", {})
-        calls: List[Any] = []
+        calls: list[Any] = []
         node.subscribe("x", FLOAT32, lambda value, now_s: calls.append((value, now_s)), field="data")
         node.create_timer(2.0, lambda now_s: calls.append(("tick", now_s)))
         player.play()
@@ -299,7 +299,7 @@ class TestSimulatedTime:
     def test_messages_before_the_first_time_wait_for_it(self, tmp_path: Path) -> None:
         messages = [Recorded(0.0, "/x", 1.0), self.clock(1.0, 50.0), Recorded(2.0, "/x", 2.0)]
         player = Player(Recordings([write_folder(tmp_path / "bag", messages)]), use_sim_time=True)
-        calls: List[Any] = []
+        calls: list[Any] = []
         player.node("node", {}).subscribe("x", FLOAT32, lambda value, now_s: calls.append((value, now_s)), field="data")
         player.play()
         assert calls == [(1.0, 50.0), (2.0, 50.0)]
@@ -320,7 +320,7 @@ def test_a_topic_with_many_channels_is_looked_at_once(tmp_path: Path, monkeypatc
             channel = writer.register_channel("/x", "cdr", schema)
             writer.add_message(channel, 10**18 + number, b"\0\1\0\0", 10**18 + number)  # too short
         writer.finish()
-    passes: List[int] = []
+    passes: list[int] = []
     real = Recordings.messages
 
     def counted(recordings: Recordings, targets: Any) -> Any:
@@ -345,7 +345,7 @@ def test_a_message_that_cannot_be_decoded_is_a_sign_of_life(tmp_path: Path) -> N
             time_ns = 10**18 + number
             writer.add_message(channel, time_ns, b"\0\1\0\0" + data, time_ns)
         writer.finish()
-    heard: List[Any] = []
+    heard: list[Any] = []
     with Recordings([str(path)]) as recordings:
         player = Player(recordings)
         player.node("node", {}).subscribe("x", FLOAT32, lambda value, now_s: heard.append(value), field="data")

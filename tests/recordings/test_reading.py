@@ -7,7 +7,7 @@ import re
 import shutil
 import time
 from pathlib import Path
-from typing import Any, List
+from typing import Any
 
 import pytest
 import zstandard
@@ -214,7 +214,7 @@ def test_unpacked_files_are_removed(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert list((tmp_path / "temporary").iterdir()) == []
 
 
-def recorded_in(folder: Path) -> List[Path]:
+def recorded_in(folder: Path) -> list[Path]:
     """Returns a recording of each format."""
     messages = sorted([*values("/battery_level", range(200)), *values("/temperature", range(200), start_s=0.25)])
     found = [
@@ -280,7 +280,7 @@ def test_messages_out_of_order_are_played_late_with_a_message(tmp_path: Path) ->
     messages = [*values("/x", range(100), start_s=100.0), *values("/x", range(100, 200))]
     path = write_mcap(tmp_path / "a.mcap", [*messages, *values("/x", [0.0], start_s=50.5)], chunk_size=300)
     player = Player(Recordings([path]))
-    heard: List[float] = []
+    heard: list[float] = []
     player.node("node", {}).subscribe("x", "std_msgs/Float32", lambda value, now_s: heard.append(value), field="data")
     player.play()
     assert len(heard) == 201

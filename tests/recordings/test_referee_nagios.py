@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import random
 from pathlib import Path
-from typing import Any, List, Tuple
+from typing import Any
 
 import pytest
 from harness.nagios import announcements
@@ -41,10 +41,10 @@ def test_a_replay_announces_what_the_formula_leaves_to_announce(tmp_path: Path) 
 
         def note(event: Any) -> None:
             if isinstance(event, Transition):
-                change: Tuple[Level, Level] = event.from_level, event.to_level
+                change: tuple[Level, Level] = event.from_level, event.to_level
                 found[event.signal].append((round(player.wall_s - START_NS / 1e9), change))
 
         AlertSystem(player.node("alert_system", {"signals": signals}), {"test": note}, log_alerts=False)
         player.play()
-    differing: List[str] = [name for name in signals if found[name] != expected[name]]
+    differing: list[str] = [name for name in signals if found[name] != expected[name]]
     assert differing == [], f"{found[differing[0]]}, expected {expected[differing[0]]}"

@@ -6,7 +6,7 @@ tests/core/test_referee_promtool.py says what is comparable.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Dict, List, Sequence
+from typing import Any, Sequence
 
 import pytest
 from harness.promtool import (
@@ -28,9 +28,9 @@ from robot_health_monitor.recordings.reading import Recordings
 pytestmark = pytest.mark.newest_python
 
 
-def levels_of_replay(path: str, timelines: Sequence[Timeline]) -> Dict[str, List[Level]]:
+def levels_of_replay(path: str, timelines: Sequence[Timeline]) -> dict[str, list[Level]]:
     """Returns the announced level of each timeline at every second."""
-    levels: Dict[str, List[Level]] = {timeline.name: [Level.OK] * STEPS for timeline in timelines}
+    levels: dict[str, list[Level]] = {timeline.name: [Level.OK] * STEPS for timeline in timelines}
     with Recordings([path]) as recordings:
         player = Player(recordings)
 

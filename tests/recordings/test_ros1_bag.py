@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import struct
 from pathlib import Path
-from typing import List, Tuple
 
 import pytest
 from harness.recorded import read, values, write_bag
@@ -16,7 +15,7 @@ MESSAGES = sorted([*values("/battery_level", range(50)), *values("/temperature",
 MAGIC = b"#ROSBAG V2.0\n"
 
 
-def record_starts(data: bytes) -> List[Tuple[int, int]]:
+def record_starts(data: bytes) -> list[tuple[int, int]]:
     """Returns place and type of each record of a bag."""
     found, position = [], len(MAGIC)
     while position < len(data):

@@ -9,7 +9,7 @@ import subprocess
 import sys
 import threading
 from pathlib import Path
-from typing import Any, Callable, Dict, Iterator, List, Mapping, Optional
+from typing import Any, Callable, Iterator, Mapping
 
 import pytest
 from harness import reserved
@@ -103,7 +103,7 @@ def free_port() -> int:
 @pytest.fixture
 def start_master(tmp_path: Path) -> Iterator[Callable[[int], Master]]:
     """Starts a master of the test's own."""
-    masters: List[Master] = []
+    masters: list[Master] = []
 
     def start_on(port: int) -> Master:
         masters.append(Master(tmp_path, port))
@@ -129,13 +129,11 @@ def parameters(master: Master) -> Iterator[Callable[[str, Any], None]]:
 @pytest.fixture
 def start(master: Master, parameters: Any) -> Iterator[Callable[..., LineProcess]]:
     """Starts an executable of `ros1_executables.py` from the source tree and ends it after the test."""
-    processes: List[LineProcess] = []
+    processes: list[LineProcess] = []
 
-    def start_executable(
-        function: str, *arguments: str, environment: Optional[Mapping[str, str]] = None
-    ) -> LineProcess:
+    def start_executable(function: str, *arguments: str, environment: Mapping[str, str] | None = None) -> LineProcess:
         code = f"import sys; from robot_health_monitor.cli.ros1_executables import {function}; sys.exit({function}())"
-        variables: Dict[str, str] = {**master.environment, "PYTHONPATH": _with_root(), **(environment or {})}
+        variables: dict[str, str] = {**master.environment, "PYTHONPATH": _with_root(), **(environment or {})}
         processes.append(LineProcess([sys.executable, "-c", code, *arguments], variables))
         return processes[-1]
 

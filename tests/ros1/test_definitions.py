@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import io
-from typing import Any, Dict
+from typing import Any
 
 import pytest
 
-MESSAGES: Dict[str, Dict[str, Any]] = {
+MESSAGES: dict[str, dict[str, Any]] = {
     "std_msgs/Float32": {"data": 19.5},
     "std_msgs/String": {"data": "20 %"},
     "diagnostic_msgs/DiagnosticArray": {

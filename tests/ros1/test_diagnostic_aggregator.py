@@ -6,7 +6,7 @@ import os
 import shutil
 import socket
 from pathlib import Path
-from typing import Any, Dict, Iterator, Mapping
+from typing import Any, Iterator, Mapping
 
 import pytest
 from harness.line_process import LineProcess
@@ -47,7 +47,7 @@ def aggregated(ros: Any, master: Any, tmp_path: Path) -> Iterator[Any]:
 def test_the_aggregator_groups_our_statuses_and_rolls_their_levels_up(ros: Any, start: Any, aggregated: Any) -> None:
     alert_system = start("alert_system")
     alert_system.wait_for_text("watching cpu_usage")
-    shown: Dict[str, Mapping[str, Any]] = {}
+    shown: dict[str, Mapping[str, Any]] = {}
 
     def is_complete() -> bool:
         """Publishes again and again: on a busy machine the aggregator may need longer than a sample is fresh."""
@@ -67,7 +67,7 @@ def test_the_aggregator_groups_our_statuses_and_rolls_their_levels_up(ros: Any, 
     battery = shown["/Other/alert_system: battery_level"]
     assert battery["message"] == "19 % is below 20 %"
     assert battery["hardware_id"] == socket.gethostname()
-    values: Dict[str, str] = {pair["key"]: pair["value"] for pair in battery["values"]}
+    values: dict[str, str] = {pair["key"]: pair["value"] for pair in battery["values"]}
     assert {key: values[key] for key in ("value", "unit", "warn_below", "error_below", "bad_samples")} == {
         "value": "19",
         "unit": "%",

@@ -7,7 +7,7 @@ import re
 import signal
 import subprocess
 from pathlib import Path
-from typing import Any, Iterator, List, Mapping
+from typing import Any, Iterator, Mapping
 
 import pytest
 from harness.executables_on_ros import FLOAT32, READY, TRIGGER, WRONG_FILE, ExecutablesOnRos, file_with, warnings_of
@@ -206,7 +206,7 @@ def test_after_kill_9_it_starts_with_the_last_good_parameters_and_says_so(
     assert "parameters: started with the last good ones: signals.fan.warn_below: expected a number, got 'low'" in line
     states = ros.listen("/diagnostics", "diagnostic_msgs/DiagnosticArray")
 
-    def own_levels() -> List[int]:
+    def own_levels() -> list[int]:
         statuses = [status for array in tuple(states) for status in array["status"]]
         return [status["level"] for status in statuses if status["name"] == "alert_system: monitor"]
 

@@ -9,7 +9,7 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any, Callable, Iterator, List, Sequence, Set
+from typing import Any, Callable, Iterator, Sequence
 
 import pytest
 import yaml
@@ -48,7 +48,7 @@ def devel(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def roslaunch(devel: Path, master: Any, parameters: Any) -> Iterator[Callable[..., LineProcess]]:
     """Starts roslaunch with arguments; it is ended after the test if it still runs."""
-    processes: List[LineProcess] = []
+    processes: list[LineProcess] = []
 
     def launch(*arguments: Any) -> LineProcess:
         processes.append(LineProcess([devel / "env.sh", "roslaunch", *arguments], master.environment))
@@ -81,7 +81,7 @@ print(json.dumps(printed))
 """
 
 
-def printed(devel: Path, master: Any, *options: Sequence[str]) -> List[str]:
+def printed(devel: Path, master: Any, *options: Sequence[str]) -> list[str]:
     """Returns what the real roslaunch prints with each list of options, in one process."""
     launches = json.dumps([[first, "robot_health_monitor", "health_monitor.launch", *more] for first, *more in options])
     command = [str(devel / "env.sh"), sys.executable, "-c", PRINT, launches]
@@ -92,11 +92,11 @@ def printed(devel: Path, master: Any, *options: Sequence[str]) -> List[str]:
     return list(texts)
 
 
-def nodes_of(ros: Any) -> Set[str]:
+def nodes_of(ros: Any) -> set[str]:
     return {node for kind in ros._master.getSystemState() for _, nodes in kind for node in nodes}
 
 
-def wait_for_nodes(ros: Any, wanted: Set[str]) -> None:
+def wait_for_nodes(ros: Any, wanted: set[str]) -> None:
     ros.wait_until(lambda: wanted <= nodes_of(ros))
 
 

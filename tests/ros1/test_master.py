@@ -10,7 +10,7 @@ import socket
 import sys
 import threading
 import xmlrpc.client
-from typing import Any, List
+from typing import Any
 
 import pytest
 
@@ -145,10 +145,10 @@ class Answers:
         ([(1, "a"), "down", "down", "down", (1, "a"), "down", "down", None], ["WARN", "OK", "WARN", "ERROR"]),
     ],
 )
-def test_a_loss_is_reported_once_and_a_restart_ends_the_watch(identities: Any, changes: List[str]) -> None:
+def test_a_loss_is_reported_once_and_a_restart_ends_the_watch(identities: Any, changes: list[str]) -> None:
     from robot_health_monitor.ros1.master import MasterWatch
 
-    seen: List[str] = []
+    seen: list[str] = []
     watch = MasterWatch(Answers(*identities), "/tests", lambda text, level: seen.append(level.name), period_s=0.0)
     watch.start()
     watch.join(10.0)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Any, Dict
+from typing import Any
 
 import pytest
 
@@ -32,7 +32,7 @@ from robot_health_monitor.ros1.messages import message_class, service_class, to_
         ("std_msgs/Empty", {}),
     ],
 )
-def test_what_is_written_can_be_sent_and_reads_the_same(type_name: str, mapping: Dict[str, Any]) -> None:
+def test_what_is_written_can_be_sent_and_reads_the_same(type_name: str, mapping: dict[str, Any]) -> None:
     from io import BytesIO
 
     cls = message_class(type_name)
@@ -58,7 +58,7 @@ def test_what_is_written_can_be_sent_and_reads_the_same(type_name: str, mapping:
         ("sensor_msgs/Imu", {"orientation": {"q": 0.0}}, "Imu.orientation: Quaternion has no field q; available: x, y"),
     ],
 )
-def test_wrong_values_are_refused_with_the_field(type_name: str, mapping: Dict[str, Any], reason: str) -> None:
+def test_wrong_values_are_refused_with_the_field(type_name: str, mapping: dict[str, Any], reason: str) -> None:
     with pytest.raises(ValueError, match=reason):
         to_native(message_class(type_name), mapping)
 

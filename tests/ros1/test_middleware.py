@@ -5,7 +5,7 @@ from __future__ import annotations
 import socket
 import sys
 import threading
-from typing import Any, Dict, Iterator, List, Optional
+from typing import Any, Iterator
 
 import pytest
 from harness.line_process import LineProcess
@@ -25,7 +25,7 @@ def ros(ros_process: Any) -> Iterator[Any]:
     harness.close()
 
 
-def errors(ros: Any) -> List[str]:
+def errors(ros: Any) -> list[str]:
     return [line.text for line in ros.log_lines() if line.severity == Severity.ERROR]
 
 
@@ -219,13 +219,13 @@ class Answers:
     """What was answered, by topic."""
 
     def __init__(self, expected: int) -> None:
-        self.texts: Dict[str, Optional[str]] = {}
-        self.threads: List[threading.Thread] = []
+        self.texts: dict[str, str | None] = {}
+        self.threads: list[threading.Thread] = []
         self._expected = expected
         self._complete = threading.Event()
 
     def of(self, topic: str) -> Any:
-        def answer(text: Optional[str]) -> None:
+        def answer(text: str | None) -> None:
             self.texts[topic] = text
             self.threads.append(threading.current_thread())
             if len(self.texts) == self._expected:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Dict, List, Tuple
+from typing import Any
 
 import pytest
 
@@ -24,13 +24,13 @@ class Node:
         self.server = Master("/tests")
         self.parameters = NodeParameters(self.server, NODE)
         self.faults = Faults()
-        self.log_lines: List[Tuple[Severity, str]] = []
+        self.log_lines: list[tuple[Severity, str]] = []
 
     def start(self) -> None:
         self.parameters.given()
         self.parameters.keep()
 
-    def reload(self) -> Dict[str, Any]:
+    def reload(self) -> dict[str, Any]:
         return dict(
             self.parameters.reload(accept_numbers, self.faults, lambda *line: self.log_lines.append(line))  # type: ignore[arg-type]
         )

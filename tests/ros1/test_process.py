@@ -7,7 +7,7 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any, Callable, Dict, Iterator, List
+from typing import Any, Callable, Iterator
 
 import pytest
 from harness.unread import fill
@@ -30,8 +30,8 @@ def ros(ros_process: Any) -> Iterator[Any]:
 @pytest.fixture
 def start_with(master: Any) -> Iterator[Callable[..., subprocess.Popen]]:
     """Starts alert_system with given stdout and stderr."""
-    processes: List[subprocess.Popen] = []
-    environment: Dict[str, str] = {**master.environment, "PYTHONPATH": str(ROOT)}
+    processes: list[subprocess.Popen] = []
+    environment: dict[str, str] = {**master.environment, "PYTHONPATH": str(ROOT)}
     code = "import sys; from robot_health_monitor.cli.ros1_executables import alert_system; sys.exit(alert_system())"
 
     def start(**streams: Any) -> subprocess.Popen:
@@ -44,13 +44,13 @@ def start_with(master: Any) -> Iterator[Callable[..., subprocess.Popen]]:
         process.wait()
 
 
-def alerts_of(ros: Any) -> List[Any]:
+def alerts_of(ros: Any) -> list[Any]:
     """Publishes 50, 15, 5, 50 % and returns the alerts of the signal."""
     alerts = ros.listen("/alerts", STATUS)
     for percent in (50.0, 15.0, 5.0, 50.0):
         ros.publish("/battery_level", FLOAT32, {"data": percent})
 
-    def of_battery() -> List[Any]:
+    def of_battery() -> list[Any]:
         """Without those of a pause on a busy machine."""
         return [alert for alert in alerts if alert["name"] == "alert_system: battery_level" and alert["level"] != 3]
 
@@ -165,7 +165,7 @@ def test_it_ends_while_the_master_hangs(start: Any, free_port: int, start_master
     assert "Traceback" not in process.text
 
 
-def shown(reports: List[Any]) -> List[Any]:
+def shown(reports: list[Any]) -> list[Any]:
     return [(status["name"], status["level"]) for report in reports for status in report["status"]]
 
 

@@ -6,7 +6,7 @@ import signal
 import subprocess
 import threading
 from pathlib import Path
-from typing import Any, Iterator, List
+from typing import Any, Iterator
 
 import pytest
 
@@ -53,7 +53,7 @@ def wait_until_recording(ros: Any, master: Any) -> None:
 
     server = rosgraph.Master("/tests", master.uri)
 
-    def recorded() -> List[str]:
+    def recorded() -> list[str]:
         _, subscribers, _ = server.getSystemState()
         return [topic for topic, nodes in subscribers if any(node.startswith("/record_") for node in nodes)]
 
@@ -88,7 +88,7 @@ def test_a_replay_gives_the_alerts_of_the_run(
         read = type_of(channel).field_getter("")
         announced = [(time_ns / 1e9, read(data)) for time_ns, _, data in recordings.messages({channel: None})]
         live = [(at_s, message["name"].partition(": ")[2], message["level"]) for at_s, message in announced]
-        replayed: List[Any] = []
+        replayed: list[Any] = []
         player = Player(recordings)
 
         def note(event: Any) -> None:

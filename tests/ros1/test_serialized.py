@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Callable, List, Mapping
+from typing import Any, Callable, Mapping
 
 from robot_health_monitor.core.values.field_path import ABSENT
 
@@ -53,7 +53,7 @@ def test_a_publisher_without_a_definition_is_believed_to_have_the_installed_one(
 
 
 def test_messages_of_another_type_are_left_out_with_one_line() -> None:
-    lines: List[str] = []
+    lines: list[str] = []
     reader = bytes_reader("/in", "std_msgs/Float64", lambda severity, text: lines.append(text))
     assert [reader.read(raw(FLOAT)) for _ in range(3)] == [ABSENT] * 3
     assert reader.read(raw(dict(FLOAT))) is ABSENT
@@ -86,7 +86,7 @@ def test_messages_that_this_process_reads_itself_are_serialized_again() -> None:
 
 def test_a_field_is_read_by_the_definition_of_each_publisher() -> None:
     """rospy refuses a publisher with another definition, unless all messages of the topic are received as bytes."""
-    lines: List[str] = []
+    lines: list[str] = []
     reader = field_reader("data", lambda severity, text: lines.append(text))
     assert reader.read(raw(FLOAT)) == 19.5
     longer = {**FLOAT, "md5sum": "0" * 32, "message_definition": "uint8 id\nfloat32 data\n"}
@@ -96,7 +96,7 @@ def test_a_field_is_read_by_the_definition_of_each_publisher() -> None:
 
 
 def test_a_publisher_of_another_definition_that_it_does_not_send_is_not_read() -> None:
-    lines: List[str] = []
+    lines: list[str] = []
     reader = field_reader("data", lambda severity, text: lines.append(text))
     assert reader.read(raw({"type": "std_msgs/Float32", "md5sum": "0" * 32})) is ABSENT
     (line,) = lines

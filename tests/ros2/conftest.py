@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from pathlib import Path
-from typing import Any, Callable, Dict, Iterator, List, Mapping, Optional
+from typing import Any, Callable, Iterator, Mapping
 
 import pytest
 from harness.line_process import LineProcess
@@ -25,7 +25,7 @@ def pytest_collection_modifyitems(items: Any) -> None:
 
 
 @pytest.fixture(scope="session")
-def ros_environment() -> Iterator[Dict[str, str]]:
+def ros_environment() -> Iterator[dict[str, str]]:
     """Variables that isolate these tests and their processes from other ROS 2 processes."""
     before = dict(os.environ)
     os.environ["ROS_DOMAIN_ID"] = str(ros2_domain("tests"))
@@ -41,7 +41,7 @@ def ros_environment() -> Iterator[Dict[str, str]]:
 
 
 @pytest.fixture(scope="session")
-def outside(ros_environment: Dict[str, str]) -> Iterator[Any]:
+def outside(ros_environment: dict[str, str]) -> Iterator[Any]:
     """The participant that represents the rest of the robot."""
     from harness.ros2 import Participant
 
@@ -53,7 +53,7 @@ def outside(ros_environment: Dict[str, str]) -> Iterator[Any]:
 
 
 @pytest.fixture(scope="session")
-def inside(ros_environment: Dict[str, str]) -> Iterator[Any]:
+def inside(ros_environment: dict[str, str]) -> Iterator[Any]:
     """The participant of the nodes under test, and its spinning thread."""
     from rclpy.executors import SingleThreadedExecutor
 
@@ -61,13 +61,13 @@ def inside(ros_environment: Dict[str, str]) -> Iterator[Any]:
 
 
 @pytest.fixture(scope="session")
-def inside_events(ros_environment: Dict[str, str]) -> Iterator[Any]:
+def inside_events(ros_environment: dict[str, str]) -> Iterator[Any]:
     """The same with rclpy's experimental EventsExecutor."""
     experimental = pytest.importorskip("rclpy.experimental", reason="this rclpy has no EventsExecutor")
     yield from _spinning(ros_environment, experimental.EventsExecutor)
 
 
-def _spinning(ros_environment: Dict[str, str], executor_class: Any) -> Iterator[Any]:
+def _spinning(ros_environment: dict[str, str], executor_class: Any) -> Iterator[Any]:
     from harness.ros2 import Participant, Spinner
 
     participant = Participant(int(ros_environment["ROS_DOMAIN_ID"]), executor_class)
@@ -79,13 +79,11 @@ def _spinning(ros_environment: Dict[str, str], executor_class: Any) -> Iterator[
 
 
 @pytest.fixture
-def start(ros_environment: Dict[str, str]) -> Iterator[Callable[..., LineProcess]]:
+def start(ros_environment: dict[str, str]) -> Iterator[Callable[..., LineProcess]]:
     """Starts an executable of `ros2_executables.py` from the source tree and ends it after the test."""
-    processes: List[LineProcess] = []
+    processes: list[LineProcess] = []
 
-    def start_executable(
-        function: str, *arguments: str, environment: Optional[Mapping[str, str]] = None
-    ) -> LineProcess:
+    def start_executable(function: str, *arguments: str, environment: Mapping[str, str] | None = None) -> LineProcess:
         code = f"import sys; from robot_health_monitor.cli.ros2_executables import {function}; sys.exit({function}())"
         path = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH", "")]))
         variables = {**ros_environment, "PYTHONPATH": path, **(environment or {})}

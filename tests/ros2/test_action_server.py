@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import importlib
-from typing import Any, List
+from typing import Any
 
 import pytest
 
@@ -32,7 +32,7 @@ def test_goals_that_succeed_abort_or_are_canceled_or_rejected_are_judged(ros: An
     from rclpy.task import Future
 
     cls, orders, asked_to_cancel = action_type(), iter(["abort", "succeed", "canceled", "abort"]), Future()
-    accepts: List[bool] = [True] * 3 + [False, True]
+    accepts: list[bool] = [True] * 3 + [False, True]
 
     async def execute(goal: Any) -> Any:
         order = next(orders)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Dict
+from typing import Any
 
 import pytest
 
@@ -16,7 +16,7 @@ SECTIONS = [(path.name, node) for path in sorted(CONFIG.glob("*.yaml")) for node
 
 
 @pytest.mark.parametrize(("file", "node"), SECTIONS)
-def test_ros_2_reads_the_same_values(file: str, node: str, ros_environment: Dict[str, str]) -> None:
+def test_ros_2_reads_the_same_values(file: str, node: str, ros_environment: dict[str, str]) -> None:
     from rclpy.context import Context
     from rclpy.node import Node
 
@@ -24,7 +24,7 @@ def test_ros_2_reads_the_same_values(file: str, node: str, ros_environment: Dict
     context.init(args=["--ros-args", "--params-file", str(CONFIG / file)])
     reader = Node(node, context=context, automatically_declare_parameters_from_overrides=True)
     try:
-        found: Dict[str, Any] = {
+        found: dict[str, Any] = {
             name: list(parameter.value) if hasattr(parameter.value, "tolist") else parameter.value
             for name, parameter in reader.get_parameters_by_prefix("").items()
         }

@@ -6,7 +6,7 @@ import functools
 import itertools
 import re
 from pathlib import Path
-from typing import Any, Callable, Iterator, Mapping, Set
+from typing import Any, Callable, Iterator, Mapping
 
 import pytest
 import yaml
@@ -221,5 +221,5 @@ def test_simulated_time_is_followed(start: Any, ros: Any) -> None:
 def test_services_and_parameters_are_there_for_every_node(start: Any, ros: Any) -> None:
     process = start("battery_sensor")
     process.wait_for_text(READY["battery_sensor"])
-    expected: Set[str] = {f"/battery_sensor/{name}" for name in ("describe_parameters", "get_parameters")}
+    expected: set[str] = {f"/battery_sensor/{name}" for name in ("describe_parameters", "get_parameters")}
     ros.wait_until(lambda: ros.services() >= expected)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, List
+from typing import Any
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -16,7 +16,7 @@ def test_errors_in_the_log_are_counted(ros: Any) -> None:
         "topic": "/rosout", "where": 'level >= ERROR and name == "*planner"', "field": "", "statistic": "count",
         "warn_above": 5.0,
     }  # fmt: skip
-    said: List[Any] = []
+    said: list[Any] = []
     system = AlertSystem(
         ros.node("alert_system", parameters={"signals": {"errors": signal}}), {"test": said.append}, log_alerts=False
     )

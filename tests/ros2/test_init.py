@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Dict
-
 import pytest
 from harness.init_on_ros import InitOnRos
 
@@ -24,5 +22,5 @@ rclpy.spin(node.node)
 """
 
     @pytest.fixture
-    def variables(self, ros_environment: Dict[str, str]) -> Dict[str, str]:
+    def variables(self, ros_environment: dict[str, str]) -> dict[str, str]:
         return ros_environment

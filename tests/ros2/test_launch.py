@@ -10,7 +10,7 @@ import stat
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any, Callable, Dict, Iterator, List
+from typing import Any, Callable, Iterator
 
 import pytest
 from harness.line_process import LineProcess
@@ -61,7 +61,7 @@ def prefix(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def environment(prefix: Path, ros_environment: Dict[str, str], tmp_path: Path) -> Dict[str, str]:
+def environment(prefix: Path, ros_environment: dict[str, str], tmp_path: Path) -> dict[str, str]:
     def before(name: str, value: Path) -> str:
         return os.pathsep.join(filter(None, [str(value), ros_environment.get(name, "")]))
 
@@ -74,9 +74,9 @@ def environment(prefix: Path, ros_environment: Dict[str, str], tmp_path: Path) -
 
 
 @pytest.fixture
-def ros2_launch(environment: Dict[str, str]) -> Iterator[Callable[..., LineProcess]]:
+def ros2_launch(environment: dict[str, str]) -> Iterator[Callable[..., LineProcess]]:
     """Starts `ros2 launch` with arguments; it is ended after the test if it still runs."""
-    processes: List[LineProcess] = []
+    processes: list[LineProcess] = []
 
     def launch(*arguments: Any) -> LineProcess:
         processes.append(LineProcess([*ROS2, "launch", *arguments], environment))
@@ -267,7 +267,7 @@ def test_a_composed_launch_with_a_discharging_battery_warns_on_the_screen(
     end(process)
 
 
-def test_a_node_that_ends_is_started_again_on_request(ros2_launch: Any, environment: Dict[str, str]) -> None:
+def test_a_node_that_ends_is_started_again_on_request(ros2_launch: Any, environment: dict[str, str]) -> None:
     process = ros2_launch(NAME, "health_monitor.launch.py", "composed:=true", "respawn:=true")
     for _ in range(2):
         line = process.wait_for_text("process started with pid")
@@ -297,7 +297,7 @@ def test_the_textbook_example_needs_configuration_only(ros2_launch: Any, ros: An
     assert 'sensor "temp_sensor_1" started at 2 Hz' in process.text
 
 
-def test_parameters_can_be_set_with_ros2_param(ros2_launch: Any, environment: Dict[str, str]) -> None:
+def test_parameters_can_be_set_with_ros2_param(ros2_launch: Any, environment: dict[str, str]) -> None:
     pytest.importorskip("ros2param", reason="ros2param is not here: it comes with a full ROS 2, pip does not have it")
     process = ros2_launch(NAME, "health_monitor.launch.py", "composed:=true")
     process.wait_for_text(SENSOR_READY)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Any, Dict
+from typing import Any
 
 import pytest
 
@@ -38,7 +38,7 @@ from robot_health_monitor.ros2.messages import (
         ("std_msgs/Empty", {}),
     ],
 )
-def test_what_is_written_can_be_sent_and_reads_the_same(type_name: str, mapping: Dict[str, Any]) -> None:
+def test_what_is_written_can_be_sent_and_reads_the_same(type_name: str, mapping: dict[str, Any]) -> None:
     from rclpy.serialization import deserialize_message, serialize_message
 
     cls = message_class(type_name)
@@ -75,7 +75,7 @@ def test_what_is_written_can_be_sent_and_reads_the_same(type_name: str, mapping:
         ),
     ],
 )
-def test_wrong_values_are_refused_with_the_field(type_name: str, mapping: Dict[str, Any], reason: str) -> None:
+def test_wrong_values_are_refused_with_the_field(type_name: str, mapping: dict[str, Any], reason: str) -> None:
     with pytest.raises(ValueError, match=reason):
         to_native(message_class(type_name), mapping)
 

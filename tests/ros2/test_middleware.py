@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, List, Optional, Sequence
+from typing import Any, Sequence
 
 import pytest
 from harness.port_conformance import FLOAT32, Recorder, RefusingNode
@@ -81,7 +81,7 @@ def test_subscriptions_are_reliable_while_every_publisher_is(ros: Any) -> None:
 
 def test_one_subscription_serves_the_fields_that_need_the_message_and_those_that_do_not(ros: Any) -> None:
     """Each message is received once, and its fields are read in the order of the subscriptions."""
-    heard: List[Any] = []
+    heard: list[Any] = []
     node = ros.node("alert_system")
     for field in ("percentage", "cell_voltage[*]", "charge"):
         node.subscribe(
@@ -188,7 +188,7 @@ def test_a_refusing_node_keeps_rclpys_own_parameters_out_of_the_tree(ros: Any) -
 
 
 def test_a_small_step_back_restarts_the_period_too(ros: Any) -> None:
-    times_s: List[float] = []
+    times_s: list[float] = []
     ros.node("aggregator").create_timer(1.0, times_s.append)
     for step, calls in ((100.75, 0), (100.5, 0), (101.25, 0), (101.5, 1)):
         ros.set_time(step)
@@ -198,7 +198,7 @@ def test_a_small_step_back_restarts_the_period_too(ros: Any) -> None:
 
 def test_periods_begin_with_simulated_time(ros: Any) -> None:
     """Until the first message on /clock it is 0; that the clock then shows hours is no reason for a call."""
-    times_s: List[float] = []
+    times_s: list[float] = []
     node = ros.node("aggregator", before_time=lambda node: node.create_timer(1.0, times_s.append))
     assert node.now_s() == 100.0
     ros.set_time(100.5)
@@ -221,7 +221,7 @@ def test_a_burst_of_alerts_arrives_completely(ros: Any) -> None:
     """With a queue of 10, a reliable subscriber loses what was published while it did not read."""
     node = ros.node("alert_system")
     node.advertise("alerts", FLOAT32)
-    messages: List[float] = []
+    messages: list[float] = []
     from std_msgs.msg import Float32
 
     subscription = ros._me.create_subscription(Float32, "/alerts", lambda native: messages.append(native.data), 1000)
@@ -241,13 +241,13 @@ def test_a_type_of_a_package_that_is_not_installed_is_rejected(ros: Any) -> None
         node.subscribe("in", "no_such_msgs/Float32", Recorder(), field="data")
 
 
-def answer_of(ros: Any, wanted: Sequence[Any], topic: str) -> Optional[str]:
+def answer_of(ros: Any, wanted: Sequence[Any], topic: str) -> str | None:
     """Returns the answer for subscriptions of some QoS once the publisher is known to the node."""
     from robot_health_monitor.ros2.publishers import PublisherLookup
 
     node = ros.node("alert_system").node
     ros.wait_until(lambda: bool(node.get_publishers_info_by_topic(topic)))
-    answers: List[Optional[str]] = []
+    answers: list[str | None] = []
     PublisherLookup(node, lambda topic: wanted).look_up(topic, FLOAT32, answers.append)
     (text,) = answers
     return text
@@ -274,11 +274,11 @@ def test_a_subscription_is_best_effort_once_a_publisher_requires_that(ros: Any) 
     from rclpy.qos import QoSProfile, ReliabilityPolicy
     from std_msgs.msg import Float32
 
-    heard: List[Any] = []
+    heard: list[Any] = []
     node = ros.node("alert_system")
     node.subscribe("sensor", FLOAT32, lambda value, now_s: heard.append(value), field="data")
 
-    def reliabilities() -> List[Any]:
+    def reliabilities() -> list[Any]:
         return [qos.reliability for qos in node._qos_of("/sensor")]
 
     assert reliabilities() == [ReliabilityPolicy.RELIABLE]

@@ -6,7 +6,7 @@ In parameter files, errors name file and line, and a node's section applies in a
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Dict, List, Mapping
+from typing import Any, Mapping
 
 import pytest
 
@@ -32,7 +32,7 @@ def set_atomically(ros: Any, node: Any, values: Mapping[str, Any]) -> str:
     return str(result.reason)
 
 
-def get(ros: Any, node: Any, *names: str) -> List[Any]:
+def get(ros: Any, node: Any, *names: str) -> list[Any]:
     from rcl_interfaces.srv import GetParameters
     from rclpy.parameter import parameter_value_to_python
 
@@ -52,7 +52,7 @@ class Watched:
     """A node whose parameters are those of alert_system with one signal."""
 
     def __init__(self, ros: Any, given: Mapping[str, Any]) -> None:
-        self.trees: List[Mapping[str, Any]] = []
+        self.trees: list[Mapping[str, Any]] = []
         self.node = ros.node("alert_system", parameters=given)
         config = load_config(self.node.given_parameters())
         self.node.declare_parameters(described_parameters(config), self._on_change)
@@ -62,7 +62,7 @@ class Watched:
         self.trees.append(tree)
 
 
-GIVEN: Dict[str, Any] = {"signals": {"battery_level": {"warn_below": 20.0, "error_below": 10.0, "unit": "%"}}}
+GIVEN: dict[str, Any] = {"signals": {"battery_level": {"warn_below": 20.0, "error_below": 10.0, "unit": "%"}}}
 WARN_BELOW, ERROR_BELOW = "signals.battery_level.warn_below", "signals.battery_level.error_below"
 
 
@@ -148,7 +148,7 @@ def test_an_accepted_change_is_one_info_line(ros: Any) -> None:
     for value in (2.0, 3.0):
         assert ros.propose(node, "publish_rate", value) == ""
 
-    def changes() -> List[str]:
+    def changes() -> list[str]:
         return [line.text for line in ros.log_lines() if "parameters changed" in line.text]
 
     ros.wait_until(lambda: bool(changes()))  # log lines come over /rosout

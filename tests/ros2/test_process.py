@@ -9,7 +9,7 @@ import subprocess
 import sys
 import threading
 from pathlib import Path
-from typing import Any, Callable, Dict, Iterator, List, Sequence
+from typing import Any, Callable, Iterator, Sequence
 
 import pytest
 from harness.unread import fill
@@ -25,11 +25,11 @@ THRESHOLDS = (
 
 
 @pytest.fixture
-def start_with(ros_environment: Dict[str, str], tmp_path: Path) -> Iterator[Callable[..., subprocess.Popen]]:
+def start_with(ros_environment: dict[str, str], tmp_path: Path) -> Iterator[Callable[..., subprocess.Popen]]:
     """Starts alert_system with given stdout and stderr."""
     file = tmp_path / "thresholds.yaml"
     file.write_text(THRESHOLDS, encoding="utf-8")
-    processes: List[subprocess.Popen] = []
+    processes: list[subprocess.Popen] = []
     path = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH", "")]))
     environment = {**ros_environment, "PYTHONPATH": path}
     code = "import sys; from robot_health_monitor.cli.ros2_executables import alert_system; sys.exit(alert_system())"
@@ -45,7 +45,7 @@ def start_with(ros_environment: Dict[str, str], tmp_path: Path) -> Iterator[Call
         process.wait()
 
 
-def alerts_of(ros: Any) -> List[bytes]:
+def alerts_of(ros: Any) -> list[bytes]:
     """Publishes 50, 15, 5, 50 % and returns the levels of the alerts of the signal."""
     ros.wait_until(lambda: ros.services() >= {"/alert_system/reset"})
     alerts = ros.listen("/alerts", STATUS)
@@ -53,7 +53,7 @@ def alerts_of(ros: Any) -> List[bytes]:
     for percent in (15.0, 5.0, 50.0):
         ros.publish_to_process("/battery_level", FLOAT32, {"data": percent})
 
-    def of_battery() -> List[bytes]:
+    def of_battery() -> list[bytes]:
         """Without those of a pause on a busy machine, and of the time until the connections are there."""
         levels = [alert["level"] for alert in alerts if alert["name"] == "alert_system: battery_level"]
         return [level for level in levels if level != b"\x03"]
@@ -62,7 +62,7 @@ def alerts_of(ros: Any) -> List[bytes]:
     return of_battery()
 
 
-def shown(reports: List[Any]) -> List[Any]:
+def shown(reports: list[Any]) -> list[Any]:
     return [(status["name"], status["level"]) for report in reports for status in report["status"]]
 
 
@@ -167,7 +167,7 @@ class TestExecutor:
     """Which executor `executor: auto` chooses."""
 
     @pytest.fixture
-    def node(self, ros_environment: Dict[str, str]) -> Iterator[Any]:
+    def node(self, ros_environment: dict[str, str]) -> Iterator[Any]:
         import rclpy
         from rclpy.context import Context
         from rclpy.node import Node
@@ -178,10 +178,10 @@ class TestExecutor:
         rclpy.shutdown(context=context)
 
     @pytest.fixture
-    def lines(self) -> List[str]:
+    def lines(self) -> list[str]:
         return []
 
-    def choose(self, wanted: str, node: Any, lines: List[str]) -> str:
+    def choose(self, wanted: str, node: Any, lines: list[str]) -> str:
         from robot_health_monitor.ros2.process import choose_executor
 
         executor, _ = choose_executor(wanted, [node], lambda severity, text: lines.append(text))
@@ -189,19 +189,19 @@ class TestExecutor:
         executor.shutdown()
         return type(executor).__name__
 
-    def test_the_events_executor_is_chosen_where_it_works(self, node: Any, lines: List[str]) -> None:
+    def test_the_events_executor_is_chosen_where_it_works(self, node: Any, lines: list[str]) -> None:
         pytest.importorskip("rclpy.experimental", reason="this rclpy has no EventsExecutor")
         assert self.choose("auto", node, lines) == "EventsExecutor"
         assert lines == []
 
     def test_a_call_of_its_timer_that_comes_late_does_nothing(
-        self, node: Any, lines: List[str], monkeypatch: pytest.MonkeyPatch
+        self, node: Any, lines: list[str], monkeypatch: pytest.MonkeyPatch
     ) -> None:
         """The EventsExecutor calls back what was waiting when the timer was destroyed."""
         experimental = pytest.importorskip("rclpy.experimental", reason="this rclpy has no EventsExecutor")
         from rclpy.executors import SingleThreadedExecutor
 
-        late: List[Callable[[], None]] = []
+        late: list[Callable[[], None]] = []
 
         class Late(SingleThreadedExecutor):
             def spin_until_future_complete(self, future: Any, timeout_sec: Any = None) -> None:
@@ -213,19 +213,19 @@ class TestExecutor:
         (call,) = late
         call()
 
-    def test_single_is_single(self, node: Any, lines: List[str]) -> None:
+    def test_single_is_single(self, node: Any, lines: list[str]) -> None:
         assert self.choose("single", node, lines) == "SingleThreadedExecutor"
 
     @pytest.mark.parametrize(("wanted", "warnings"), [("auto", 0), ("events", 1)])
     def test_one_that_delivers_nothing_is_not_chosen(
-        self, node: Any, lines: List[str], monkeypatch: pytest.MonkeyPatch, wanted: str, warnings: int
+        self, node: Any, lines: list[str], monkeypatch: pytest.MonkeyPatch, wanted: str, warnings: int
     ) -> None:
         self.break_with(monkeypatch, threading.Event().wait)
         assert self.choose(wanted, node, lines) == "SingleThreadedExecutor"
         assert ["delivers no message" in line for line in lines] == [True] * warnings
 
     def test_one_that_is_busy_while_idle_is_not_chosen(
-        self, node: Any, lines: List[str], monkeypatch: pytest.MonkeyPatch
+        self, node: Any, lines: list[str], monkeypatch: pytest.MonkeyPatch
     ) -> None:
         import time
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, List, Tuple
+from typing import Any
 
 import pytest
 
@@ -62,7 +62,7 @@ def test_what_was_published_on_a_latched_topic_is_received_raw(ros: Any, type_na
     publisher.publish(Float32(data=2.5))
     node = ros.node("alert_system", sim_time=False)
     ros.wait_until(lambda: node.node.count_publishers("/early") == 1)
-    heard: List[Tuple[bytes, str]] = []
+    heard: list[tuple[bytes, str]] = []
     node.subscribe_raw("/early", type_name, lambda message, now_s: heard.append((message[0], message[1].schema_name)))
     ros.wait_until(lambda: bool(heard))
     ((data, schema_name),) = heard
@@ -79,8 +79,8 @@ def test_a_volatile_publisher_that_replaces_a_latched_one_is_received(ros: Any) 
     latched.publish(Float32(data=2.5))
     node = ros.node("alert_system", sim_time=False)
     ros.wait_until(lambda: node.node.count_publishers("/early") == 1)
-    captured: List[float] = []
-    judged: List[float] = []
+    captured: list[float] = []
+    judged: list[float] = []
     node.subscribe_raw("/early", FLOAT32, lambda message, now_s: captured.append(message[0][-1]))
     node.subscribe("/early", FLOAT32, lambda value, now_s: judged.append(value), field="data")
     ros.wait_until(lambda: bool(captured) and bool(judged))
@@ -104,7 +104,7 @@ def test_a_publisher_that_comes_back_with_another_type_is_received_raw(ros: Any)
     first = publisher_of(ros, "/changing")
     node = ros.node("alert_system", sim_time=False)
     ros.wait_until(lambda: node.node.count_publishers("/changing") == 1)
-    names: List[str] = []
+    names: list[str] = []
     node.subscribe_raw("/changing", "", lambda message, now_s: names.append(message[1].schema_name))
 
     def heard(publisher: Any, message: Any, name: str) -> bool:

@@ -6,7 +6,7 @@ import json
 import threading
 import time
 from pathlib import Path
-from typing import Any, Dict, Iterator, List, Tuple
+from typing import Any, Iterator
 
 import pytest
 
@@ -36,12 +36,12 @@ TYPES = {
 class Recorder:
     """Records messages as they come over DDS, with the time of their arrival."""
 
-    def __init__(self, ros_environment: Dict[str, str]) -> None:
+    def __init__(self, ros_environment: dict[str, str]) -> None:
         from diagnostic_msgs.msg import DiagnosticStatus
         from harness.ros2 import Participant, Spinner
         from std_msgs.msg import Float32
 
-        self.messages: List[Tuple[int, str, bytes]] = []
+        self.messages: list[tuple[int, str, bytes]] = []
         participant = Participant(int(ros_environment["ROS_DOMAIN_ID"]))
         self._node = node = participant.node("recorder")
         for topic, type_name in TYPES.items():
@@ -78,7 +78,7 @@ class Recorder:
 
 
 @pytest.fixture
-def recorder(ros_environment: Dict[str, str]) -> Iterator[Recorder]:
+def recorder(ros_environment: dict[str, str]) -> Iterator[Recorder]:
     found = Recorder(ros_environment)
     yield found
     found.close()
@@ -120,9 +120,9 @@ def test_a_replay_gives_the_alerts_of_the_run(ros: Any, start: Any, recorder: Re
         assert all(abs(found[0] - expected[0]) <= TICK_S + LATENCY_S for found, expected in zip(replayed, live))
 
 
-def replay(recordings: Recordings) -> List[Tuple[float, str, int]]:
+def replay(recordings: Recordings) -> list[tuple[float, str, int]]:
     """Returns time, signal and level of each transition."""
-    found: List[Tuple[float, str, int]] = []
+    found: list[tuple[float, str, int]] = []
     player = Player(recordings)
 
     def note(event: Any) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import xml.etree.ElementTree as ElementTree
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Any, Callable, Dict, Iterator, List, Mapping, Set, Tuple
+from typing import Any, Callable, Iterator, Mapping, Set, Tuple
 
 import pytest
 
@@ -26,16 +26,16 @@ GETTERS = {
 
 
 @pytest.fixture
-def policy(capsys: pytest.CaptureFixture[str]) -> Callable[..., Dict[str, Names]]:
+def policy(capsys: pytest.CaptureFixture[str]) -> Callable[..., dict[str, Names]]:
     """Returns what a policy allows, by the full name of the node, with names resolved as sros2 does."""
 
-    def read(*arguments: str) -> Dict[str, Names]:
+    def read(*arguments: str) -> dict[str, Names]:
         assert main(["export", "sros2", *arguments]) == 0
-        found: Dict[str, Names] = {}
+        found: dict[str, Names] = {}
         for profile in ElementTree.fromstring(capsys.readouterr().out).iter("profile"):
             prefix = profile.attrib["ns"].rstrip("/") + "/"
             node = prefix + profile.attrib["node"]
-            allowed: Dict[Tuple[str, str], Set[str]] = {key: set() for key in GETTERS}
+            allowed: dict[tuple[str, str], set[str]] = {key: set() for key in GETTERS}
             for section in profile:
                 for verb in section.attrib:
                     names = {resolved(str(element.text), node, prefix) for element in section}
@@ -65,7 +65,7 @@ def observer(outside: Any) -> Iterator[Any]:
 def used(observer: Any, node: str) -> Names:
     """Returns what a node uses, as another participant sees it; nothing while it is unknown."""
     namespace, _, name = node.rpartition("/")
-    found: Dict[Tuple[str, str], Set[str]] = {}
+    found: dict[tuple[str, str], set[str]] = {}
     for key, getter in GETTERS.items():
         try:
             pairs = getattr(observer, getter)(name, namespace or "/")
@@ -75,7 +75,7 @@ def used(observer: Any, node: str) -> Names:
     return found
 
 
-def without(allowed: Mapping[str, Names], *names: str) -> Dict[str, Names]:
+def without(allowed: Mapping[str, Names], *names: str) -> dict[str, Names]:
     """Returns a policy without names that are used at times only."""
     return {
         node: {key: {each for each in found if not each.endswith(names)} for key, found in permissions.items()}
@@ -84,7 +84,7 @@ def without(allowed: Mapping[str, Names], *names: str) -> Dict[str, Names]:
 
 
 def wait_for(ros: Any, observer: Any, expected: Mapping[str, Names]) -> None:
-    seen: List[Dict[str, Names]] = []
+    seen: list[dict[str, Names]] = []
 
     def is_equal() -> bool:
         seen[:] = [{node: used(observer, node) for node in expected}]

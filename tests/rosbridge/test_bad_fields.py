@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Dict
+from typing import Any
 
 import pytest
 from harness.rosbridge_client import ForeignServer, Watched, scenario, until
@@ -11,7 +11,7 @@ from harness.rosbridge_client import ForeignServer, Watched, scenario, until
 from robot_health_monitor.core.nodes import AlertSystem
 
 JOINTS, DIAGNOSTICS = "sensor_msgs/JointState", "diagnostic_msgs/DiagnosticArray"
-SIGNALS: Dict[str, Any] = {
+SIGNALS: dict[str, Any] = {
     "age": {"topic": "/in", "type": JOINTS, "field": "header.stamp"},
     "wheels": {"topic": "/in", "type": JOINTS, "field": 'effort["wheel_*"]'},
     "left": {"topic": "/in", "type": JOINTS, "field": 'effort["wheel_left"]'},
@@ -19,7 +19,7 @@ SIGNALS: Dict[str, Any] = {
     "drivers": {"topic": "/in", "type": DIAGNOSTICS, "field": 'status["*"]'},
     "motor": {"topic": "/in", "type": DIAGNOSTICS, "field": 'status["motor"]'},
 }
-GOOD: Dict[str, Any] = {
+GOOD: dict[str, Any] = {
     "age": {"header": {"stamp": {"sec": 1_700_000_000, "nanosec": 0}}},
     "drivers": {"status": [{"name": "motor", "level": 0, "message": "fine"}]},
     "motor": {"status": [{"name": "motor", "level": 0, "message": "fine"}]},
@@ -27,11 +27,11 @@ GOOD: Dict[str, Any] = {
 GOOD_JOINTS = {"name": ["wheel_left", "arm"], "effort": [1.0, 2.0]}
 
 
-def stamp(seconds: Any, nanoseconds: Any = 0) -> Dict[str, Any]:
+def stamp(seconds: Any, nanoseconds: Any = 0) -> dict[str, Any]:
     return {"header": {"stamp": {"sec": seconds, "nanosec": nanoseconds}}}
 
 
-def driver(name: Any, level: Any) -> Dict[str, Any]:
+def driver(name: Any, level: Any) -> dict[str, Any]:
     return {"status": [{"name": name, "level": level, "message": "x"}]}
 
 
@@ -58,7 +58,7 @@ def driver(name: Any, level: Any) -> Dict[str, Any]:
         (driver("motor", 1.5), "drivers[motor]", "level 1.5"),
     ],
 )
-def test_a_bad_message_is_invalid_data_until_the_next_one(message: Dict[str, Any], signal: str, reason: str) -> None:
+def test_a_bad_message_is_invalid_data_until_the_next_one(message: dict[str, Any], signal: str, reason: str) -> None:
     name = signal.partition("[")[0]
 
     @scenario
@@ -86,7 +86,7 @@ def test_a_bad_message_is_invalid_data_until_the_next_one(message: Dict[str, Any
 @pytest.mark.parametrize(
     "message", [{"effort": None}, {"effort": "12"}, {"effort": {"a": 1}}, {"name": None}, {"name": "wheel_left"}, {}]
 )
-def test_what_is_no_array_is_one_line_and_no_sample(message: Dict[str, Any]) -> None:
+def test_what_is_no_array_is_one_line_and_no_sample(message: dict[str, Any]) -> None:
     @scenario
     async def run() -> None:
         foreign = ForeignServer()

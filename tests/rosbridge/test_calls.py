@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from typing import Any, List
+from typing import Any
 
 import pytest
 from harness.rosbridge_client import scenario
@@ -16,7 +16,7 @@ from robot_health_monitor.rosbridge.protocol.operations import ServiceResponse
 class Bench:
     def __init__(self) -> None:
         self.calls = PendingCalls()
-        self.sent: List[Any] = []
+        self.sent: list[Any] = []
 
     async def start(self, peer: object, service: str = "/dock") -> asyncio.Task[Any]:
         call = asyncio.ensure_future(self.calls.call(self.sent.append, peer, service, {}, 30.0))

@@ -13,7 +13,7 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any, Dict, List
+from typing import Any
 
 import pytest
 from harness.rosbridge_peer import Robot, with_robot
@@ -24,7 +24,7 @@ HERE = Path(__file__).parent
 ACCESS = Access(publish=("/in",), services=("/robot/reset", "/offered"), offer=("/offered",))
 
 
-async def run_beside(robot: Robot, command: List[str]) -> Dict[str, Any]:
+async def run_beside(robot: Robot, command: list[str]) -> dict[str, Any]:
     """Runs a program while the robot publishes; returns what it has seen."""
     robot.node.advertise_service("~reset", "std_srvs/Trigger", lambda request: {"success": True, "message": "done"})
     process = await asyncio.create_subprocess_exec(
@@ -38,12 +38,12 @@ async def run_beside(robot: Robot, command: List[str]) -> Dict[str, Any]:
         await asyncio.sleep(0.01)
     output, errors = waiting.result()
     assert process.returncode == 0, errors.decode()
-    seen: Dict[str, Any] = json.loads(output)
+    seen: dict[str, Any] = json.loads(output)
     return seen
 
 
 @pytest.fixture(scope="module")
-def roslibjs() -> List[str]:
+def roslibjs() -> list[str]:
     """Returns the command that runs the program with roslib."""
     node, npm = shutil.which("node"), shutil.which("npm")
     if node is None or npm is None:
@@ -84,7 +84,7 @@ def test_roslibpy_works_unchanged() -> None:
     scenario()
 
 
-def test_roslibjs_works_unchanged(roslibjs: List[str]) -> None:
+def test_roslibjs_works_unchanged(roslibjs: list[str]) -> None:
     @with_robot(ACCESS)
     async def scenario(robot: Robot) -> None:
         seen = await run_beside(robot, [*roslibjs, str(robot.server.port)])

@@ -10,7 +10,7 @@ import socket as sockets
 import ssl
 import threading
 import weakref
-from typing import Any, AsyncIterator, Callable, Dict, List, Optional
+from typing import Any, AsyncIterator, Callable
 
 import aiohttp
 import pytest
@@ -22,10 +22,10 @@ from robot_health_monitor.rosbridge.server.access import Access, Client
 
 
 @contextlib.asynccontextmanager
-async def well_behaved(robot: Robot) -> AsyncIterator[List[float]]:
+async def well_behaved(robot: Robot) -> AsyncIterator[list[float]]:
     """A client that reads throughout; checks at the end that it lost nothing."""
-    sent: List[float] = []
-    received: List[float] = []
+    sent: list[float] = []
+    received: list[float] = []
 
     async def read(peer: Peer) -> None:
         while True:
@@ -299,7 +299,7 @@ def test_an_expensive_subscription_is_bounded_and_disturbs_no_other_client(optio
 
 @with_robot()
 async def test_large_messages_are_encoded_and_decoded_outside_the_loop(robot: Robot) -> None:
-    threads: List[str] = []
+    threads: list[str] = []
     pool: Any = robot.server._node.codec
     run = pool.submit
 
@@ -373,7 +373,7 @@ HALF_HEAD = b"GET / HTTP/1.1\r\nHost: loc"
 HALF_HELLO = b"\x16\x03\x01\x02\x00\x01"
 
 
-def with_login(client_of: Callable[[web.Request], Client]) -> List[web.RouteDef]:
+def with_login(client_of: Callable[[web.Request], Client]) -> list[web.RouteDef]:
     async def login(request: web.Request) -> web.Response:
         await request.read()
         return client_of(request).login("")
@@ -387,7 +387,7 @@ def with_login(client_of: Callable[[web.Request], Client]) -> List[web.RouteDef]
 @pytest.mark.parametrize("tls", [False, True])
 def test_clients_without_the_token_never_keep_out_those_with_it(tls: bool) -> None:
     """They hold half-open connections of every kind, more than there is room for, and open lost ones again at once."""
-    options: Dict[str, Any] = {}
+    options: dict[str, Any] = {}
     trust = None
     if tls:
         trustme = pytest.importorskip("trustme", reason="trustme, which makes certificates, is not installed")
@@ -401,7 +401,7 @@ def test_clients_without_the_token_never_keep_out_those_with_it(tls: bool) -> No
     async def scenario(robot: Robot) -> None:
         begun = 0
 
-        async def hold(opening: bytes, context: Optional[ssl.SSLContext]) -> None:
+        async def hold(opening: bytes, context: ssl.SSLContext | None) -> None:
             nonlocal begun
             while True:
                 with contextlib.suppress(OSError):

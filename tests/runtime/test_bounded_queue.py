@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from typing import List
-
 import pytest
 
 from robot_health_monitor.runtime.bounded_queue import BoundedQueue
 
 
-def drained(queue: BoundedQueue[str]) -> List[str]:
+def drained(queue: BoundedQueue[str]) -> list[str]:
     return [queue.pop() for _ in range(len(queue))]
 
 

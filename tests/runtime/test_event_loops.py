@@ -10,7 +10,6 @@ import sys
 import threading
 import weakref
 from pathlib import Path
-from typing import List
 
 import pytest
 from harness.waiting import wait_for
@@ -117,7 +116,7 @@ def test_a_result_is_not_kept() -> None:
 def test_a_function_that_hangs_is_given_up_and_blocks_only_its_place() -> None:
     async def scenario() -> None:
         release = threading.Event()
-        begun: List[int] = []
+        begun: list[int] = []
 
         def hang() -> None:
             begun.append(1)
@@ -130,7 +129,7 @@ def test_a_function_that_hangs_is_given_up_and_blocks_only_its_place() -> None:
         for _ in range(2):
             pool.submit(hang)
         wait_for(lambda: len(begun) == 2)
-        late: List[str] = []
+        late: list[str] = []
         with pytest.raises(ServiceError):
             await pool.run(lambda: late.append("no place"))
         waiting = pool.submit(lambda: "waited")
@@ -158,8 +157,8 @@ def test_coroutines_run_in_the_thread_and_their_results_and_errors_come_back() -
 
 def test_closing_cancels_what_is_running() -> None:
     thread = LoopThread()
-    events: List[str] = []
-    tasks: List[asyncio.Future[None]] = []
+    events: list[str] = []
+    tasks: list[asyncio.Future[None]] = []
 
     async def run() -> None:
         try:

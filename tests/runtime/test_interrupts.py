@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import threading
-from typing import Iterator, List
+from typing import Iterator
 
 import pytest
 
@@ -68,7 +68,7 @@ def test_without_a_signal_the_handlers_are_restored() -> None:
 
 def test_outside_the_main_thread_it_does_nothing() -> None:
     before = signal.getsignal(signal.SIGINT)
-    seen: List[object] = []
+    seen: list[object] = []
 
     def enter() -> None:
         with Interrupts():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from typing import Any, List
+from typing import Any
 
 import aiohttp
 import pytest
@@ -141,7 +141,7 @@ async def test_a_hundred_empty_frames_in_a_second_are_no_flood(robot: Robot) -> 
 @with_robot()
 async def test_messages_that_already_wait_are_read_in_turns_with_other_tasks(robot: Robot) -> None:
     """65,000 messages of two bytes fit into aiohttp's buffer: they took four seconds without a pause."""
-    turns: List[int] = []
+    turns: list[int] = []
     received = 0
 
     async def count_turns() -> None:
@@ -170,7 +170,7 @@ async def test_messages_that_already_wait_are_read_in_turns_with_other_tasks(rob
 @with_robot()
 async def test_a_client_is_read_in_pieces(robot: Robot) -> None:
     """256 kB at once, asyncio's default, are 40,000 empty frames."""
-    sizes: List[int] = []
+    sizes: list[int] = []
     receive = web_protocol.RequestHandler.data_received
 
     def measure(self: Any, data: bytes) -> None:
@@ -191,7 +191,7 @@ def test_a_cancellation_is_not_lost_when_the_attempt_ends_at_the_same_moment(err
     @scenario
     async def run() -> None:
         attempt = asyncio.get_event_loop().create_future()
-        waiting: List[bool] = []
+        waiting: list[bool] = []
 
         async def work() -> None:
             waiting.append(True)

@@ -8,7 +8,6 @@ import sys
 import threading
 from pathlib import Path
 from queue import Queue
-from typing import List, Optional
 
 import pytest
 
@@ -41,7 +40,7 @@ print(sorted(unused & sys.modules.keys()))
 
 def test_a_detached_call_that_hangs_keeps_its_thread_and_others_share_one() -> None:
     calls = DetachedCalls("test", most_threads=2, patience_s=30.0)
-    names: List[int] = []
+    names: list[int] = []
     for _ in range(3):
         assert calls(lambda: names.append(threading.get_ident()))
     assert len(set(names)) == 1
@@ -89,7 +88,7 @@ def test_a_step_is_repeated_after_the_wait_that_it_returns_or_when_woken() -> No
 
 
 def test_an_exception_is_reported_and_the_thread_goes_on() -> None:
-    errors: List[Exception] = []
+    errors: list[Exception] = []
     went_on = threading.Event()
 
     def step() -> float:
@@ -107,7 +106,7 @@ def test_an_exception_is_reported_and_the_thread_goes_on() -> None:
 
 
 def test_a_thread_that_is_closed_before_its_first_step_makes_none() -> None:
-    steps: List[int] = []
+    steps: list[int] = []
     thread = StepThread("test", lambda: steps.append(1) or FOREVER_S, lambda error: None)
     thread.close()
     thread.start()
@@ -151,10 +150,10 @@ def test_a_thread_waits_by_the_monotonic_clock(monkeypatch: pytest.MonkeyPatch) 
     """On Python 3.8, a clock that is set back lengthens every timed wait of `threading`."""
     steps: Queue[int] = Queue()
 
-    timed: List[object] = []
+    timed: list[object] = []
     wait = threading.Condition.wait
 
-    def note(self: threading.Condition, timeout: Optional[float] = None) -> bool:
+    def note(self: threading.Condition, timeout: float | None = None) -> bool:
         if timeout is not None and threading.current_thread().name == "steps":
             timed.append(timeout)
         return wait(self, timeout)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import threading
 from pathlib import Path
-from typing import List
 
 import pytest
 
@@ -61,7 +60,7 @@ def test_a_device_without_an_end_is_refused() -> None:
 
 
 def test_a_file_that_every_user_may_read_is_a_warning(tmp_path: Path) -> None:
-    warnings: List[str] = []
+    warnings: list[str] = []
     file = write(tmp_path, b"s3cret", 0o644)
     assert read_token_file(file, warnings.append) == "s3cret"
     assert warnings == [f"{file}: every user of this machine can read this token; protect it with chmod 600"]

@@ -9,7 +9,6 @@ import subprocess
 import sys
 from html.parser import HTMLParser
 from pathlib import Path
-from typing import Dict, List, Optional, Set, Tuple
 from urllib.parse import unquote, urlsplit
 
 import pytest
@@ -27,13 +26,13 @@ class Page(HTMLParser):
 
     def __init__(self, file: Path) -> None:
         super().__init__()
-        self.links: List[str] = []
-        self.menu: List[str] = []
-        self.ids: Set[str] = set()
+        self.links: list[str] = []
+        self.menu: list[str] = []
+        self.ids: set[str] = set()
         self._in_menu = 0
         self.feed(file.read_text(encoding="utf-8"))
 
-    def handle_starttag(self, tag: str, attributes: List[Tuple[str, Optional[str]]]) -> None:
+    def handle_starttag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
         found = dict(attributes)
         self.ids.add(found.get("id") or "")
         address = found.get("href") or found.get("src")
@@ -50,18 +49,18 @@ class Page(HTMLParser):
 
 
 @pytest.fixture(scope="module")
-def pages() -> Dict[Path, Page]:
+def pages() -> dict[Path, Page]:
     assert (SITE / "index.html").exists(), "run: make docs"
     return {file: Page(file) for file in SITE.rglob("*.html")}
 
 
-def test_every_page_of_docs_is_in_the_menu(pages: Dict[Path, Page]) -> None:
+def test_every_page_of_docs_is_in_the_menu(pages: dict[Path, Page]) -> None:
     menu = pages[SITE / "index.html"].menu
     expected = {page.with_suffix(".html").as_posix() for page in SOURCES} - {"index.html"}
     assert expected - set(menu) == set()
 
 
-def test_no_link_within_the_site_is_dead(pages: Dict[Path, Page]) -> None:
+def test_no_link_within_the_site_is_dead(pages: dict[Path, Page]) -> None:
     """Read from the finished pages, so that it holds for pictures, scripts and the menu, too."""
     dead = []
     for file, page in pages.items():
@@ -84,7 +83,7 @@ def test_nothing_is_loaded_from_elsewhere() -> None:
     assert [address for address in loaded if "//" in address] == []
 
 
-def test_files_outside_of_docs_are_linked_in_the_repository(pages: Dict[Path, Page]) -> None:
+def test_files_outside_of_docs_are_linked_in_the_repository(pages: dict[Path, Page]) -> None:
     links = pages[SITE / "operations.html"].links
     assert "https://robot-health-monitor.example/robot_health_monitor/blob/HEAD/examples/ops.yaml" in links
 
@@ -95,7 +94,7 @@ def test_the_addresses_that_nothing_checks_are_listed() -> None:
     assert [link for link in listed if not link.startswith("https://")] == []
 
 
-def test_every_public_name_of_core_has_its_docstring(pages: Dict[Path, Page]) -> None:
+def test_every_public_name_of_core_has_its_docstring(pages: dict[Path, Page]) -> None:
     described = {anchor.rpartition(".")[2] for anchor in pages[SITE / "reference" / "library.html"].ids}
     assert [name for name in core.__all__ if name not in described] == []
     assert {"observe", "tick", "report"} <= described

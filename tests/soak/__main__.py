@@ -16,7 +16,6 @@ import argparse
 import random
 import sys
 from pathlib import Path
-from typing import List, Optional
 
 TESTS = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(TESTS.parent), str(TESTS)]
@@ -33,7 +32,7 @@ from soak import (  # noqa: E402  # found through the line above
 from soak.figures import Figure, table  # noqa: E402
 
 
-def main(arguments: Optional[List[str]] = None) -> int:
+def main(arguments: list[str] | None = None) -> int:
     """Runs the parts; returns the exit code."""
     parser = argparse.ArgumentParser(prog="make soak", description="checks that memory, threads and files stay flat")
     parser.add_argument("--minutes", type=float, default=10.0, help="duration of the real time part")
@@ -50,7 +49,7 @@ def main(arguments: Optional[List[str]] = None) -> int:
     parser.add_argument("--seed", type=int, default=random.SystemRandom().randrange(10**9))
     options = parser.parse_args(arguments)
     print(f"seed {options.seed}", flush=True)
-    figures: List[Figure] = []
+    figures: list[Figure] = []
     if options.kills:  # first: it forks, which is safe only while there is one thread
         for part in (kill, kill_samples):
             violations, counts = part.run(options.kills, options.seed)

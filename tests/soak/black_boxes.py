@@ -8,14 +8,13 @@ import sys
 import tempfile
 import time
 from pathlib import Path
-from typing import List
 
 from harness.black_boxes import KILLED, RecordedRobot, recorded
 from harness.random_black_boxes import check_random_black_box
 from harness.waiting import wait_for
 
 
-def run(boxes: int, kills: int, seed: int) -> List[str]:
+def run(boxes: int, kills: int, seed: int) -> list[str]:
     """Replays random black boxes, and kills a process that writes one; returns what was wrong."""
     violations = []
     for number in range(boxes):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import statistics
-from typing import List, NamedTuple, Sequence, Tuple
+from typing import NamedTuple, Sequence
 
 _PAIRED = 300
 """Most points that are compared with one another."""
@@ -28,7 +28,7 @@ class Figure(NamedTuple):
         return self.growth <= self.allowed
 
 
-def flat(name: str, series: Sequence[Tuple[float, float]], allowed: float, unit: str) -> Figure:
+def flat(name: str, series: Sequence[tuple[float, float]], allowed: float, unit: str) -> Figure:
     """Returns the figure of a series of (time, value).
 
     The slope is that of Theil and Sen, the median of the slopes of all pairs, which ignores single outliers.
@@ -47,7 +47,7 @@ def count(name: str, number: float, least: float) -> Figure:
 
 def table(figures: Sequence[Figure]) -> str:
     """Returns the figures as lines of text."""
-    lines: List[str] = [f"{'':<36}{'start':>12}{'end':>12}{'growth':>10}{'allowed':>10}"]
+    lines: list[str] = [f"{'':<36}{'start':>12}{'end':>12}{'growth':>10}{'allowed':>10}"]
     for name, start, end, growth, allowed, unit in figures:
         measured = f"{growth:>10.2f}{allowed:>10.2f}" if unit else f"{'':>20}"
         verdict = "" if growth <= allowed else "   NOT MET"

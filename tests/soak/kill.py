@@ -16,7 +16,7 @@ import sqlite3
 import tempfile
 import time
 from pathlib import Path
-from typing import Any, Dict, List, Mapping, Sequence, Tuple
+from typing import Any, Mapping, Sequence, Tuple
 
 from robot_health_monitor.core.nodes import AlertSystem
 from robot_health_monitor.core.nodes.outlets import Event
@@ -88,15 +88,15 @@ class Referee:
         self._folder = folder
         self._offset = 0
         self._last_id = 0
-        self._levels: Dict[str, int] = dict.fromkeys((*SIGNALS, *SOURCES), 0)
+        self._levels: dict[str, int] = dict.fromkeys((*SIGNALS, *SOURCES), 0)
         self._known_resets = 0
         self.counts = {"announced": 0, "stored, but killed before the announcement": 0, "latched at a kill": 0}
 
-    def check(self, start_s: float) -> List[str]:
+    def check(self, start_s: float) -> list[str]:
         """Returns the violations of a round that began at `start_s`, in virtual time."""
         announced, resets = self._read_announced()
         stored, states, known_resets = self._read_history()
-        found: List[str] = []
+        found: list[str] = []
         unannounced = list(stored)
         for line in announced:
             if line in unannounced:
@@ -124,9 +124,9 @@ class Referee:
         self.counts["latched at a kill"] += latch != "OK"
         return found
 
-    def _check_chains(self, stored: Sequence[Announced], start_s: float, resets: int) -> List[str]:
+    def _check_chains(self, stored: Sequence[Announced], start_s: float, resets: int) -> list[str]:
         """Each transition starts where the previous one of its signal ended, and a latch holds until a reset."""
-        found: List[str] = []
+        found: list[str] = []
         for name, before, after, now_s in stored:
             if now_s < start_s:
                 found.append(f"{name}: stored in the round before")
@@ -139,7 +139,7 @@ class Referee:
             self._levels[name] = after
         return found
 
-    def _read_announced(self) -> Tuple[List[Announced], int]:
+    def _read_announced(self) -> tuple[list[Announced], int]:
         """Returns what was announced in this round, and the number of resets."""
         path = self._folder / "announced"
         data = path.read_bytes()[self._offset :] if path.exists() else b""
@@ -148,7 +148,7 @@ class Referee:
         transitions = [tuple(line) for line in lines if line != "reset"]
         return transitions, len(lines) - len(transitions)
 
-    def _read_history(self) -> Tuple[List[Announced], Dict[str, Dict[str, Any]], int]:
+    def _read_history(self) -> tuple[list[Announced], dict[str, dict[str, Any]], int]:
         """Returns the transitions of this round, the states to resume, and the number of resets in this round."""
         path = self._folder / "history.db"
         if not path.exists():
@@ -182,13 +182,13 @@ def _announced_level(name: str, state: Mapping[str, Any]) -> str:
     return level if speaks == (level == "STALE") else f"{level}, speaks: {speaks}"
 
 
-def run(rounds: int, seed: int) -> Tuple[List[str], Dict[str, int]]:
+def run(rounds: int, seed: int) -> tuple[list[str], dict[str, int]]:
     """Plays rounds until the first violation; returns the violations and what was counted."""
     with tempfile.TemporaryDirectory() as folder:
         return _play(rounds, seed, Path(folder))
 
 
-def _play(rounds: int, seed: int, folder: Path) -> Tuple[List[str], Dict[str, int]]:
+def _play(rounds: int, seed: int, folder: Path) -> tuple[list[str], dict[str, int]]:
     chance = random.Random(seed)
     referee = Referee(folder)
     killed = 0

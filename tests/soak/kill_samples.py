@@ -14,7 +14,6 @@ import sqlite3
 import tempfile
 import time
 from pathlib import Path
-from typing import Dict, List, Tuple
 
 from robot_health_monitor.core import Monitor, Sample, load_config
 from robot_health_monitor.core.judge.continuity import Continuity
@@ -59,20 +58,20 @@ class Referee:
         """Starts before the first round."""
         self._folder = folder
         self._offset = 0
-        self._expected: Dict[int, List[float]] = {}
+        self._expected: dict[int, list[float]] = {}
         """The values of each period that are known to be stored."""
         self.now_s = START_S
         """When the next monitor starts."""
         self.counts = {"samples": 0, "lost": 0, "most lost by a kill": 0, "periods that a restart continued": 0}
 
-    def check(self) -> List[str]:
+    def check(self) -> list[str]:
         """Returns the violations of a round."""
         samples, tick_s, is_closed = self._read_observed()
         stored = self._read_stored()
-        parts: Dict[int, List[float]] = {}
+        parts: dict[int, list[float]] = {}
         for time_s, value in samples:
             parts.setdefault(int(time_s // PERIOD_S), []).append(value)
-        found: List[str] = []
+        found: list[str] = []
         lost = 0
         for period, part in parts.items():
             known = self._expected.get(period, [])
@@ -95,7 +94,7 @@ class Referee:
         self.now_s = samples[-1][0] + 0.5 if samples else self.now_s
         return found
 
-    def _read_observed(self) -> Tuple[List[Tuple[float, float]], float, bool]:
+    def _read_observed(self) -> tuple[list[tuple[float, float]], float, bool]:
         """Returns the samples of this round, the time of the last complete tick, and whether the end was clean."""
         path = self._folder / "observed"
         data = path.read_bytes()[self._offset :] if path.exists() else b""
@@ -105,7 +104,7 @@ class Referee:
         ticks = [float(line[1]) for line in lines if line[0] == "tick"]
         return samples, ticks[-1] if ticks else 0.0, ["closed"] in lines
 
-    def _read_stored(self) -> Dict[int, Tuple[int, float, float, float]]:
+    def _read_stored(self) -> dict[int, tuple[int, float, float, float]]:
         path = self._folder / "history.db"
         if not path.exists():
             return {}
@@ -120,13 +119,13 @@ class Referee:
             connection.close()
 
 
-def run(rounds: int, seed: int) -> Tuple[List[str], Dict[str, int]]:
+def run(rounds: int, seed: int) -> tuple[list[str], dict[str, int]]:
     """Plays rounds until the first violation; returns the violations and what was counted."""
     with tempfile.TemporaryDirectory() as folder:
         return _play(rounds, seed, Path(folder))
 
 
-def _play(rounds: int, seed: int, folder: Path) -> Tuple[List[str], Dict[str, int]]:
+def _play(rounds: int, seed: int, folder: Path) -> tuple[list[str], dict[str, int]]:
     chance = random.Random(seed)
     referee = Referee(folder)
     killed = 0

@@ -13,7 +13,7 @@ import tempfile
 import threading
 import time
 from pathlib import Path
-from typing import Any, Awaitable, Callable, Dict, List, Sequence, Tuple
+from typing import Any, Awaitable, Callable, Sequence, Tuple
 
 import aiohttp
 import psutil
@@ -47,7 +47,7 @@ SERVICES = ("/rosapi/topics", "/rosapi/nodes", "/alert_system/reset", "/rosapi/g
 Point = Tuple[float, float]
 
 
-def run(duration_s: float, seed: int) -> List[Figure]:
+def run(duration_s: float, seed: int) -> list[Figure]:
     """Runs the monitor and its clients; returns the figures of its process."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "soak.yaml"
@@ -62,11 +62,11 @@ def run(duration_s: float, seed: int) -> List[Figure]:
             process.end()
 
 
-async def _soak(process: LineProcess, port: int, duration_s: float, chance: random.Random) -> List[Figure]:
+async def _soak(process: LineProcess, port: int, duration_s: float, chance: random.Random) -> list[Figure]:
     watched = psutil.Process(process.pid)
-    memory: List[Point] = []
-    threads: List[Point] = []
-    files: List[Point] = []
+    memory: list[Point] = []
+    threads: list[Point] = []
+    files: list[Point] = []
     alerts = Alerts(process)
     quiet_files = watched.num_fds()
     start_s = time.monotonic()
@@ -190,8 +190,8 @@ BEHAVIOURS: Sequence[Callable[[int, random.Random], Awaitable[None]]] = (
 )
 
 
-def _options(chance: random.Random) -> Dict[str, Any]:
-    options: Dict[str, Any] = {"compression": chance.choice(("none", "png", "cbor"))}
+def _options(chance: random.Random) -> dict[str, Any]:
+    options: dict[str, Any] = {"compression": chance.choice(("none", "png", "cbor"))}
     if chance.random() < 0.3:
         options.update(throttle_rate=100, queue_length=5)
     return options

@@ -15,7 +15,7 @@ import sqlite3
 import tempfile
 import time
 from pathlib import Path
-from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Callable, Mapping, NamedTuple, Sequence
 
 from soak.figures import Figure, count
 
@@ -51,14 +51,14 @@ LEVELS = ("OK", "WARN", "ERROR")
 class Hour(NamedTuple):
     """What is known of a signal in one hour."""
 
-    least: Optional[float]
-    most: Optional[float]
+    least: float | None
+    most: float | None
     good: int
     bad: int
     level: str
 
 
-def run(days: float, sample_period_s: float, seed: int) -> Tuple[List[str], List[Figure]]:
+def run(days: float, sample_period_s: float, seed: int) -> tuple[list[str], list[Figure]]:
     """Plays the days; returns the differences, and the figures."""
     with tempfile.TemporaryDirectory() as folder:
         return _Run(Path(folder) / "history.db", days, sample_period_s, random.Random(seed)).play()
@@ -73,9 +73,9 @@ class _Run:
         self._period_s = sample_period_s
         self._chance = chance
         self._now_s = 0.0
-        self._expected: Dict[Tuple[str, int], Hour] = {}
+        self._expected: dict[tuple[str, int], Hour] = {}
 
-    def play(self) -> Tuple[List[str], List[Figure]]:
+    def play(self) -> tuple[list[str], list[Figure]]:
         """Observes and ticks; restarts the monitor now and then."""
         hour = 0
         while hour < self._hours:
@@ -105,7 +105,7 @@ class _Run:
         monitor = Monitor(load_config({"signals": SIGNALS}), robot="r1")
         continuity = Continuity(monitor, history.of_robot("r1"))
         continuity.restore(self._now_s, at_first_call=False)
-        retention: List[Retention] = []
+        retention: list[Retention] = []
 
         def keep_up(connection: sqlite3.Connection) -> None:
             retention.extend([] if retention else [Retention(connection, 1e12)])
@@ -120,7 +120,7 @@ class _Run:
         continuity.record_samples(self._now_s)
         history.close(600.0)  # a busy machine: the next run must find the file free
 
-    def _observe_hour(self, hour: int, monitor: Monitor, continuity: Continuity) -> Dict[str, List[float]]:
+    def _observe_hour(self, hour: int, monitor: Monitor, continuity: Continuity) -> dict[str, list[float]]:
         chance, raw = self._chance, {name: [] for name in NAMES}  # type: Tuple[random.Random, Dict[str, List[float]]]
         tick_s = hour * HOUR_S
         for number in range(int(HOUR_S / self._period_s)):
@@ -146,10 +146,10 @@ class _Run:
         monitor.tick(now_s)
         continuity.save(now_s)
 
-    def _differences(self, connection: sqlite3.Connection) -> List[str]:
-        found: List[str] = []
+    def _differences(self, connection: sqlite3.Connection) -> list[str]:
+        found: list[str] = []
         for name in NAMES:
-            stored: Dict[int, List[StoredSamples]] = {}
+            stored: dict[int, list[StoredSamples]] = {}
             for each in read(connection, robot="r1", signal=name):
                 stored.setdefault(int((each.start_s - START_S) // HOUR_S), []).append(each)
             coarse = read_coarse(connection, "r1", name, START_S, START_S + self._now_s, HOUR_S)
@@ -158,7 +158,7 @@ class _Run:
             found += self._compare(name, "read per hour", in_hours)
         return found
 
-    def _compare(self, name: str, what: str, hours: Mapping[int, Hour]) -> List[str]:
+    def _compare(self, name: str, what: str, hours: Mapping[int, Hour]) -> list[str]:
         expected = {hour: each for (signal, hour), each in self._expected.items() if signal == name}
         if hours.keys() != expected.keys():
             return [f"{name}, {what}: {len(hours)} hours, expected {len(expected)}"]
@@ -181,7 +181,7 @@ class _Run:
 
     def _time(self, what: str, step: Callable[[], object]) -> Figure:
         limit_s = READ_LIMIT_S if self._hours * HOUR_S >= 30.0 * DAY_S else math.inf
-        took_s: List[float] = []
+        took_s: list[float] = []
         for _ in range(5):
             begin_s = time.perf_counter()
             step()

@@ -11,7 +11,7 @@ import tempfile
 import threading
 import time
 from pathlib import Path
-from typing import Dict, List, Mapping, Tuple
+from typing import Mapping
 
 from harness.histories import fault_texts, transition
 from soak.figures import Figure, count
@@ -63,7 +63,7 @@ class _Page(threading.Thread):
         self.join()
 
 
-def run(seconds: float, keep_mb: float, seed: int) -> List[Figure]:
+def run(seconds: float, keep_mb: float, seed: int) -> list[Figure]:
     """Stores transitions for so long; returns the figures."""
     chance = random.Random(seed)
     with tempfile.TemporaryDirectory() as folder:
@@ -105,7 +105,7 @@ def run(seconds: float, keep_mb: float, seed: int) -> List[Figure]:
     ]  # fmt: skip
 
 
-_windows: Dict[str, List[Tuple[float, float]]] = {}
+_windows: dict[str, list[tuple[float, float]]] = {}
 
 
 def _record(
@@ -122,7 +122,7 @@ def _record(
     robots[robot].record(transition(number, level, robot=robot, signal=signal, text=text), state, window)
 
 
-def _written_bytes() -> Tuple[int, int]:
+def _written_bytes() -> tuple[int, int]:
     """Returns how many bytes this process has written, and how many of its disk's blocks have to be written for it."""
     counts = dict(line.split(": ") for line in Path("/proc/self/io").read_text(encoding="ascii").splitlines())
     return int(counts["wchar"]), int(counts["write_bytes"])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import gc
 import random
 import tracemalloc
-from typing import Any, Dict, List, Tuple
+from typing import Any
 
 from soak.figures import Figure, count, flat
 
@@ -18,7 +18,7 @@ POINTS = 40
 ALLOWED_KB = 100.0
 LEAST_TRANSITIONS_PER_SAMPLE = 0.01
 
-SIGNALS: Dict[str, Dict[str, Any]] = {
+SIGNALS: dict[str, dict[str, Any]] = {
     "battery": {"warn_below": 20.0, "error_below": 10.0, "hysteresis": 2.0, "valid_min": 0.0, "stale_after_s": 1.0,
                 "window_s": 5.0},
     "mean": {"topic": "battery", "statistic": "mean", "warn_below": 49.0, "window_s": 2.0, "window_min_s": 0.5},
@@ -33,7 +33,7 @@ are so short that even a run of 4,000 samples has many teeth, small ones: with 6
 """
 
 
-def run(samples: int, seed: int) -> List[Figure]:
+def run(samples: int, seed: int) -> list[Figure]:
     """Publishes the samples and returns the figures; the memory is that which Python has allocated."""
     chance = random.Random(seed)
     counts = {"alerts": 0, "reports": 0, "log": 0}
@@ -43,7 +43,7 @@ def run(samples: int, seed: int) -> List[Figure]:
     robot.advertise("battery", FLOAT32)
     robot.subscribe("alerts", "diagnostic_msgs/DiagnosticStatus", lambda message, now_s: _add(counts, "alerts"))
     robot.subscribe("/diagnostics", "diagnostic_msgs/DiagnosticArray", lambda message, now_s: _add(counts, "reports"))
-    series: List[Tuple[float, float]] = []
+    series: list[tuple[float, float]] = []
     between = max(1, samples // POINTS)
     value, now_s = 50.0, 0.0
     tracemalloc.start()
@@ -69,5 +69,5 @@ def run(samples: int, seed: int) -> List[Figure]:
     ]
 
 
-def _add(counts: Dict[str, int], name: str) -> None:
+def _add(counts: dict[str, int], name: str) -> None:
     counts[name] += 1

@@ -7,7 +7,7 @@ import re
 import shutil
 import subprocess
 from pathlib import Path
-from typing import Callable, Dict, List
+from typing import Callable
 from xml.etree import ElementTree
 
 import pytest
@@ -142,7 +142,7 @@ def test_a_directory_is_one_line(robot_health: Start, tmp_path: Path) -> None:
     assert process.text == f"err: {tmp_path}: cannot be read: expected a file, got a directory"
 
 
-def test_a_file_that_may_not_be_read_is_one_line(command: List[str], environment: Dict[str, str], calm: Path) -> None:
+def test_a_file_that_may_not_be_read_is_one_line(command: list[str], environment: dict[str, str], calm: Path) -> None:
     calm.chmod(0)
     if os.geteuid() == 0:  # root may read every file, unless it gives up these capabilities
         if shutil.which("setpriv") is None:

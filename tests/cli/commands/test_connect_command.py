@@ -10,7 +10,7 @@ import signal
 import subprocess
 from functools import partial
 from pathlib import Path
-from typing import Any, Callable, Dict, List, Sequence, Tuple
+from typing import Any, Callable, Sequence
 from urllib.request import urlopen
 
 import psutil
@@ -63,7 +63,7 @@ def is_connected(robot: LineProcess) -> bool:
     return any(each.status == psutil.CONN_ESTABLISHED for each in psutil.Process(robot.pid).net_connections("tcp"))
 
 
-def alerts(process: LineProcess) -> List[str]:
+def alerts(process: LineProcess) -> list[str]:
     """Returns the transitions among the lines until now, without their times."""
     lines = [
         line.text[20:] for line in process.lines if line.stream == "out" and not re.search(r"\[[A-Z]+\]", line.text)
@@ -259,7 +259,7 @@ def test_the_right_token_from_a_file_connects_and_is_never_shown(
         ),
     ],
 )
-def test_a_wrong_address_is_one_line_and_code_2(robot_health_here: Start, urls: List[str], problem: str) -> None:
+def test_a_wrong_address_is_one_line_and_code_2(robot_health_here: Start, urls: list[str], problem: str) -> None:
     process = robot_health_here("connect", *urls)
     assert process.wait() == 2
     assert len(process.errors) == 1 and process.errors[0] == f"robot-health connect: {problem}"
@@ -349,7 +349,7 @@ def test_the_statuses_of_all_robots_are_served_on_one_port(robot_health: Start, 
     @scenario
     async def run() -> None:
         watched = Watched(url)
-        statuses: Dict[Tuple[str, str], str] = {}
+        statuses: dict[tuple[str, str], str] = {}
 
         def note(message: Any, now_s: float) -> None:
             for status in message["status"]:
@@ -399,7 +399,7 @@ def test_robots_that_misbehave_do_not_affect_another_one(robot_health: Start, tm
         async def close(socket: Any) -> None:
             await socket.close()
 
-        tasks: List[Any] = []
+        tasks: list[Any] = []
         servers = {name: ForeignServer() for name in ("flood", "huge", "lie", "closes", "good")}
         servers["flood"].on_connect = sending("flood", small)
         servers["huge"].on_connect = sending("huge", huge)
@@ -496,7 +496,7 @@ class ServedRobot:
 
 
 def test_the_black_box_of_each_robot_replays_to_its_alert_lines(
-    robot_health: Start, tmp_path: Path, command: List[str]
+    robot_health: Start, tmp_path: Path, command: list[str]
 ) -> None:
     pytest.importorskip("mcap")
     thresholds = tmp_path / "watch.yaml"
@@ -509,7 +509,7 @@ def test_the_black_box_of_each_robot_replays_to_its_alert_lines(
     robots = {"atlas": ServedRobot(), "husky": ServedRobot()}
     urls = [f"{name}={robot.url}" for name, robot in robots.items()]
     watcher = robot_health("connect", *urls, "--thresholds", thresholds, "--ops", tmp_path / "ops.yaml", "--json")
-    live: List[Dict[str, Any]] = []
+    live: list[dict[str, Any]] = []
 
     def wait_for_alert(name: str, level: str) -> None:
         wanted = partial(_contains, (f'"robot": "{name}"', f'"to_level": "{level}"'))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Callable, List, Tuple
+from typing import Callable
 
 import pytest
 from harness.line_process import LineProcess
@@ -31,7 +31,7 @@ def file(tmp_path: Path) -> Path:
     return path
 
 
-def outcome(process: LineProcess) -> Tuple[int, List[str], List[str]]:
+def outcome(process: LineProcess) -> tuple[int, list[str], list[str]]:
     """Returns the exit code, and the lines on stdout and stderr."""
     code = process.wait()
     return code, [line.text for line in process.lines if line.stream == "out"], process.errors

@@ -10,7 +10,7 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
-from typing import Iterator, List
+from typing import Iterator
 
 import pytest
 from harness.histories import opened, transition
@@ -61,7 +61,7 @@ def test_alerts_and_events_of_the_monitor_in_their_order(file: Path, capsys: pyt
         (["--signal", "*", "--since", "24h"], []),
     ],
 )
-def test_filters(file: Path, capsys: pytest.CaptureFixture[str], options: List[str], expected: List[str]) -> None:
+def test_filters(file: Path, capsys: pytest.CaptureFixture[str], options: list[str], expected: list[str]) -> None:
     assert [line.split()[3] for line in output(capsys, file, *options).splitlines()] == expected
 
 
@@ -90,7 +90,7 @@ def test_json_has_the_fields_of_a_transition(file: Path, capsys: pytest.CaptureF
     ],
 )
 def test_silences_are_filtered(
-    silenced: Path, capsys: pytest.CaptureFixture[str], options: List[str], expected: List[int]
+    silenced: Path, capsys: pytest.CaptureFixture[str], options: list[str], expected: list[int]
 ) -> None:
     found = [json.loads(line) for line in output(capsys, silenced, "--json", *options).splitlines()]
     assert [each["id"] for each in found if "event" in each] == expected

@@ -11,7 +11,7 @@ import signal
 import threading
 import types
 from pathlib import Path
-from typing import Any, Callable, Container, Iterator, List, Tuple
+from typing import Any, Callable, Container, Iterator
 
 import pytest
 from harness import reserved
@@ -34,11 +34,11 @@ OWN = ["_simulated_sensors", "alerts", "battery_level", "cpu_usage", "rosout", "
 """Topics of the nodes that `robot-health run` starts."""
 
 
-def out(process: LineProcess) -> List[str]:
+def out(process: LineProcess) -> list[str]:
     return [line.text for line in process.lines if line.stream == "out"]
 
 
-def err(process: LineProcess) -> List[str]:
+def err(process: LineProcess) -> list[str]:
     return [line.text for line in process.lines if line.stream == "err"]
 
 
@@ -169,9 +169,9 @@ def served() -> Iterator[Callable[[Callable[[Any], Any]], str]]:
     loop = asyncio.new_event_loop()
     thread = threading.Thread(target=loop.run_forever, daemon=True)
     thread.start()
-    runners: List[web.AppRunner] = []
+    runners: list[web.AppRunner] = []
 
-    async def serve(answer: Callable[[Any], Any]) -> Tuple[web.AppRunner, int]:
+    async def serve(answer: Callable[[Any], Any]) -> tuple[web.AppRunner, int]:
         async def handle(request: web.Request) -> web.WebSocketResponse:
             socket = web.WebSocketResponse()
             await socket.prepare(request)
@@ -246,7 +246,7 @@ def test_a_robot_that_does_not_answer_is_one_line(robot_health: Start) -> None:
         (["a:1", "--against", "/nowhere.yaml"], "/nowhere.yaml"),
     ],
 )
-def test_wrong_usage_is_one_line(robot_health_here: Start, arguments: List[str], problem: str) -> None:
+def test_wrong_usage_is_one_line(robot_health_here: Start, arguments: list[str], problem: str) -> None:
     process = robot_health_here("init", *arguments)
     assert process.wait() == 2, process.text
     (line,) = err(process)

@@ -6,7 +6,7 @@ import getpass
 import json
 import time
 from pathlib import Path
-from typing import Any, Dict, List
+from typing import Any
 
 import pytest
 from harness.histories import opened, transition
@@ -24,8 +24,8 @@ def file(tmp_path: Path) -> Path:
     return write_past(tmp_path / "history.db")
 
 
-def notes(capsys: pytest.CaptureFixture[str], file: Path, alert: int) -> List[Dict[str, Any]]:
-    found: List[Dict[str, Any]] = json.loads(output(capsys, file, "--alert", alert, "--json"))["notes"]
+def notes(capsys: pytest.CaptureFixture[str], file: Path, alert: int) -> list[dict[str, Any]]:
+    found: list[dict[str, Any]] = json.loads(output(capsys, file, "--alert", alert, "--json"))["notes"]
     return found
 
 
@@ -86,7 +86,7 @@ def test_a_running_monitor_sees_the_note(tmp_path: Path, capsys: pytest.CaptureF
     ],
 )
 def test_what_cannot_be_noted_is_one_line_and_code_2(
-    file: Path, capsys: pytest.CaptureFixture[str], arguments: List[str], problem: str
+    file: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], problem: str
 ) -> None:
     assert main(["note", *arguments, "--history", str(file)]) == 2
     captured = capsys.readouterr()

@@ -7,7 +7,7 @@ import sys
 import threading
 import time
 from pathlib import Path
-from typing import Callable, Iterator, List
+from typing import Callable, Iterator
 
 import pytest
 from harness.alertmanager import RunningAlertmanager, needs_alertmanager, running_alertmanager
@@ -182,7 +182,7 @@ def test_an_alert_that_stays_at_alertmanager_is_repeated(server: HttpServer, mon
     stop = threading.Event()
     server.behave = lambda handler: (stop.set() if server.received.qsize() >= 3 else None, responding(200)(handler))[1]
     settings = TargetSettings("pager", "alertmanager", url=server.url)
-    lines: List[str] = []
+    lines: list[str] = []
     trial = try_target(settings, "r3", 3600.0, stop, lines.append)
     assert (trial.succeeded, trial.text) == (True, f"{server.url}: 200 OK; 4 messages sent")
     *open_alerts, ended = [request.json for request in server.all()]

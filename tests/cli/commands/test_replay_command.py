@@ -8,7 +8,7 @@ import os
 import sqlite3
 import subprocess
 from pathlib import Path
-from typing import Any, Dict, List
+from typing import Any
 
 import pytest
 from harness.recorded import ROS1, ROS2, START_NS, Recorded, values, write_bag, write_folder, write_mcap
@@ -44,7 +44,7 @@ def thresholds(tmp_path: Path) -> str:
     return str(file)
 
 
-def bag(folder: Path, numbers: List[float], name: str = "test.bag") -> str:
+def bag(folder: Path, numbers: list[float], name: str = "test.bag") -> str:
     """Returns the path of a recording of a battery, one sample per second."""
     return write_bag(folder / name, values("/battery", numbers))
 
@@ -195,9 +195,9 @@ def test_a_signal_that_is_not_judged_is_no_success(
     tmp_path: Path,
     with_gps: str,
     capsys: pytest.CaptureFixture[str],
-    options: List[str],
+    options: list[str],
     code: int,
-    other: List[Any],
+    other: list[Any],
 ) -> None:
     gps = [Recorded(at_s, topic, ROS1.types[name](data=5)) for at_s, topic, name in other]
     recording = write_bag(tmp_path / "test.bag", [*values("/battery", [50.0] * 3), *gps])
@@ -252,7 +252,7 @@ def flip_bits(file: str, at: int) -> None:
     Path(file).write_bytes(bytes(data))
 
 
-def chunks_of(file: str) -> List[Any]:
+def chunks_of(file: str) -> list[Any]:
     from mcap.reader import make_reader
 
     with open(file, "rb") as stream:
@@ -394,7 +394,7 @@ def test_messages_that_cannot_be_decoded_are_reported(
     ],
 )
 def test_wrong_usage_is_one_line(
-    tmp_path: Path, thresholds: str, capsys: pytest.CaptureFixture[str], arguments: List[str], expected: str
+    tmp_path: Path, thresholds: str, capsys: pytest.CaptureFixture[str], arguments: list[str], expected: str
 ) -> None:
     recording = bag(tmp_path, [50.0] * 4)
     given = [argument.replace("{bag}", recording) for argument in arguments]
@@ -458,7 +458,7 @@ def test_simulated_time_is_that_of_the_recorded_clock(
     ],
 )
 def test_a_missing_library_is_named_with_the_command_that_installs_it(
-    tmp_path: Path, thresholds: str, command: List[str], environment: Dict[str, str], library: str, form: str
+    tmp_path: Path, thresholds: str, command: list[str], environment: dict[str, str], library: str, form: str
 ) -> None:
     path, messages = tmp_path / form, values("/battery", [50.0])
     if path.suffix == ".bag":
@@ -479,7 +479,7 @@ def test_a_missing_library_is_named_with_the_command_that_installs_it(
 
 
 def test_a_bag_with_definitions_needs_none_of_the_libraries(
-    tmp_path: Path, thresholds: str, command: List[str], environment: Dict[str, str]
+    tmp_path: Path, thresholds: str, command: list[str], environment: dict[str, str]
 ) -> None:
     recording = write_bag(tmp_path / "a.bag", values("/battery", FALLING), "bz2")
     arguments = ["replay", recording, "--thresholds", thresholds, "--report", str(tmp_path / "report.html")]
@@ -493,7 +493,7 @@ def test_a_bag_with_definitions_needs_none_of_the_libraries(
 
 
 def test_all_missing_libraries_are_named_at_once(
-    tmp_path: Path, command: List[str], environment: Dict[str, str]
+    tmp_path: Path, command: list[str], environment: dict[str, str]
 ) -> None:
     recording = tmp_path / "a.mcap"
     recording.write_bytes(b"")
@@ -522,7 +522,7 @@ def test_an_interrupt_is_no_success(
 
 
 def test_output_that_cannot_be_written_is_a_failure(
-    tmp_path: Path, thresholds: str, command: List[str], environment: Dict[str, str]
+    tmp_path: Path, thresholds: str, command: list[str], environment: dict[str, str]
 ) -> None:
     recording = bag(tmp_path, [50.0, 5.0] * 2000)
     with open("/dev/full", "w", encoding="utf-8") as full:

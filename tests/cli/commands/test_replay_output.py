@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Callable, List, Mapping, Optional
+from typing import Any, Callable, Mapping
 
 from harness.recorded import values, write_bag
 
@@ -23,7 +23,7 @@ alert_system:
 """
 
 
-def replay(folder: Path, numbers: List[float]) -> List[str]:
+def replay(folder: Path, numbers: list[float]) -> list[str]:
     """Returns the arguments that replay a recording of a battery."""
     (folder / "thresholds.yaml").write_text(THRESHOLDS, encoding="utf-8")
     recording = write_bag(folder / "test.bag", values("/battery", numbers, period_s=0.1))
@@ -76,7 +76,7 @@ def test_alerts_go_to_the_file_of_stdout_while_the_progress_is_on_the_terminal(
 
 
 def summary(
-    shares: Optional[Mapping[Level, float]] = None, recorded: bool = True, samples: int = 3, unknown: float = 0.0
+    shares: Mapping[Level, float] | None = None, recorded: bool = True, samples: int = 3, unknown: float = 0.0
 ) -> SignalSummary:
     """Returns the summary of a battery with the values 10, 20 and 60."""
     config = read_signal("battery", {"unit": "%"})

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import List
 
 import pytest
 from harness.recorded import values, write_bag, write_folder
@@ -51,7 +50,7 @@ def replay(folder: Path, report: str, *options: str) -> int:
     ],
 )
 def test_a_file_that_is_read_is_never_replaced(
-    files: Path, capsys: pytest.CaptureFixture[str], report: str, options: List[str]
+    files: Path, capsys: pytest.CaptureFixture[str], report: str, options: list[str]
 ) -> None:
     before = {path: path.read_bytes() for path in files.rglob("*") if path.is_file()}
     assert replay(files, report, *options) == 2

@@ -13,7 +13,7 @@ import subprocess
 import threading
 import time
 from pathlib import Path
-from typing import Any, Callable, Dict, List
+from typing import Any, Callable
 
 import aiohttp
 import pytest
@@ -195,7 +195,7 @@ def test_log_level_hides_the_log_but_no_alert(robot_health: Start, restless: Pat
     assert "battery_level WARN: " in process.text
 
 
-def test_it_ends_when_its_reader_exits(command: List[str], environment: Dict[str, str], restless: Path) -> None:
+def test_it_ends_when_its_reader_exits(command: list[str], environment: dict[str, str], restless: Path) -> None:
     run = [*command, "run", "--thresholds", str(restless)]
     with subprocess.Popen(run, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment) as process:
         assert process.stdout is not None and process.stderr is not None
@@ -207,7 +207,7 @@ def test_it_ends_when_its_reader_exits(command: List[str], environment: Dict[str
 
 @pytest.mark.parametrize("arguments", [["--version"], ["run", "--log-level", "DEBUG"]])
 def test_a_reader_that_has_left_before_the_first_line_is_no_error(
-    command: List[str], environment: Dict[str, str], arguments: Any
+    command: list[str], environment: dict[str, str], arguments: Any
 ) -> None:
     reader, writer = os.pipe()
     os.close(reader)
@@ -220,7 +220,7 @@ def test_a_reader_that_has_left_before_the_first_line_is_no_error(
 
 @pytest.mark.parametrize("arguments", [["--log-level", "FATAL"], ["--json"]])
 def test_it_ends_without_a_reader_even_when_it_has_nothing_to_say(
-    command: List[str], environment: Dict[str, str], calm: Path, arguments: Any
+    command: list[str], environment: dict[str, str], calm: Path, arguments: Any
 ) -> None:
     run = [*command, "run", "--thresholds", str(calm), *arguments]
     with subprocess.Popen(run, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment) as process:
@@ -232,7 +232,7 @@ def test_it_ends_without_a_reader_even_when_it_has_nothing_to_say(
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="this system has no /dev/full")
 def test_a_full_disk_below_stdout_does_not_stop_the_monitoring(
-    command: List[str], environment: Dict[str, str], robot_health: Start, restless: Path, free_port: int
+    command: list[str], environment: dict[str, str], robot_health: Start, restless: Path, free_port: int
 ) -> None:
     run = [*command, "run", "--thresholds", str(restless), "--port", str(free_port)]
     with open("/dev/full", "w") as full, subprocess.Popen(
@@ -251,7 +251,7 @@ def test_a_full_disk_below_stdout_does_not_stop_the_monitoring(
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="this system has no /dev/full")
 def test_a_judgement_that_could_not_be_written_is_code_3(
-    command: List[str], environment: Dict[str, str], restless: Path
+    command: list[str], environment: dict[str, str], restless: Path
 ) -> None:
     with open("/dev/full", "w") as full:
         run = [*command, "run", "--thresholds", str(restless), "--duration", "1"]
@@ -263,7 +263,7 @@ def test_a_judgement_that_could_not_be_written_is_code_3(
 
 
 def test_a_pipe_that_is_not_read_stops_neither_the_monitoring_nor_the_end(
-    command: List[str], environment: Dict[str, str], robot_health: Start, restless: Path, free_port: int
+    command: list[str], environment: dict[str, str], robot_health: Start, restless: Path, free_port: int
 ) -> None:
     reader, writer = os.pipe()
     fill(writer)
@@ -424,7 +424,7 @@ def test_source_none_publishes_nothing(robot_health: Start, tmp_path: Path) -> N
     assert "battery_sensor" not in process.text
 
 
-def test_it_runs_without_a_stdout(command: List[str], environment: Dict[str, str], restless: Path) -> None:
+def test_it_runs_without_a_stdout(command: list[str], environment: dict[str, str], restless: Path) -> None:
     run = " ".join([*command, "run", "--thresholds", str(restless), "--duration", "1"])
     done = subprocess.run(
         ["sh", "-c", f"{run} >&-"], stderr=subprocess.PIPE, env=environment, timeout=30.0, check=False

@@ -11,7 +11,7 @@ import time
 from datetime import datetime, timezone
 from http.server import BaseHTTPRequestHandler, HTTPServer
 from pathlib import Path
-from typing import Any, Callable, Iterator, List, Sequence
+from typing import Any, Callable, Iterator, Sequence
 
 import pytest
 from harness.line_process import LineProcess
@@ -43,12 +43,12 @@ def file(tmp_path: Path) -> Path:
 @pytest.fixture
 def silence(
     file: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> Iterator[Callable[..., List[str]]]:
+) -> Iterator[Callable[..., list[str]]]:
     """Returns a function that runs a command on the file, in this process, and returns its lines."""
     monkeypatch.setenv("TZ", "UTC")
     time.tzset()
 
-    def run(action: str, *arguments: object, code: int = 0) -> List[str]:
+    def run(action: str, *arguments: object, code: int = 0) -> list[str]:
         assert main(["silence", action, "--history", str(file), *map(str, arguments)]) == code
         output = capsys.readouterr()
         assert not (output.out if code else output.err)
@@ -59,7 +59,7 @@ def silence(
     time.tzset()
 
 
-def test_a_silence_is_added_listed_and_expired(silence: Callable[..., List[str]]) -> None:
+def test_a_silence_is_added_listed_and_expired(silence: Callable[..., list[str]]) -> None:
     (added,) = silence(
         "add", "robot=r3,signal=battery*", "--for", "2h", "--reason", "fan is being replaced", "--author", "ana"
     )
@@ -79,7 +79,7 @@ def test_a_silence_is_added_listed_and_expired(silence: Callable[..., List[str]]
     assert problem.startswith("robot-health silence: silence 1 has ended already, at 20")
 
 
-def test_the_silence_of_a_cause_says_that_it_covers_its_effects(file: Path, silence: Callable[..., List[str]]) -> None:
+def test_the_silence_of_a_cause_says_that_it_covers_its_effects(file: Path, silence: Callable[..., list[str]]) -> None:
     history = History(HistorySettings(str(file)))
     history.of_robot("r3").record_configuration({"wheel": {"depends_on": ["battery_level"]}})
     announce(history, "r4", "/scan", Level.STALE)
@@ -91,7 +91,7 @@ def test_the_silence_of_a_cause_says_that_it_covers_its_effects(file: Path, sile
     ]
 
 
-def test_who_ends_a_silence_and_why_is_stored(silence: Callable[..., List[str]]) -> None:
+def test_who_ends_a_silence_and_why_is_stored(silence: Callable[..., list[str]]) -> None:
     for _ in range(2):
         silence("add", "robot=r3", "--for", "2h", "--author", "ana")
     silence("expire", 1, "--reason", "fan works", "--author", "eve")
@@ -104,7 +104,7 @@ def test_who_ends_a_silence_and_why_is_stored(silence: Callable[..., List[str]])
     assert "expected a reason of one line, at most 200 characters, got 'two\\nlines'" in error
 
 
-def test_until_resolved_acknowledges_what_is_open(silence: Callable[..., List[str]]) -> None:
+def test_until_resolved_acknowledges_what_is_open(silence: Callable[..., list[str]]) -> None:
     assert silence("add", "signal=*", "--until-resolved") == [
         "silence 1: signal=*, until resolved; 2 open alerts: r3 battery_level, r4 battery_level"
     ]
@@ -113,7 +113,7 @@ def test_until_resolved_acknowledges_what_is_open(silence: Callable[..., List[st
     ]
 
 
-def test_a_silence_that_matches_nothing_known_says_so(silence: Callable[..., List[str]]) -> None:
+def test_a_silence_that_matches_nothing_known_says_so(silence: Callable[..., list[str]]) -> None:
     first, second = silence("add", "robot=r33", "--for", "1h")
     assert first.endswith("; no open alert matches now")
     assert second == "so far, no signal in this history matches robot=r33"
@@ -122,7 +122,7 @@ def test_a_silence_that_matches_nothing_known_says_so(silence: Callable[..., Lis
 
 
 def test_the_author_is_by_default_the_login_name(
-    silence: Callable[..., List[str]], monkeypatch: pytest.MonkeyPatch
+    silence: Callable[..., list[str]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("LOGNAME", "ana")
     silence("add", "robot=r3", "--for", "1h")
@@ -137,7 +137,7 @@ def test_the_history_may_be_that_of_an_ops_yaml(robot_health: Start, file: Path)
 
 
 def test_the_list_neither_waits_for_a_writer_nor_holds_one_up(
-    silence: Callable[..., List[str]], file: Path, monkeypatch: pytest.MonkeyPatch
+    silence: Callable[..., list[str]], file: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     silence("add", "robot=r3", "--for", "1h")
     monitor = sqlite3.connect(str(file), isolation_level=None, timeout=0.0)
@@ -154,7 +154,7 @@ def test_the_list_neither_waits_for_a_writer_nor_holds_one_up(
     assert json.loads(silence("list", "--json")[0])["alerts"] == 7
 
 
-def test_silences_that_ended_long_ago_are_listed_with_all(silence: Callable[..., List[str]], file: Path) -> None:
+def test_silences_that_ended_long_ago_are_listed_with_all(silence: Callable[..., list[str]], file: Path) -> None:
     silence("add", "robot=r3", "--for", "1h")
     connection = sqlite3.connect(str(file))
     with connection:
@@ -191,7 +191,7 @@ def test_silences_that_ended_long_ago_are_listed_with_all(silence: Callable[...,
     ],
 )
 def test_wrong_usage_is_one_line_and_code_2(
-    silence: Callable[..., List[str]], arguments: List[str], problem: str
+    silence: Callable[..., list[str]], arguments: list[str], problem: str
 ) -> None:
     action, *others = arguments
     assert silence(action, *others, code=2) == [problem]
@@ -217,7 +217,7 @@ def test_a_file_that_is_no_history_is_one_line(
 
 
 def test_texts_that_would_control_a_terminal_are_refused_or_shown_without_effect(
-    silence: Callable[..., List[str]], file: Path
+    silence: Callable[..., list[str]], file: Path
 ) -> None:
     (problem,) = silence("add", "robot=r3", "--for", "1h", "--reason", "\x1b[2J", code=2)
     assert problem.endswith("expected a reason of one line, at most 200 characters, got '\\x1b[2J'")
@@ -233,7 +233,7 @@ class Webhook(HTTPServer):
     """Receives notifications."""
 
     def __init__(self) -> None:
-        self.received: List[Any] = []
+        self.received: list[Any] = []
         received = self.received
 
         class Handler(BaseHTTPRequestHandler):
@@ -294,7 +294,7 @@ def test_beside_a_running_monitor_a_silence_is_in_force_within_about_a_second(
 
 
 def test_a_silence_that_recurs_is_added_listed_and_shown_in_the_history(
-    silence: Callable[..., List[str]], file: Path, capsys: pytest.CaptureFixture[str]
+    silence: Callable[..., list[str]], file: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (added,) = silence("add", "robot=r3", "--every", "00:00-00:00", "--reason", "charging room", "--author", "ana")
     assert added == "silence 1: robot=r3, every 00:00-00:00 (UTC); 1 open alert: r3 battery_level"
@@ -330,7 +330,7 @@ def test_a_silence_that_recurs_is_added_listed_and_shown_in_the_history(
     ],
 )
 def test_a_rule_that_cannot_be_is_one_line(
-    silence: Callable[..., List[str]], arguments: Sequence[str], problem: str
+    silence: Callable[..., list[str]], arguments: Sequence[str], problem: str
 ) -> None:
     *_, line = silence("add", "robot=r3", *arguments, code=2)
     assert problem in line

@@ -7,7 +7,7 @@ import json
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any, Dict, List
+from typing import Any
 
 import pytest
 from harness.machine import Machine
@@ -34,7 +34,7 @@ def machine(tmp_path: Path) -> Machine:
     return Machine(tmp_path)
 
 
-def lines_of(stream: io.StringIO, machine: Machine, as_json: bool = False) -> List[str]:
+def lines_of(stream: io.StringIO, machine: Machine, as_json: bool = False) -> list[str]:
     show_sources(as_json, stream, machine.computer)
     return stream.getvalue().splitlines()
 
@@ -117,7 +117,7 @@ def test_what_is_missing_is_said_with_the_reason(machine: Machine) -> None:
         {"sensor": "a\x1b\x9b\u202eb"},
     ],
 )
-def test_what_is_shown_can_be_copied_into_the_configuration(options: Dict[str, Any]) -> None:
+def test_what_is_shown_can_be_copied_into_the_configuration(options: dict[str, Any]) -> None:
     text = yaml_text({"source": "disk_percent", **options})
     assert text.isprintable()
     assert yaml.safe_load(text) == {"source": "disk_percent", **options}

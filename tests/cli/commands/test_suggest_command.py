@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 from pathlib import Path
-from typing import Any, Callable, List, Sequence
+from typing import Any, Callable, Sequence
 
 import pytest
 from harness.line_process import LineProcess
@@ -28,7 +28,7 @@ def robot_health(robot_health_here: Start) -> Start:
 
 def write_bag(file: Path, topics: Sequence[Any], start_s: float = 1e9) -> Path:
     """Writes a bag of (topic, type, messages as values of `data` or tuples of their fields, interval in s)."""
-    messages: List[Any] = []
+    messages: list[Any] = []
     with Writer(file) as writer:
         for topic, name, values, interval_s in topics:
             type_name = name if "/" in name else f"std_msgs/msg/{name}"
@@ -45,7 +45,7 @@ def write_bag(file: Path, topics: Sequence[Any], start_s: float = 1e9) -> Path:
 TRIANGLE = [40.0 + 0.02 * (each if each < 500 else 1000 - each) for each in range(1000)]
 
 
-def out(process: LineProcess) -> List[str]:
+def out(process: LineProcess) -> list[str]:
     return [line.text for line in process.lines if line.stream == "out"]
 
 
@@ -224,7 +224,7 @@ def test_the_output_is_the_same_in_every_run(robot_health_process: Start, tmp_pa
     ],
 )
 def test_recordings_without_a_signal_are_one_line(
-    robot_health: Start, tmp_path: Path, topics: Any, arguments: List[str], error: str
+    robot_health: Start, tmp_path: Path, topics: Any, arguments: list[str], error: str
 ) -> None:
     file = tmp_path / "thresholds.yaml"
     file.write_text("alert_system: {ros__parameters: {signals: {arm: {}}}}\n")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Callable, List
+from typing import Callable
 
 import pytest
 from harness.line_process import LineProcess
@@ -46,7 +46,7 @@ def files(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def lines(process: LineProcess, stream: str) -> List[str]:
+def lines(process: LineProcess, stream: str) -> list[str]:
     return [line.text for line in process.lines if line.stream == stream]
 
 

@@ -8,7 +8,7 @@ import re
 import sqlite3
 from contextlib import closing
 from pathlib import Path
-from typing import Any, Dict, List
+from typing import Any
 
 import pytest
 from harness.histories import transition
@@ -81,14 +81,14 @@ def report(capsys: pytest.CaptureFixture[str], file: Path, *options: str) -> str
     return path.read_text(encoding="utf-8")
 
 
-def data_of(page: str) -> Dict[str, Any]:
+def data_of(page: str) -> dict[str, Any]:
     found = re.search(r'<script type="application/json" id="data">(.*?)</script>', page, re.DOTALL)
     assert found is not None
-    data: Dict[str, Any] = json.loads(found[1])
+    data: dict[str, Any] = json.loads(found[1])
     return data
 
 
-def cells(page: str, table: str) -> List[List[str]]:
+def cells(page: str, table: str) -> list[list[str]]:
     """Returns the cells of a table without their marks."""
     found = re.search(rf'<div class="{table} table[^"]*".*?<tbody>(.*?)</tbody>', page, re.DOTALL)
     assert found is not None

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-from typing import List
 
 from harness.transitions import transition
 
@@ -22,7 +21,7 @@ def test_only_transitions_away_from_ok_count_as_alerts() -> None:
 
 
 def test_quiet_log_lines_are_left_out_and_transitions_never() -> None:
-    entries: List[Entry] = []
+    entries: list[Entry] = []
     events = Events(entries.append, Severity.ERROR, wall_time_s=lambda: 5.0)
     loud = LogLine(1.0, "/battery_sensor", Severity.ERROR, "no battery")
     events.on_log(loud)
@@ -34,7 +33,7 @@ def test_quiet_log_lines_are_left_out_and_transitions_never() -> None:
 
 
 def test_entries_have_the_silence_of_their_signal() -> None:
-    entries: List[Entry] = []
+    entries: list[Entry] = []
     silences = {("r3", "temperature"): "fan"}
     events = Events(entries.append, silence_of=lambda *of: silences.get(of), wall_time_s=lambda: 5.0)
     events.on_transition(transition(robot="r3", signal="temperature"))
@@ -43,14 +42,14 @@ def test_entries_have_the_silence_of_their_signal() -> None:
 
 
 def test_a_notice_becomes_a_log_line_of_its_node() -> None:
-    entries: List[Entry] = []
+    entries: list[Entry] = []
     Events(entries.append, wall_time_s=lambda: 5.0).outlet("husky")(Notice(2.0, Severity.WARN, "server: off"))
     assert entries == [Entry(5.0, LogLine(2.0, "husky", Severity.WARN, "server: off"))]
 
 
 def test_each_entry_has_the_wall_time_of_its_moment_even_after_the_clock_was_set() -> None:
     times = iter([100.0, 1_700_000_000.0])  # the second after NTP has set the clock
-    entries: List[Entry] = []
+    entries: list[Entry] = []
     events = Events(entries.append, wall_time_s=lambda: next(times))
     events.on_transition(transition(now_s=7.0))
     events.on_transition(transition(now_s=8.0))
@@ -58,7 +57,7 @@ def test_each_entry_has_the_wall_time_of_its_moment_even_after_the_clock_was_set
 
 
 def test_what_a_library_logs_is_one_line_without_a_traceback() -> None:
-    entries: List[Entry] = []
+    entries: list[Entry] = []
     handler = LibraryLog(Events(entries.append))
     try:
         raise ValueError("bad frame")

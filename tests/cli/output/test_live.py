@@ -7,7 +7,7 @@ import os
 import re
 import signal
 from pathlib import Path
-from typing import Any, Callable, Dict, List
+from typing import Any, Callable
 
 import pytest
 
@@ -40,7 +40,7 @@ def test_alerts_scroll_by_above_one_single_table(on_terminal: Start, restless: P
     assert terminal.text.count("signal ") == 1
 
 
-def word_colours(terminal: Any, row: int) -> Dict[str, str]:
+def word_colours(terminal: Any, row: int) -> dict[str, str]:
     """Returns the words of a row that are coloured, with their colour."""
     cells = [terminal.screen.buffer[row][column] for column in range(80)]
     colours = [cell.bg if cell.bg != "default" else cell.fg for cell in cells]
@@ -189,7 +189,7 @@ class Terminal(io.StringIO):
         return True
 
 
-def draw(statuses: List[Any], width: int, monkeypatch: pytest.MonkeyPatch) -> List[str]:
+def draw(statuses: list[Any], width: int, monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """Returns the lines of one frame of a terminal of `width` columns, without colours."""
     from robot_health_monitor.cli.output import live
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import select
 import threading
-from typing import Iterator, List, Sequence, TextIO, Tuple
+from typing import Iterator, Sequence, TextIO
 
 import pytest
 from harness.unread import fill
@@ -20,7 +20,7 @@ def render(items: Sequence[str], dropped: int) -> str:
 
 
 @pytest.fixture
-def pipe() -> Iterator[Tuple[int, TextIO]]:
+def pipe() -> Iterator[tuple[int, TextIO]]:
     """The reading end, and the writing end as a stream."""
     reader, writer = os.pipe()
     with open(writer, "w", encoding="utf-8") as stream:
@@ -45,7 +45,7 @@ def wait_for(predicate: threading.Event) -> None:
 
 
 @pytest.fixture
-def blocked(pipe: Tuple[int, TextIO]) -> Tuple[int, StreamWriter[str]]:
+def blocked(pipe: tuple[int, TextIO]) -> tuple[int, StreamWriter[str]]:
     """The reading end of a full pipe, and a writer whose thread waits for it with one item."""
     reader, stream = pipe
     fill(stream.fileno())
@@ -62,7 +62,7 @@ def blocked(pipe: Tuple[int, TextIO]) -> Tuple[int, StreamWriter[str]]:
     return reader, writer
 
 
-def test_items_are_written_in_order_before_the_last_text(pipe: Tuple[int, TextIO]) -> None:
+def test_items_are_written_in_order_before_the_last_text(pipe: tuple[int, TextIO]) -> None:
     reader, stream = pipe
     writer = StreamWriter(stream, render, last="end\n")
     writer.put("before the start")
@@ -73,7 +73,7 @@ def test_items_are_written_in_order_before_the_last_text(pipe: Tuple[int, TextIO
     assert read_until(reader, "end\n") == "before the start\none\ntwo é\nend\n"
 
 
-def test_a_reader_that_does_not_read_costs_the_oldest_items_and_no_time(blocked: Tuple[int, StreamWriter]) -> None:
+def test_a_reader_that_does_not_read_costs_the_oldest_items_and_no_time(blocked: tuple[int, StreamWriter]) -> None:
     reader, writer = blocked
     for number in range(1, MOST_ITEMS + 101):
         writer.put(f"line {number}.")
@@ -85,14 +85,14 @@ def test_a_reader_that_does_not_read_costs_the_oldest_items_and_no_time(blocked:
     assert writer.close()
 
 
-def test_the_end_does_not_wait_for_a_reader_that_does_not_read(blocked: Tuple[int, StreamWriter]) -> None:
+def test_the_end_does_not_wait_for_a_reader_that_does_not_read(blocked: tuple[int, StreamWriter]) -> None:
     _, writer = blocked
     assert not writer.close()
     assert writer.problem
 
 
 def test_the_end_waits_for_a_thread_that_has_no_processor_time_while_the_stream_is_read(
-    pipe: Tuple[int, TextIO], monkeypatch: pytest.MonkeyPatch
+    pipe: tuple[int, TextIO], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     reader, stream = pipe
     monkeypatch.setattr("robot_health_monitor.cli.output.stream_writer._CLOSE_S", 0.0)
@@ -110,7 +110,7 @@ def test_the_end_waits_for_a_thread_that_has_no_processor_time_while_the_stream_
     assert read_until(reader, "\n") == "one\n"
 
 
-def test_a_reader_that_has_left_is_noticed_at_the_next_write(pipe: Tuple[int, TextIO]) -> None:
+def test_a_reader_that_has_left_is_noticed_at_the_next_write(pipe: tuple[int, TextIO]) -> None:
     reader, stream = pipe
     writer = StreamWriter(stream, render)
     writer.start()
@@ -119,7 +119,7 @@ def test_a_reader_that_has_left_is_noticed_at_the_next_write(pipe: Tuple[int, Te
     assert writer.close() and writer.reader_is_gone
 
 
-def test_a_reader_that_has_left_is_noticed_without_a_write(pipe: Tuple[int, TextIO]) -> None:
+def test_a_reader_that_has_left_is_noticed_without_a_write(pipe: tuple[int, TextIO]) -> None:
     reader, stream = pipe
     writer = StreamWriter(stream, render)
     writer.start()
@@ -131,7 +131,7 @@ def test_a_reader_that_has_left_is_noticed_without_a_write(pipe: Tuple[int, Text
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="this system has no /dev/full")
 def test_a_full_disk_is_reported_once_and_tried_again_without_losing_a_line(
-    pipe: Tuple[int, TextIO], capfd: pytest.CaptureFixture
+    pipe: tuple[int, TextIO], capfd: pytest.CaptureFixture
 ) -> None:
     reader, stream = pipe
     with open("/dev/full", "w") as full:
@@ -161,19 +161,19 @@ def test_the_end_does_not_wait_for_a_full_disk() -> None:
         assert writer.problem == "the output cannot be written: No space left on device"
 
 
-def test_a_stream_that_another_process_made_non_blocking_loses_nothing(pipe: Tuple[int, TextIO]) -> None:
+def test_a_stream_that_another_process_made_non_blocking_loses_nothing(pipe: tuple[int, TextIO]) -> None:
     reader, stream = pipe
     os.set_blocking(stream.fileno(), False)
     writer = StreamWriter(stream, render)
     writer.start()
-    lines: List[str] = ["x" * 50_000 + str(number) for number in range(10)]
+    lines: list[str] = ["x" * 50_000 + str(number) for number in range(10)]
     for line in lines:
         writer.put(line)
     assert read_until(reader, lines[-1] + "\n") == "".join(f"{line}\n" for line in lines)
     assert writer.close()
 
 
-def test_a_character_that_the_encoding_lacks_is_escaped(pipe: Tuple[int, TextIO]) -> None:
+def test_a_character_that_the_encoding_lacks_is_escaped(pipe: tuple[int, TextIO]) -> None:
     reader, stream = pipe
     stream.reconfigure(encoding="ascii")
     writer = StreamWriter(stream, render)

@@ -6,7 +6,7 @@ import io
 import re
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Dict, List, Mapping, Sequence
+from typing import Any, Mapping, Sequence
 
 import pytest
 
@@ -84,7 +84,7 @@ def row(name: str, level: int, message: str, **values: str) -> Status:
     return Status(name, Level(level), message, "atlas", values)
 
 
-def table_of(view: View, width: int, height: int) -> List[str]:
+def table_of(view: View, width: int, height: int) -> list[str]:
     """Returns the lines of a table without its title and the blanks at their end."""
     console = Console(file=io.StringIO(), width=width, height=height, highlight=False)
     with console.capture() as written:
@@ -92,7 +92,7 @@ def table_of(view: View, width: int, height: int) -> List[str]:
     return [line.rstrip() for line in written.get().splitlines()][1:]
 
 
-def lines(rows: Sequence[Status], width: int = 80, height: int = 24) -> List[str]:
+def lines(rows: Sequence[Status], width: int = 80, height: int = 24) -> list[str]:
     return table_of(robot_view("atlas", rows, CONFIGS, printable), width, height)
 
 
@@ -239,14 +239,14 @@ class Robots:
 
     def __init__(self) -> None:
         self._bus = LocalBus(on_log=lambda line: None)
-        self.robots: List[Robot] = []
-        self.silences: Dict[str, str] = {}
+        self.robots: list[Robot] = []
+        self.silences: dict[str, str] = {}
 
     def add(self, name: str, **options: Any) -> Robot:
         self.robots.append(Robot(self._bus, name, self.silences, **options))
         return self.robots[-1]
 
-    def lines(self, width: int, height: int) -> List[str]:
+    def lines(self, width: int, height: int) -> list[str]:
         return table_of(self.view(height), width, height)
 
     def view(self, height: int = 24) -> View:
@@ -264,7 +264,7 @@ def five() -> Robots:
     return robots
 
 
-def rows(lines: List[str]) -> List[str]:
+def rows(lines: list[str]) -> list[str]:
     """Returns robot, level and signal of the rows, without the times."""
     return [" ".join(re.sub(r"[A-Z][a-z]{2} \d\d \d\d:\d\d", "", line).split()) for line in lines]
 
@@ -352,7 +352,7 @@ def test_states_are_read_only_for_what_can_be_shown(monkeypatch: pytest.MonkeyPa
     robots = Robots()
     for number in range(200):
         robots.add(f"r{number}").measure(77.0, 40.0)
-    asked: List[Any] = []
+    asked: list[Any] = []
     original = Announcements.status
     monkeypatch.setattr(Announcements, "status", lambda system, name: asked.append(name) or original(system, name))
     view = robots.view(24)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import random
 from pathlib import Path
-from typing import Any, Dict, List
+from typing import Any
 
 import pytest
 
@@ -97,7 +97,7 @@ def test_alerts_of_random_black_boxes_occur_again(
 
 
 def test_the_series_of_a_condition_is_recorded_too(tmp_path: Path) -> None:
-    signals: Dict[str, Dict[str, Any]] = {
+    signals: dict[str, dict[str, Any]] = {
         "battery": {"type": "std_msgs/Float32", "warn_below": 20.0, "only_if": {"signal": "driving", "above": 0.5}},
         "driving": {"type": "std_msgs/Float32"},
     }
@@ -110,7 +110,7 @@ def test_the_series_of_a_condition_is_recorded_too(tmp_path: Path) -> None:
     (alert, *_) = black_box_alerts(str(robot.files()[0]))
     robot.close()
     assert (alert.signal, alert.transition.to_level) == ("battery", Level.WARN)
-    driving: List[float] = [value for at_s, value in alert.samples["driving"] if at_s <= alert.time_s]
+    driving: list[float] = [value for at_s, value in alert.samples["driving"] if at_s <= alert.time_s]
     assert driving[-1] == 1.0
     assert driving[:-1] == [0.0] * (len(driving) - 1)
     assert sorted(alert.settings) == ["battery", "driving"]

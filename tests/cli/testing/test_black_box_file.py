@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Dict
+from typing import Any
 
 import pytest
 
@@ -34,7 +34,7 @@ def test_the_thresholds_are_those_of_alert_system() -> None:
     file, _ = attached(opened(thresholds_yaml=text))
     assert file is not None
     assert file.file == "/box/r1.mcap/thresholds.yaml"
-    tree: Dict[str, Any] = dict(sections_of_nodes(file)["alert_system"].tree)
+    tree: dict[str, Any] = dict(sections_of_nodes(file)["alert_system"].tree)
     assert tree == {"robot_name": "r1", "signals": {"battery": {"warn_below": 20.0}}}
 
 
@@ -50,7 +50,7 @@ def test_the_states_are_those_at_the_beginning() -> None:
         ({"thresholds_yaml": ""}, "/box/r1.mcap/thresholds.yaml: is empty; expected a mapping of keys to values"),
     ],
 )
-def test_an_attachment_that_cannot_be_read_is_one_line(texts: Dict[str, str], problem: str) -> None:
+def test_an_attachment_that_cannot_be_read_is_one_line(texts: dict[str, str], problem: str) -> None:
     with pytest.raises(ConfigError) as caught:
         attached(opened(**texts))
     assert str(caught.value) == problem

@@ -6,7 +6,7 @@ import json
 import sqlite3
 from contextlib import closing
 from pathlib import Path
-from typing import Any, Dict, List, Optional, Tuple
+from typing import Any
 
 import pytest
 from harness.watched_signals import Of, Timeline, every_second, watched
@@ -85,7 +85,7 @@ def test_a_false_alarm_becomes_a_failing_test_then_a_better_threshold(
 
 
 STATUS = {"topic": "/diagnostics", "type": "diagnostic_msgs/DiagnosticArray", "field": 'status["*"]'}
-CASES: Dict[str, Tuple[Dict[str, Any], str, Timeline]] = {
+CASES: dict[str, tuple[dict[str, Any], str, Timeline]] = {
     "two levels": (
         {"b": {"warn_below": 20.0, "error_below": 10.0}}, "b", every_second([25.0, 24.0, 19.0, 18.0, 9.0, 8.0]),
     ),
@@ -191,7 +191,7 @@ RECORDER = "; a black box (ops.yaml: black_box, before_s: {}) would have recorde
     ids=["longer than the window", "bad samples", "arrivals"],
 )  # fmt: skip
 def test_what_is_missing_is_named_and_how_a_black_box_would_have_had_it(
-    signal: Dict[str, Any], timeline: Timeline, missing: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    signal: dict[str, Any], timeline: Timeline, missing: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file = watched(tmp_path / "history.db", {"b": signal}, "b", timeline)
     assert (
@@ -266,7 +266,7 @@ def test_odd_evidence_gives_one_line(tmp_path: Path, capsys: pytest.CaptureFixtu
         (["--from-alert", "a.mcap", "--ops", "o.yaml"], "--history and --ops: only with the number of an alert"),
     ],
 )
-def test_arguments_that_do_not_fit(capsys: pytest.CaptureFixture[str], arguments: List[str], problem: str) -> None:
+def test_arguments_that_do_not_fit(capsys: pytest.CaptureFixture[str], arguments: list[str], problem: str) -> None:
     assert main(["test", *arguments]) == 2
     assert capsys.readouterr().err.startswith(f"robot-health test: {problem}")
 
@@ -278,5 +278,5 @@ def test_arguments_that_do_not_fit(capsys: pytest.CaptureFixture[str], arguments
         [float("inf"), -float("inf"), None],
     ],
 )  # fmt: skip
-def test_a_series_is_written_as_it_is_read(series: List[Optional[float]]) -> None:
+def test_a_series_is_written_as_it_is_read(series: list[float | None]) -> None:
     assert list(map(repr, parse_series(series_text(series)))) == list(map(repr, series))

@@ -6,7 +6,7 @@ import math
 import shutil
 import subprocess
 from pathlib import Path
-from typing import Any, List, Mapping, Optional, Tuple
+from typing import Any, Mapping
 
 import pytest
 
@@ -25,7 +25,7 @@ from robot_health_monitor.core.values.errors import ConfigError
 PROMTOOL = shutil.which("promtool")
 
 
-def elements_tested(tmp_path: Path, text: str) -> List[str]:
+def elements_tested(tmp_path: Path, text: str) -> list[str]:
     """Returns the lines of a test of the weakest cell."""
     (tmp_path / "thresholds.yaml").write_text(
         "alert_system:\n  ros__parameters:\n    signals:\n"
@@ -72,7 +72,7 @@ def test_only_a_signal_with_several_elements_has_elements(tmp_path: Path) -> Non
         ("inf -Inf", [math.inf, -math.inf]),
     ],
 )
-def test_a_series_is_its_samples(text: str, samples: List[Optional[float]]) -> None:
+def test_a_series_is_its_samples(text: str, samples: list[float | None]) -> None:
     assert parse_series(text) == samples
 
 
@@ -137,7 +137,7 @@ WARN, OK, STALE, ERROR = Level.WARN, Level.OK, Level.STALE, Level.ERROR
 
 def alerts(
     signals: Mapping[str, Any], series: Mapping[str, str], interval_s: float = 1.0
-) -> List[Tuple[float, str, Level]]:
+) -> list[tuple[float, str, Level]]:
     parsed = {name: parse_series(text) for name, text in series.items()}
     found = run_test(load_config({"signals": signals}), ThresholdTest("", interval_s, parsed, []))
     return [(round(alert.at_s, 9), alert.signal, alert.level) for alert in found]
@@ -280,7 +280,7 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def errors(folder: Path, text: str) -> List[str]:
+def errors(folder: Path, text: str) -> list[str]:
     file = folder / "a.test.yaml"
     file.write_text(text)
     with pytest.raises(ConfigError) as raised:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import datetime
 import math
-from typing import Any, Dict
+from typing import Any
 
 import pytest
 from hypothesis import given
@@ -180,12 +180,12 @@ trees = st.dictionaries(
 
 
 @given(trees)
-def test_unflatten_is_the_inverse_of_flatten(tree: Dict[str, Any]) -> None:
+def test_unflatten_is_the_inverse_of_flatten(tree: dict[str, Any]) -> None:
     assert unflatten(dict(flatten(tree))) == tree
 
 
 @pytest.mark.parametrize("values", [{"a": 1, "a.b": 2}, {"a.b": 2, "a": 1}, {"a.b": 1, "a.b.c": 2}])
-def test_a_name_that_is_a_value_and_a_parent_is_refused(values: Dict[str, int]) -> None:
+def test_a_name_that_is_a_value_and_a_parent_is_refused(values: dict[str, int]) -> None:
     with pytest.raises(ConfigError):
         unflatten(values)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Dict, List, Tuple
+from typing import Any
 
 import pytest
 
@@ -14,11 +14,11 @@ DOUBT = "a forecast of a voltage is questionable; prefer the charge in %"
 SHORT = "with forecast_s (1800) above window_s (600), noise alerts falsely; set it to at least 300"
 
 
-def remarks_about(**settings: Any) -> List[Tuple[str, str]]:
+def remarks_about(**settings: Any) -> list[tuple[str, str]]:
     return list(remarks_of(read_signal("cell", settings)))
 
 
-def forecast(**settings: Any) -> Dict[str, Any]:
+def forecast(**settings: Any) -> dict[str, Any]:
     return {"statistic": "forecast", "forecast_s": 600.0, "warn_below": 3.4, **settings}
 
 
@@ -52,7 +52,7 @@ def test_other_forecasts_and_other_statistics_of_a_voltage_are_not() -> None:
         ({"warn_below": None}, []),
     ],
 )
-def test_a_forecast_beyond_its_window_needs_for_s_of_half_a_window(settings: Dict[str, Any], keys: List[str]) -> None:
+def test_a_forecast_beyond_its_window_needs_for_s_of_half_a_window(settings: dict[str, Any], keys: list[str]) -> None:
     given = forecast(**{"forecast_s": 1800.0, **settings})
     found = remarks_about(**{key: value for key, value in given.items() if value is not None})
     assert found == [(key, SHORT) for key in keys]

@@ -8,7 +8,7 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any, Dict
+from typing import Any
 
 import pytest
 from harness.packaging_workspace import FOLDERS, NAME
@@ -59,7 +59,7 @@ def test_a_reduction_needs_a_field_with_several_elements() -> None:
         ({"type": "std_msgs/Float32"}, ""),
     ],
 )
-def test_the_age_of_a_stamp_is_in_seconds_unless_a_unit_is_given(settings: Dict[str, Any], unit: str) -> None:
+def test_the_age_of_a_stamp_is_in_seconds_unless_a_unit_is_given(settings: dict[str, Any], unit: str) -> None:
     assert signal(**settings).unit == unit
 
 
@@ -149,7 +149,7 @@ def test_bounds_are_those_that_are_set() -> None:
         {"valid_max": 10.0, "statistic": "stddev", "warn_above": 50.0},
     ],
 )
-def test_what_is_just_possible_loads(settings: Dict[str, Any]) -> None:
+def test_what_is_just_possible_loads(settings: dict[str, Any]) -> None:
     signal(**settings)
 
 
@@ -199,7 +199,7 @@ def test_what_is_just_possible_loads(settings: Dict[str, Any]) -> None:
         ({"scale": 0}, "scale: expected a number other than 0, got 0"),
     ],
 )
-def test_bounds_that_contradict_each_other_are_refused(settings: Dict[str, Any], problem: str) -> None:
+def test_bounds_that_contradict_each_other_are_refused(settings: dict[str, Any], problem: str) -> None:
     assert refusal(**settings) == problem
 
 
@@ -224,7 +224,7 @@ def test_bounds_that_contradict_each_other_are_refused(settings: Dict[str, Any],
         ),
     ],
 )
-def test_wrong_kinds_and_ranges_are_refused(settings: Dict[str, Any], problem: str) -> None:
+def test_wrong_kinds_and_ranges_are_refused(settings: dict[str, Any], problem: str) -> None:
     assert refusal(**settings) == problem
 
 
@@ -257,7 +257,7 @@ def test_conditions_that_cannot_be_looked_at_are_refused(condition: object, prob
     ("tree", "expected"),
     [({}, 30.0), ({"window_s": 4.0}, 2.0), ({"window_min_s": 0.0}, 0.0), ({"window_min_s": 60.0}, 60.0)],
 )
-def test_window_min_s_is_half_of_window_s_unless_it_is_given(tree: Dict[str, float], expected: float) -> None:
+def test_window_min_s_is_half_of_window_s_unless_it_is_given(tree: dict[str, float], expected: float) -> None:
     assert load_config({"signals": {"a": tree}}).signals["a"].window_min_s == expected
 
 
@@ -336,7 +336,7 @@ print([(each.name, each.default) for each in described_parameters(config) if "se
         ({"statistic": "mean"}, "forecast_s: expected statistic: forecast with it, got 'mean'"),
     ],
 )
-def test_an_impossible_forecast_is_refused(settings: Dict[str, Any], problem: str) -> None:
+def test_an_impossible_forecast_is_refused(settings: dict[str, Any], problem: str) -> None:
     given = {"statistic": "forecast", "forecast_s": 600.0, "warn_below": 20.0, **settings}
     with pytest.raises(ConfigError) as refused:
         signal(**{key: value for key, value in given.items() if value is not None})

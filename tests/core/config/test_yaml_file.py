@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Callable, Optional
+from typing import Callable
 
 import pytest
 
@@ -132,9 +132,7 @@ def test_an_anchor_that_nothing_refers_to_changes_nothing(write: Write) -> None:
 
 
 @pytest.mark.parametrize(("path", "line"), [(("a", "b"), 2), (("a", "missing"), 1), (("nowhere",), None), ((), None)])
-def test_an_error_is_located_at_its_key_or_at_the_nearest_above_it(
-    write: Write, path: tuple, line: Optional[int]
-) -> None:
+def test_an_error_is_located_at_its_key_or_at_the_nearest_above_it(write: Write, path: tuple, line: int | None) -> None:
     read = read_yaml(write("a:\n  b: 1\n"))
     error = read.locate(ConfigError("is wrong", path))
     assert (error.line, error.path, error.problem, error.file) == (line, path, "is wrong", read.file)

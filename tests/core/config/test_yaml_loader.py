@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import importlib.util
 from types import ModuleType
-from typing import Any, Dict, Iterator
+from typing import Any, Iterator
 
 import pytest
 
@@ -120,7 +120,7 @@ def test_a_syntax_error_is_one_short_line(loader: ModuleType, text: str) -> None
 
 def test_lines_are_those_of_the_keys_also_in_flow_mappings_and_lists(loader: ModuleType) -> None:
     text = "base: &base\n  unit: V\n  limits: {low: 1,\n    high: 2}\nleft:\n- unit: A\n- true: 3\n"
-    lines: Dict[Path, int] = {}
+    lines: dict[Path, int] = {}
     loader.load(text, lines, Problems())
     assert lines["base", "limits", "high"] == 4
     assert lines["left", "1"] == 7

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from typing import Any, Dict, List, Mapping, Sequence, Tuple
+from typing import Any, Mapping, Sequence
 
 import pytest
 from harness.seeds import examples
@@ -164,9 +164,9 @@ def monitor(**signal: Any) -> Monitor:
 
 def observed(
     under_test: Monitor, values: Sequence[object], begin_s: float = 0.0, step_s: float = 0.0025
-) -> List[Transition]:
+) -> list[Transition]:
     """Observes values at a fixed distance, and ticks every second."""
-    found: List[Transition] = []
+    found: list[Transition] = []
     tick_s = begin_s + 1.0
     for number, value in enumerate(values):
         now_s = begin_s + number * step_s
@@ -238,7 +238,7 @@ def test_repetitions_are_no_transitions() -> None:
 
 def test_time_that_goes_back_does_not_end_it() -> None:
     under_test = monitor()
-    found: List[Transition] = []
+    found: list[Transition] = []
     for _ in range(200):  # a loop of 0.1 s
         found += observed(under_test, NOISY * 20)
     assert len(found) == 61
@@ -281,7 +281,7 @@ def test_the_memory_is_bounded() -> None:
     under_test = announcer()
     for number in range(1_000):
         announce(under_test, WARN if number % 2 == 0 else OK, number * 0.001)
-    saved: Dict[str, Any] = {}
+    saved: dict[str, Any] = {}
     under_test.exchange(SavedState(10.0, saved))
     times = saved["storm"]
     assert (len(times), times[0], times[-1]) == (61, pytest.approx(0.939), 0.999)
@@ -315,12 +315,12 @@ settings_of_signal = st.fixed_dictionaries(
 @settings(max_examples=examples(75), deadline=None)
 @given(settings_of_signal, steps)
 def test_beyond_61_in_a_minute_only_what_flapping_never_hides_is_announced(
-    signal: Mapping[str, Any], sequence: List[Tuple[float, float, int]]
+    signal: Mapping[str, Any], sequence: list[tuple[float, float, int]]
 ) -> None:
     under_test = monitor(**signal)
     now_s = 0.0
-    worst: List[Level] = []
-    times: List[float] = []
+    worst: list[Level] = []
+    times: list[float] = []
     for step_s, value, number in sequence:
         for place in range(number):
             now_s += step_s
@@ -339,7 +339,7 @@ def test_beyond_61_in_a_minute_only_what_flapping_never_hides_is_announced(
 @pytest.mark.newest_python
 @settings(max_examples=examples(50), deadline=None)
 @given(settings_of_signal, st.lists(st.sampled_from((5.0, 15.0, 50.0)), min_size=65, max_size=200))
-def test_data_that_come_once_per_second_are_judged_as_before(signal: Mapping[str, Any], values: List[float]) -> None:
+def test_data_that_come_once_per_second_are_judged_as_before(signal: Mapping[str, Any], values: list[float]) -> None:
     signal = {**signal, "stale_after_s": 5.0}
     limited = [str(each) for each in observed(monitor(**signal), values, step_s=1.0)]
     with pytest.MonkeyPatch.context() as patch:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Dict
+from typing import Any
 
 import pytest
 import yaml
@@ -45,7 +45,7 @@ def test_every_shipped_configuration_reads_back_as_the_same_signals(file: Path) 
     ],
     ids=str,
 )
-def test_every_kind_of_key_reads_back(signal: Dict[str, Any]) -> None:
+def test_every_kind_of_key_reads_back(signal: dict[str, Any]) -> None:
     config = load_config({"signals": {"one": signal, "other": {}}})
     assert dict(round_trip(config).signals) == dict(config.signals)
 

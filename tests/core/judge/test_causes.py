@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Dict, List, Mapping
+from typing import Any, Mapping
 
 import pytest
 
@@ -26,7 +26,7 @@ class Robot:
         self.monitor.expect_sources()
         self.monitor.tick(0.0)
 
-    def at(self, now_s: float, **values: float) -> List[str]:
+    def at(self, now_s: float, **values: float) -> list[str]:
         """Brings samples, then a tick; returns the lines."""
         changes = [each for name, value in values.items() for each in self.monitor.observe(Sample(name, value, now_s))]
         return list(map(str, [*changes, *self.monitor.tick(now_s)]))
@@ -158,7 +158,7 @@ def test_an_element_may_be_a_cause_and_have_one() -> None:
         ({"a": {"topic": "/t", "field": "x[*]", "depends_on": ["a[1]"]}}, "got 'a[1]': it would depend on itself"),
     ],
 )
-def test_unknown_names_and_circles_are_configuration_errors(signals: Dict[str, Any], problem: str) -> None:
+def test_unknown_names_and_circles_are_configuration_errors(signals: dict[str, Any], problem: str) -> None:
     with pytest.raises(ConfigError) as raised:
         configured(**signals)
     assert problem in "\n".join(str(each) for each in raised.value.all)

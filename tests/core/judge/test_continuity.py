@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, List
+from typing import Any
 
 import pytest
 from harness.kept_history import Robot
@@ -16,7 +16,7 @@ BATTERY = {"warn_below": 20.0}
 OK, WARN, ERROR, STALE = Level
 
 
-def saved_names(robot: Robot) -> List[str]:
+def saved_names(robot: Robot) -> list[str]:
     """Returns the signals that were saved since the last call, once per save."""
     names = [name for states in robot.history.saves for name in states]
     robot.history.saves.clear()
@@ -25,7 +25,7 @@ def saved_names(robot: Robot) -> List[str]:
 
 def test_a_transition_is_stored_before_the_outlets_receive_it(monkeypatch: Any) -> None:
     robot = Robot(battery=BATTERY)
-    order: List[str] = []
+    order: list[str] = []
     monkeypatch.setattr(robot.history, "record", lambda *_: order.append("history"))
     robot.system.outlets.add("seen", lambda event: order.append("outlet"))
     robot.run_for(1, battery=15.0)
@@ -264,7 +264,7 @@ def test_effects_are_stored_when_they_change() -> None:
     robot = Robot(
         motor={**of_motor, "error_above": 90.0}, wheel={"topic": "/wheel", "warn_below": 1.0, "depends_on": ["motor"]}
     )
-    stored: List[Any] = []
+    stored: list[Any] = []
     robot.history.record_effects = stored.append  # type: ignore[method-assign]
     robot.run_for(2, **{"/motor": 50.0, "/wheel": 5.0})
     robot.run_for(1, **{"/motor": 95.0, "/wheel": 5.0})

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from typing import Any, Dict, List
+from typing import Any
 
 import pytest
 
@@ -11,7 +11,7 @@ from robot_health_monitor.core import Level, Monitor, Sample, load_config
 from robot_health_monitor.core.values.elements import BadDatum, DriverStatus, Elements
 from robot_health_monitor.core.values.errors import ConfigError
 
-DRIVERS: Dict[str, Any] = {
+DRIVERS: dict[str, Any] = {
     "topic": "/diagnostics", "type": "diagnostic_msgs/DiagnosticArray", "field": 'status["*"]', "stale_after_s": 0.0,
 }  # fmt: skip
 MOTOR = "motor_driver: left"
@@ -24,11 +24,11 @@ class Robot:
         self.monitor = Monitor(load_config({"signals": {"drivers": {**DRIVERS, **keys}, "charging": {}}}), "r1")
         self.monitor.tick(0.0)
 
-    def report(self, now_s: float, level: Any, message: Any = "", name: str = MOTOR) -> List[str]:
+    def report(self, now_s: float, level: Any, message: Any = "", name: str = MOTOR) -> list[str]:
         elements = Elements([(name, DriverStatus(level, message))])
         return [each.text for each in self.monitor.observe(Sample("drivers", elements, now_s))]
 
-    def tick(self, now_s: float) -> List[str]:
+    def tick(self, now_s: float) -> list[str]:
         return [each.text for each in self.monitor.tick(now_s)]
 
     def shown(self, name: str = MOTOR) -> Any:
@@ -244,7 +244,7 @@ class TestOneStatus:
         ({"type": "diagnostic_msgs/msg/DiagnosticStatus", "field": '["*"]', "warn_above": 0.0}, "warn_above"),
     ],
 )
-def test_a_whole_status_has_no_bounds(keys: Dict[str, Any], key: str) -> None:
+def test_a_whole_status_has_no_bounds(keys: dict[str, Any], key: str) -> None:
     with pytest.raises(ConfigError, match=f"{key}: .* is a whole DiagnosticStatus, judged by its own level; remove"):
         load_config({"signals": {"drivers": {**DRIVERS, **keys}}})
 
@@ -257,5 +257,5 @@ def test_a_whole_status_has_no_bounds(keys: Dict[str, Any], key: str) -> None:
         {"type": "sensor_msgs/JointState", "field": 'effort["*"]', "warn_above": 0.0},
     ],
 )
-def test_what_is_a_number_may_have_bounds(keys: Dict[str, Any]) -> None:
+def test_what_is_a_number_may_have_bounds(keys: dict[str, Any]) -> None:
     load_config({"signals": {"drivers": {**DRIVERS, **keys}}})

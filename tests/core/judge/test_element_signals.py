@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from typing import Any, Dict, List, Tuple
+from typing import Any
 
 import pytest
 from hypothesis import given
@@ -18,20 +18,20 @@ from robot_health_monitor.core.values.errors import ConfigError
 CELLS = {"field": "cell_voltage[*]", "unit": "V", "warn_below": 3.2}
 
 
-def monitor(**signals: Dict[str, Any]) -> Monitor:
+def monitor(**signals: dict[str, Any]) -> Monitor:
     return Monitor(load_config({"signals": signals}), "r1")
 
 
-def see(watched: Monitor, now_s: float, name: str = "cells", **elements: Any) -> List[str]:
+def see(watched: Monitor, now_s: float, name: str = "cells", **elements: Any) -> list[str]:
     values = Elements((key.lstrip("_"), value) for key, value in elements.items())
     return texts(watched.observe(Sample(name, values, now_s)))
 
 
-def texts(changes: Any) -> List[str]:
+def texts(changes: Any) -> list[str]:
     return [str(each) for each in changes]
 
 
-def levels(watched: Monitor, now_s: float) -> Dict[str, str]:
+def levels(watched: Monitor, now_s: float) -> dict[str, str]:
     return {name: status.level.name for name, status in watched.report(now_s).statuses.items()}
 
 
@@ -316,7 +316,7 @@ class TestANewConfiguration:
 
 
 class TestARestart:
-    def restarted(self, watched: Monitor, now_s: float, **signals: Any) -> Tuple[Monitor, List[str]]:
+    def restarted(self, watched: Monitor, now_s: float, **signals: Any) -> tuple[Monitor, list[str]]:
         names = list(watched.signals())
         states = json.loads(json.dumps({name: watched.snapshot(name, now_s, 1e9 + now_s) for name in names}))
         after = monitor(**signals)
@@ -357,7 +357,7 @@ class TestARestart:
 class TestNames:
     @pytest.mark.newest_python
     @given(st.lists(st.text(), min_size=2, max_size=5, unique=True), st.integers(1, 60))
-    def test_are_printable_short_and_different(self, elements: List[str], length: int) -> None:
+    def test_are_printable_short_and_different(self, elements: list[str], length: int) -> None:
         template = "c" * length
         names = [element_signal_name(template, element) for element in elements]
         assert all(name.isprintable() and len(name) <= LONGEST_NAME and is_element_name(name) for name in names)
@@ -394,7 +394,7 @@ class TestNames:
         ({"field": "a[*]", "max_elements": 10_001}, "max_elements"),
     ],
 )
-def test_mistakes_are_configuration_errors(keys: Dict[str, Any], problem: str) -> None:
+def test_mistakes_are_configuration_errors(keys: dict[str, Any], problem: str) -> None:
     with pytest.raises(ConfigError, match=problem):
         load_config({"signals": {"cells": keys}})
 
@@ -409,9 +409,9 @@ elements = st.lists(st.tuples(st.text(max_size=3) | st.integers(), st.floats() |
 
 @pytest.mark.newest_python
 @given(st.lists(st.tuples(elements | st.floats() | st.none(), st.floats()), max_size=20))
-def test_nothing_makes_it_raise_and_the_transitions_form_chains(calls: List[Tuple[Any, float]]) -> None:
+def test_nothing_makes_it_raise_and_the_transitions_form_chains(calls: list[tuple[Any, float]]) -> None:
     watched = monitor(cells={**CELLS, "max_elements": 5, "forget_after_s": 30.0, "flap_detection": True})
-    announced: Dict[str, Level] = {}
+    announced: dict[str, Level] = {}
     for value, now_s in calls:
         given_value = Elements(value) if isinstance(value, list) else value
         for each in [*watched.observe(Sample("cells", given_value, now_s)), *watched.tick(now_s + 1.0)]:

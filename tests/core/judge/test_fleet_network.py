@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import List
-
 import pytest
 
 from robot_health_monitor.core import Level, Monitor, Sample, load_config
@@ -17,7 +15,7 @@ SIGNALS = {
 }
 
 
-def announced_by(robot: str, down_s: int, up_s: int) -> List[Transition]:
+def announced_by(robot: str, down_s: int, up_s: int) -> list[Transition]:
     """Returns what is announced while the network goes and comes ten times; the drivers never stop."""
     monitor = Monitor(load_config({"signals": SIGNALS}), robot=robot)
     monitor.expect_sources()

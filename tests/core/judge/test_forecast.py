@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import random
-from typing import Dict, List, Mapping, Optional, Sequence, Tuple
+from typing import Mapping, Sequence
 
 import pytest
 from harness.seeds import examples, fixed_seed
@@ -17,8 +17,8 @@ BELOW, ABOVE = {"warn_below": 20.0}, {"warn_above": 80.0, "error_above": 90.0}
 
 
 def forecast_of(
-    samples: Sequence[Tuple[float, float]], window_s: float, forecast_s: float, bounds: Mapping[str, float] = NONE
-) -> Optional[Forecast]:
+    samples: Sequence[tuple[float, float]], window_s: float, forecast_s: float, bounds: Mapping[str, float] = NONE
+) -> Forecast | None:
     """Returns the forecast after samples of (time in s, value)."""
     window = ForecastWindow(window_s, 6000, 0.0, forecast_s, bounds)
     for at_s, value in samples:
@@ -62,7 +62,7 @@ def test_without_bounds_the_line_of_the_window_counts() -> None:
         (-1.0, ABOVE, -30.0),
     ],
 )
-def test_a_forecast_never_contradicts_the_present(sign: float, bounds: Dict[str, float], expected: float) -> None:
+def test_a_forecast_never_contradicts_the_present(sign: float, bounds: dict[str, float], expected: float) -> None:
     """10, and from 10 s on 1 more per s, which is 20 at the end: a motor that begins to warm up."""
     bend = [(float(second), sign * (10.0 + max(0.0, second - 10.0))) for second in range(21)]
     found = forecast_of(bend, 20.0, 10.0, bounds)
@@ -89,7 +89,7 @@ def test_while_the_window_falls_a_forecast_may_lie_below_the_latest_value() -> N
         ([], False),
     ],
 )
-def test_each_half_needs_five_samples(times: List[int], is_defined: bool) -> None:
+def test_each_half_needs_five_samples(times: list[int], is_defined: bool) -> None:
     assert (forecast_of([(float(at_s), 1.0) for at_s in times], 10.0, 5.0) is not None) is is_defined
 
 
@@ -129,7 +129,7 @@ def test_the_most_samples_limit_both_halves() -> None:
         ({}, None),
     ],
 )
-def test_the_time_to_a_bound_is_that_of_the_line(bounds: Dict[str, float], expected: Optional[float]) -> None:
+def test_the_time_to_a_bound_is_that_of_the_line(bounds: dict[str, float], expected: float | None) -> None:
     """45 at the end, 0.5 less per s."""
     found = forecast_of([(float(second), 55.0 - 0.5 * second) for second in range(21)], 20.0, 30.0, bounds)
     assert found is not None
@@ -167,8 +167,8 @@ def test_random_windows_agree_with_numpy() -> None:
             chance.choice((0.0, 1e-3, 1.0)) * chance.uniform(-size, size) / window_s,
         )
         noise = chance.choice((1e-6, 1e-3, 1.0)) * size
-        times: List[float] = []
-        values: List[float] = []
+        times: list[float] = []
+        values: list[float] = []
         for step in range(250):
             now_s += chance.choice((step_s,) * 8 + (0.0, 3.0 * step_s))
             value = base + trend * step * step_s + chance.gauss(0.0, noise)

@@ -13,7 +13,7 @@ Samples = Sequence[Tuple[float, float]]
 """(time in s, value)"""
 
 
-def exact_moments(samples: Samples, now_s: float) -> Tuple[Fraction, ...]:
+def exact_moments(samples: Samples, now_s: float) -> tuple[Fraction, ...]:
     """Returns the moments in exact arithmetic."""
     times = [Fraction(at_s) - Fraction(now_s) for at_s, _ in samples]
     values = [Fraction(value) for _, value in samples]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 import random
-from typing import Any, Dict, List, Optional, Sequence, Tuple
+from typing import Any, Sequence
 
 import pytest
 
@@ -31,21 +31,21 @@ class Watched:
 
     def __init__(self, **settings: Any) -> None:
         self.monitor = Monitor(load_config({"signals": {"battery_level": settings}}), "atlas")
-        self.transitions: List[Transition] = []
+        self.transitions: list[Transition] = []
 
-    def observe(self, value: object, now_s: float) -> Optional[Transition]:
+    def observe(self, value: object, now_s: float) -> Transition | None:
         return self._note(self.monitor.observe(Sample("battery_level", value, now_s)))
 
-    def tick(self, now_s: float) -> Optional[Transition]:
+    def tick(self, now_s: float) -> Transition | None:
         return self._note(self.monitor.tick(now_s))
 
-    def reset(self) -> Optional[Transition]:
+    def reset(self) -> Transition | None:
         return self._note(self.monitor.reset())
 
-    def configure(self, **settings: Any) -> Optional[Transition]:
+    def configure(self, **settings: Any) -> Transition | None:
         return self._note(self.monitor.configure(load_config({"signals": {"battery_level": settings}})))
 
-    def each_second(self, *values: object, start_s: float = 0.0) -> List[Tuple[float, Level]]:
+    def each_second(self, *values: object, start_s: float = 0.0) -> list[tuple[float, Level]]:
         """Feeds a value per second (None: a tick instead) and returns what was announced, in these seconds."""
         before = len(self.transitions)
         for second, value in enumerate(values):
@@ -63,7 +63,7 @@ class Watched:
     def level(self) -> Level:
         return self.status().level
 
-    def _note(self, transitions: Sequence[Transition]) -> Optional[Transition]:
+    def _note(self, transitions: Sequence[Transition]) -> Transition | None:
         self.transitions.extend(transitions)
         assert len(transitions) <= 1
         return transitions[0] if transitions else None
@@ -90,7 +90,7 @@ def test_the_library_example_of_the_readme_works() -> None:
     ("settings", "fine", "alert"),
     [({"warn_below": 20.0}, 20.0, 19.999), ({"warn_above": 80.0}, 80.0, 80.001)],
 )
-def test_a_value_at_exactly_its_bound_is_not_an_alert(settings: Dict[str, float], fine: float, alert: float) -> None:
+def test_a_value_at_exactly_its_bound_is_not_an_alert(settings: dict[str, float], fine: float, alert: float) -> None:
     watched = Watched(**settings)
     assert watched.each_second(fine, fine, alert) == [(2.0, WARN)]
 
@@ -163,7 +163,7 @@ def test_voltage_sag_shorter_than_for_s_is_no_alert() -> None:
     ],
 )
 def test_a_bound_applies_to_the_signals_statistic(
-    statistic: str, settings: Dict[str, float], values: List[float], expected: List[Any], judged: float
+    statistic: str, settings: dict[str, float], values: list[float], expected: list[Any], judged: float
 ) -> None:
     watched = Watched(statistic=statistic, window_min_s=0.0, **settings)
     assert watched.each_second(*values) == expected
@@ -1405,7 +1405,7 @@ def test_a_signal_leads_with_its_statistic() -> None:
     assert len(monitor.shown_samples("imu")) == 11
 
 
-def discharge(seconds: int, *, per_s: float = 0.5, start: float = 100.0) -> List[Sample]:
+def discharge(seconds: int, *, per_s: float = 0.5, start: float = 100.0) -> list[Sample]:
     return [Sample("battery_soon", start - per_s * second, float(second)) for second in range(seconds)]
 
 

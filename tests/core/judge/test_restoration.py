@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from typing import Any, Dict, List, Mapping, Tuple
+from typing import Any, Mapping, Tuple
 
 import pytest
 from harness.kept_history import Robot
@@ -472,12 +472,12 @@ class Player:
     def __init__(self, monitor: Monitor, now_s: float) -> None:
         self.monitor = monitor
         self.now_s = now_s
-        self.seen: List[Tuple[Any, ...]] = []
+        self.seen: list[tuple[Any, ...]] = []
 
     def play(self, call: Call) -> None:
         what, step_s, *arguments = call
         self.now_s += step_s
-        transitions: List[Transition] = []
+        transitions: list[Transition] = []
         if what == "observe":
             transitions = self.monitor.observe(Sample(arguments[0], arguments[1], self.now_s))
         elif what == "tick":
@@ -499,7 +499,7 @@ class Player:
     st.lists(plain_calls, max_size=30),
 )
 def test_a_restart_without_downtime_changes_no_later_transition(
-    trees: List[Mapping[str, Any]], before: List[Call], first: Tuple[float, float], after: List[Call]
+    trees: list[Mapping[str, Any]], before: list[Call], first: tuple[float, float], after: list[Call]
 ) -> None:
     config = load_config({"signals": {"a": trees[0], "b": trees[1]}})
     whole = Player(Monitor(config), 0.0)
@@ -508,7 +508,7 @@ def test_a_restart_without_downtime_changes_no_later_transition(
         whole.play(call)
     resumed = Player(restarted(whole.monitor, config, whole.now_s), whole.now_s)
     # Both know every signal: a restarted monitor has to wait for its first samples.
-    bridge: List[Call] = [("observe", 0.0, "b", first[1]), ("observe", 0.0, "a", first[0])]
+    bridge: list[Call] = [("observe", 0.0, "b", first[1]), ("observe", 0.0, "a", first[0])]
     if "link" in whole.monitor.signals():
         up = whole.monitor.status("link", whole.now_s).values["value"]  # type: ignore[union-attr]
         bridge.insert(0, ("observe", 0.0, "link", float(up)))
@@ -544,13 +544,13 @@ json_values = st.recursive(
 )
 
 
-def full_state() -> Dict[str, Any]:
+def full_state() -> dict[str, Any]:
     """A state with every key."""
     config = load_config({"signals": {"a": {"warn_below": 20.0, "error_below": 10.0, "for_s": 9.0, "latch": True}}})
     monitor = Monitor(config)
     for now_s, value in enumerate((15.0, 15.0, 5.0)):
         monitor.observe(Sample("a", value, now_s * 5.0))
-    state: Dict[str, Any] = json.loads(json.dumps(monitor.snapshot("a", 10.0, 10.0)))
+    state: dict[str, Any] = json.loads(json.dumps(monitor.snapshot("a", 10.0, 10.0)))
     state["announced"].update(
         never_known=True,
         repeat_waited_s=1.0,
@@ -562,9 +562,9 @@ def full_state() -> Dict[str, Any]:
     return state
 
 
-def places(state: Mapping[str, Any], path: Tuple[str, ...] = ()) -> List[Tuple[str, ...]]:
+def places(state: Mapping[str, Any], path: tuple[str, ...] = ()) -> list[tuple[str, ...]]:
     """Returns the paths of every value of a state."""
-    found: List[Tuple[str, ...]] = [()] if not path else []
+    found: list[tuple[str, ...]] = [()] if not path else []
     for key, value in state.items():
         found.append((*path, key))
         if isinstance(value, dict):
@@ -572,7 +572,7 @@ def places(state: Mapping[str, Any], path: Tuple[str, ...] = ()) -> List[Tuple[s
     return found
 
 
-def replaced(state: Any, path: Tuple[str, ...], value: Any) -> Any:
+def replaced(state: Any, path: tuple[str, ...], value: Any) -> Any:
     if not path:
         return value
     return {**state, path[0]: replaced(state[path[0]], path[1:], value)}
@@ -596,12 +596,12 @@ def test_a_storm_of_any_form_ends_within_a_minute(number: int, time_s: Any) -> N
 @given(
     st.sampled_from(places(full_state())), json_values, st.sampled_from(("a", "b", "link", "gone", "not a name\n", ""))
 )
-def test_no_state_raises_or_breaks_the_chain(path: Tuple[str, ...], value: Any, name: str) -> None:
+def test_no_state_raises_or_breaks_the_chain(path: tuple[str, ...], value: Any, name: str) -> None:
     trees = {"warn_below": 20.0, "error_below": 10.0, "for_s": 9.0, "latch": True, "flap_detection": True}
     monitor = Monitor(load_config({"signals": {"a": trees, "b": {"warn_above": 1.0, "repeat_s": 2.0}}}))
     changes = monitor.restore({name: replaced(full_state(), path, value)}, 100.0, 1e9)
     assert all(text.isprintable() for text in changes.notices)
-    levels: Dict[str, Level] = {}
+    levels: dict[str, Level] = {}
     transitions = list(changes)
     for now_s in range(100, 130):
         monitor.report(float(now_s))
@@ -623,7 +623,7 @@ def test_a_state_that_cannot_be_used_is_ignored_with_a_notice(value: Any) -> Non
     monitor = Monitor(load_config({"signals": {"a": {"warn_below": 20.0}, "b": {"warn_below": 20.0}}}))
     other = Monitor(monitor.config)
     other.observe(Sample("b", 15.0, 0.0))
-    states: Dict[str, SavedSignal] = {"a": value, "b": other.snapshot("b", 0.0, 0.0)}
+    states: dict[str, SavedSignal] = {"a": value, "b": other.snapshot("b", 0.0, 0.0)}
     changes = monitor.restore(states, 0.0, 0.0)
     assert changes == []
     (notice,) = changes.notices

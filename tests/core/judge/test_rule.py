@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Dict, List, Optional, Tuple
+from typing import Any
 
 import pytest
 
@@ -14,8 +14,8 @@ from robot_health_monitor.core.judge.saved_state import Downtime, SavedState, Un
 
 
 def rule(
-    below: Optional[float] = None,
-    above: Optional[float] = None,
+    below: float | None = None,
+    above: float | None = None,
     hysteresis: float = 0.0,
     for_s: float = 0.0,
     keep_firing_for_s: float = 0.0,
@@ -25,7 +25,7 @@ def rule(
     return rule
 
 
-def fires_after(rule: Rule, *values: float) -> List[bool]:
+def fires_after(rule: Rule, *values: float) -> list[bool]:
     """Judges one value per second and returns whether the rule fired after each."""
     result = []
     for second, value in enumerate(values):
@@ -130,7 +130,7 @@ def test_decimal_seconds_add_up_to_for_s() -> None:
     assert waiting.state is State.FIRING
 
 
-TABLE: List[Tuple[State, bool, State]] = [
+TABLE: list[tuple[State, bool, State]] = [
     (State.INACTIVE, True, State.PENDING),
     (State.INACTIVE, False, State.INACTIVE),
     (State.PENDING, True, State.PENDING),
@@ -302,7 +302,7 @@ def test_a_state_that_is_saved_is_restored_as_far_as_there_are_bounds() -> None:
     signal = rules(latch=True)
     signal.judge(5.0, 0.0)
     assert level(signal) is Level.ERROR
-    saved: Dict[str, Any] = {}
+    saved: dict[str, Any] = {}
     signal.exchange(SavedState(1.0, saved))
     assert sorted(filter(saved.get, saved)) == ["error", "latched", "warn"] and saved["latched"] == "ERROR"
     again = rules(latch=True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import List
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -91,7 +90,7 @@ def test_what_nobody_takes_is_bounded() -> None:
 
 
 @given(st.lists(st.floats(-1e308, 1e308), min_size=1, max_size=30))
-def test_extremes_are_exact_and_the_mean_lies_between_them(values: List[float]) -> None:
+def test_extremes_are_exact_and_the_mean_lies_between_them(values: list[float]) -> None:
     collected = collector()
     for value in values:
         collected.note(value, 5.0)

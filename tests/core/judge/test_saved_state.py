@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Dict, Mapping
+from typing import Any, Mapping
 
 import pytest
 
@@ -36,7 +36,7 @@ def test_what_is_written_is_read_by_the_same_calls_at_another_time() -> None:
             state.times_s("times", [90.0, 95.0], 5),
         )
 
-    values: Dict[str, Any] = {}
+    values: dict[str, Any] = {}
     expected = (0.0, True, "x", Level.STALE, 3.5)
     written = exchange(SavedState(100.0, values, ahead_s=900.0), 0.0, 80.0)
     assert written == (*expected, 80.0, [90.0, 95.0])

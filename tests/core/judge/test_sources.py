@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Dict, List, Mapping, Optional
+from typing import Any, Mapping
 
 import pytest
 
@@ -25,21 +25,21 @@ class Robot:
     def __init__(self, signals: Mapping[str, Mapping[str, Any]], start_s: float = 0.0) -> None:
         self.monitor = Monitor(load_config({"signals": signals}), "atlas")
         self.monitor.expect_sources()
-        self.lines: List[str] = []
+        self.lines: list[str] = []
         self.now_s = start_s
         self.note(self.monitor.tick(start_s))
 
     def note(self, changes: Any) -> None:
         self.lines += map(str, changes)
 
-    def message(self, topic: str, values: Optional[Mapping[str, object]] = None) -> None:
+    def message(self, topic: str, values: Mapping[str, object] | None = None) -> None:
         """Brings a message with samples of the given signals, none of the others; by default 1.0 of all."""
         self.note(self.monitor.observe_source(topic, self.now_s))
         on_topic = [name for name, each in self.monitor.config.signals.items() if each.topic == topic]
         for name, value in (dict.fromkeys(on_topic, 1.0) if values is None else values).items():
             self.note(self.monitor.observe(Sample(name, value, self.now_s)))
 
-    def run(self, until_s: float, *topics: str) -> List[str]:
+    def run(self, until_s: float, *topics: str) -> list[str]:
         """Lets time pass with a message and a tick per second; returns the lines since the last call."""
         while self.now_s < until_s:
             self.now_s += 1.0
@@ -49,7 +49,7 @@ class Robot:
         lines, self.lines = self.lines, []
         return lines
 
-    def shown(self) -> Dict[str, str]:
+    def shown(self) -> dict[str, str]:
         """Returns level and cause of what is not OK."""
         statuses = self.monitor.report(self.now_s).statuses.values()
         return {
@@ -77,7 +77,7 @@ def test_a_driver_that_dies_is_one_alert_with_the_number_of_its_signals() -> Non
 
 def test_the_alert_of_a_driver_counts_what_it_affects() -> None:
     robot = Robot(DRIVER)
-    changes: List[Any] = []
+    changes: list[Any] = []
     robot.note = changes.extend  # type: ignore[method-assign, assignment]
     robot.run(3.0, "/joint_states")
     robot.run(12.0)
@@ -155,7 +155,7 @@ def test_a_dead_joint_behind_a_dead_driver_is_not_hidden() -> None:
     robot = Robot(DRIVER)
     robot.run(10.0, "/joint_states")
     robot.run(20.0)
-    lines: List[str] = []
+    lines: list[str] = []
     for _ in range(10):
         robot.now_s += 1.0
         robot.message("/joint_states", {"wheel_left": 1.0, "rate": 1.0})
@@ -289,7 +289,7 @@ def test_a_source_that_is_no_longer_watched_ends(removed: str) -> None:
     robot = Robot({"scan": {"topic": "/scan"}, **DRIVER})
     robot.run(10.0, "/scan", "/joint_states")
     robot.run(20.0, "/scan")
-    signals: Dict[str, Any] = {"scan": {"topic": "/scan"}}
+    signals: dict[str, Any] = {"scan": {"topic": "/scan"}}
     changes = robot.monitor.configure(load_config({"signals": signals}))
     assert [each.text for each in changes] == ["/joint_states OK: no longer watched (was STALE for 4 s)"]
     assert robot.shown() == {}

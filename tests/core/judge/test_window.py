@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Iterable, Tuple
+from typing import Iterable
 
 import pytest
 
@@ -16,7 +16,7 @@ def window_of(*values: float, window_s: float = 60.0, window_samples: int = 6000
     return timed(enumerate(values), window_s, window_samples)
 
 
-def timed(samples: Iterable[Tuple[float, float]], window_s: float = 60.0, window_samples: int = 6000) -> Window:
+def timed(samples: Iterable[tuple[float, float]], window_s: float = 60.0, window_samples: int = 6000) -> Window:
     window = Window(window_s, window_samples)
     for now_s, value in samples:
         window.add(value, float(now_s))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Dict, List, Optional
+from typing import Any
 
 import pytest
 
@@ -91,7 +91,7 @@ def test_state_change_is_shown_where_flap_detection_is_enabled() -> None:
 # --- why, in words --------------------------------------------------------------------------------------------------
 
 
-def last_text(transitions: List[Optional[Transition]]) -> str:
+def last_text(transitions: list[Transition | None]) -> str:
     (found,) = [each for each in transitions if each is not None][-1:]
     return found.text
 
@@ -111,7 +111,7 @@ def last_text(transitions: List[Optional[Transition]]) -> str:
         ({}, [math.nan, 50.0], "OK: 50 (was ERROR for 1 s)"),
     ],
 )
-def test_a_line_contains_value_bound_and_duration(settings: Dict[str, Any], samples: List[float], text: str) -> None:
+def test_a_line_contains_value_bound_and_duration(settings: dict[str, Any], samples: list[float], text: str) -> None:
     signal = watch(**settings)
     transitions = [signal.observe(value, second) for second, value in enumerate(samples, 1)]
     assert last_text(transitions) == f"battery_level {text}"
@@ -194,7 +194,7 @@ def test_a_link_that_is_down_names_the_cause() -> None:
     ],
 )
 def test_the_message_of_a_signal_that_is_not_judged_or_healthy(
-    settings: Dict[str, Any], samples: List[Any], expected: str
+    settings: dict[str, Any], samples: list[Any], expected: str
 ) -> None:
     signal = watch(**settings)
     for second, value in enumerate(samples):
@@ -219,7 +219,7 @@ def test_a_status_of_an_unreachable_signal_has_its_last_value_and_age() -> None:
     assert status(signal, 10.0).level is Level.STALE
 
 
-FORECAST: Dict[str, Any] = {"statistic": "forecast", "unit": "%", "window_s": 40.0, "forecast_s": 60.0}
+FORECAST: dict[str, Any] = {"statistic": "forecast", "unit": "%", "window_s": 40.0, "forecast_s": 60.0}
 
 
 def falling(to_s: int, per_s: float = 0.5, **settings: Any) -> SignalMonitor:
@@ -243,7 +243,7 @@ def falling(to_s: int, per_s: float = 0.5, **settings: Any) -> SignalMonitor:
     ],
 )
 def test_a_forecast_says_when_its_line_reaches_the_nearest_bound_ahead(
-    settings: Dict[str, Any], now_s: int, text: str
+    settings: dict[str, Any], now_s: int, text: str
 ) -> None:
     assert status(falling(now_s, **settings), float(now_s)).outlook == text
 
@@ -283,7 +283,7 @@ def test_what_is_not_known_now_has_no_outlook() -> None:
         ({"statistic": "last"}, "3 m"),
     ],
 )
-def test_a_signal_leads_with_its_statistic(settings: Dict[str, Any], text: str) -> None:
+def test_a_signal_leads_with_its_statistic(settings: dict[str, Any], text: str) -> None:
     """1 m at 0 s and half a metre more every half second: 3 m at 2 s."""
     signal = watch(unit="m", window_s=2.0, window_min_s=0.0, **settings)
     samples = 10 if settings["statistic"] == "forecast" else 4
@@ -336,7 +336,7 @@ def test_an_invalid_value_is_shown_on_its_side_of_the_limit(value: float, text: 
         ({"stale_after_s": 3.0}, ""),
     ],
 )
-def test_bounds_are_put_in_words_with_the_unit_of_the_statistic(settings: Dict[str, Any], text: str) -> None:
+def test_bounds_are_put_in_words_with_the_unit_of_the_statistic(settings: dict[str, Any], text: str) -> None:
     assert wording.bounds_text(read_signal("a", settings)) == text
 
 

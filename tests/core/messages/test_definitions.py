@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Dict, List, Tuple
+from typing import Any
 
 import pytest
 from harness.recorded import ROS1, ROS2, definition
@@ -13,7 +13,7 @@ from robot_health_monitor.core.values.names import canonical_type
 SEPARATOR = "=" * 80
 
 
-def fields(text: str, form: str = "msg") -> List[Tuple[str, str, Any]]:
+def fields(text: str, form: str = "msg") -> list[tuple[str, str, Any]]:
     """Returns the fields of my_robot/Load."""
     return [field[:3] for field in parse_definition("my_robot/Load", text, form)["my_robot/Load"].fields]
 
@@ -97,7 +97,7 @@ def test_an_idl_has_modules_typedefs_enums_constants_and_annotations() -> None:
 
 @pytest.mark.parametrize("store", [ROS1, ROS2], ids=["ros1", "ros2"])
 def test_every_standard_type_is_as_rosbags_parses_it(store: Any) -> None:
-    known: Dict[str, Any] = getattr(store, "fielddefs", None) or store.FIELDDEFS
+    known: dict[str, Any] = getattr(store, "fielddefs", None) or store.FIELDDEFS
     aliases = {"byte": "uint8", "char": "uint8", "octet": "uint8"}
     for name in known:
         parsed = parse_definition(name.replace("/msg/", "/"), definition(store, name), "msg")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import struct
-from typing import Any, Optional, Tuple
+from typing import Any
 
 import pytest
 
@@ -14,7 +14,7 @@ from robot_health_monitor.core.values.elements import Stamp
 from robot_health_monitor.core.values.errors import MessageError
 
 
-def fields(*kinds: Tuple[str, str]) -> Definition:
+def fields(*kinds: tuple[str, str]) -> Definition:
     return Definition([Field(name, kind) for name, kind in kinds])
 
 
@@ -39,11 +39,11 @@ TYPES: Definitions = {
 }
 
 
-def cdr_getter(name: str, field: str) -> Optional[Getter]:
+def cdr_getter(name: str, field: str) -> Getter | None:
     return number_getter(TYPES, name, field, is_cdr=True)
 
 
-def ros1_getter(name: str, field: str) -> Optional[Getter]:
+def ros1_getter(name: str, field: str) -> Getter | None:
     return number_getter(TYPES, name, field, is_cdr=False)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from decimal import Decimal
-from typing import Any, Callable, ClassVar, Dict, List, Sequence
+from typing import Any, Callable, ClassVar, Sequence
 
 import pytest
 
@@ -53,7 +53,7 @@ class Status:
     def __init__(self) -> None:
         self.level = b"\0"
         self.name = ""
-        self.values: List[KeyValue] = []
+        self.values: list[KeyValue] = []
 
 
 class Report:
@@ -64,7 +64,7 @@ class Report:
 
     def __init__(self) -> None:
         self.header = Header()
-        self.status: List[Status] = []
+        self.status: list[Status] = []
 
 
 class Arrays:
@@ -336,7 +336,7 @@ def test_bytes_may_also_be_given_as_they_are_or_as_a_list() -> None:
         ({"bytes": "no base64!"}, "Arrays.bytes: expected base64 text: "),
     ],
 )
-def test_wrong_values_are_refused_with_the_field(mapping: Dict[str, Any], reason: str) -> None:
+def test_wrong_values_are_refused_with_the_field(mapping: dict[str, Any], reason: str) -> None:
     with pytest.raises(ValueError) as caught:
         messages.to_native(Arrays, mapping)
     assert str(caught.value).startswith(reason)
@@ -374,7 +374,7 @@ def test_only_a_header_of_std_msgs_makes_a_message_stamped() -> None:
 
 
 def test_a_class_is_looked_at_once_however_many_messages_follow() -> None:
-    looked_at: List[Any] = []
+    looked_at: list[Any] = []
 
     def describe(native_class: Any) -> Fields:
         looked_at.append(native_class)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import struct
-from typing import Any, Dict, Tuple
+from typing import Any
 
 import pytest
 
@@ -184,7 +184,7 @@ def test_the_numbers_of_a_nested_definition_are_limited(ends_at: int) -> None:
         types.field_getter("data")
 
 
-def reader(fields: Dict[str, Tuple[Field, ...]], is_cdr: bool = False) -> Any:
+def reader(fields: dict[str, tuple[Field, ...]], is_cdr: bool = False) -> Any:
     return Deserializer({name: Definition(each) for name, each in fields.items()}, is_cdr).bind("a/T")
 
 
@@ -222,7 +222,7 @@ def test_more_elements_than_fit_into_memory_are_refused() -> None:
         get(struct.pack("<I", 600_000) + bytes(600_000))
 
 
-def nested(size: Any, leaf: Tuple[Field, ...]) -> Dict[str, Tuple[Field, ...]]:
+def nested(size: Any, leaf: tuple[Field, ...]) -> dict[str, tuple[Field, ...]]:
     """Returns types in eight levels."""
     types = {f"a/L{level}": (Field("x", f"a/L{level + 1}", size),) for level in range(8)}
     return {"a/T": (Field("x", "a/L0", size),), **types, "a/L8": leaf}

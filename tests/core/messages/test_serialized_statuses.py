@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import random
 import struct
-from typing import Any, List, Sequence, Tuple
+from typing import Any, Sequence, Tuple
 
 import pytest
 
@@ -78,7 +78,7 @@ def read(form: str, data: bytes, field: str = 'status["*"]') -> Any:
 
 
 FORMS = pytest.mark.parametrize("form", ["ros1", "cdr_le", "cdr_be"])
-MOTORS: List[Status] = [
+MOTORS: list[Status] = [
     (0, b"motor: left", b"running", [(b"temperature", b"40.5"), (b"e", b"")]),
     (2, b"motor: right", b"", []),
     (1, b"scanner", "verschmutzt, 30 %: prüfen".encode(), [(b"lens", b"dirty")]),
@@ -115,7 +115,7 @@ def test_a_pattern_selects_by_name(form: str) -> None:
 
 @FORMS
 def test_statuses_of_this_package_are_left_out(form: str) -> None:
-    own: List[Status] = [
+    own: list[Status] = [
         (2, b"alert_system: battery_level", b"low", []),
         (2, b"renamed: battery_level", b"low", [(b"value", b"7"), (b"fingerprint", b"00aa"), (b"unit", b"%")]),
     ]
@@ -127,7 +127,7 @@ def test_statuses_of_this_package_are_left_out(form: str) -> None:
 
 
 def test_a_level_has_a_sign_in_ros1_and_none_in_ros2() -> None:
-    status: List[Status] = [(255, b"odd", b"", [])]
+    status: list[Status] = [(255, b"odd", b"", [])]
     assert read("ros1", serialized("ros1", status)) == [("odd", DriverStatus(-1, ""))]
     assert read("cdr_le", serialized("cdr_le", status)) == [("odd", DriverStatus(255, ""))]
 

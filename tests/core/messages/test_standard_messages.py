@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import sys
-from typing import Any, List
+from typing import Any
 
 import pytest
 
@@ -133,7 +133,7 @@ def test_a_definition_contains_each_type_once() -> None:
 )
 def test_a_large_array_is_checked_without_a_call_per_element(type_name: str, message: Any) -> None:
     complete(type_name, message)  # caches
-    calls: List[str] = []
+    calls: list[str] = []
     sys.setprofile(lambda frame, event, argument: calls.append(event))
     try:
         completed = complete(type_name, message)

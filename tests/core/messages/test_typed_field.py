@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Dict
+from typing import Any
 
 import pytest
 
@@ -66,12 +66,12 @@ def getter(type_name: str, field: str) -> Any:
     return SerializedType("/in", format_of(type_name)).field_getter(field)
 
 
-def serialized(type_name: str, message: Dict[str, Any]) -> bytes:
+def serialized(type_name: str, message: dict[str, Any]) -> bytes:
     """Returns a message as genpy would: by code of the server, which shares none with what reads it."""
     return _serialized(parse_msg(type_name, format_of(type_name).schema), type_name, message)
 
 
-MESSAGE: Dict[str, Any] = {
+MESSAGE: dict[str, Any] = {
     "stamp": {"secs": 1_700_000_000, "nsecs": 500_000_000},
     "name": ["wheel_left", "wheel_right", "arm"],
     "effort": [1.5, -2.5, 0.25],
@@ -96,7 +96,7 @@ MESSAGE: Dict[str, Any] = {
 }
 
 
-def read(field: str, message: Dict[str, Any]) -> Any:
+def read(field: str, message: dict[str, Any]) -> Any:
     """Returns what a field reads, which is the same from a serialized message and from a mapping."""
     found = getter("demo/Everything", field)(serialized("demo/Everything", message))
     of_mapping = mapping_getter(field)(message)
@@ -173,7 +173,7 @@ def test_an_empty_array_beside_names_is_not_measured(field: str) -> None:
     ],
 )
 def test_arrays_of_other_lengths_are_a_bad_datum_that_names_both(
-    field: str, changed: Dict[str, Any], reason: str
+    field: str, changed: dict[str, Any], reason: str
 ) -> None:
     found = read(field, {**MESSAGE, **changed})
     assert type(found) is BadDatum
@@ -234,7 +234,7 @@ class TestStatusesOfThisPackage:
     """They never match a pattern, so that no monitor watches itself or another one; by full name they can be read."""
 
     @staticmethod
-    def message(**others: str) -> Dict[str, Any]:
+    def message(**others: str) -> dict[str, Any]:
         names = {"lidar: front": "fingers", **others}
         statuses = [
             {"level": 1, "name": name, "message": "hot", "values": [{"key": key, "value": "5"}]}

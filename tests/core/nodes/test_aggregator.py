@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, List, Mapping, Tuple
+from typing import Any, Mapping
 
 import pytest
 from harness.parameters import set_parameter
@@ -22,7 +22,7 @@ def stage() -> Stage:
     return Stage()
 
 
-def start(stage: Stage, **parameters: Any) -> Tuple[List[float], List[Any]]:
+def start(stage: Stage, **parameters: Any) -> tuple[list[float], list[Any]]:
     health, arrays = stage.listen("system_health", "data"), stage.listen("/diagnostics")
     Aggregator(stage.bus.node("aggregator", parameters=parameters))
     return health, arrays

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, List, Mapping, Optional
+from typing import Any, Mapping
 
 import pytest
 from harness.kept_history import KeptHistory
@@ -114,7 +114,7 @@ def test_the_response_of_a_change_lists_what_changed(stage: Stage) -> None:
 class TestItself:
     """The status `alert_system: monitor`."""
 
-    def monitor_status(self, stage: Stage, arrays: List[Any]) -> Any:
+    def monitor_status(self, stage: Stage, arrays: list[Any]) -> Any:
         return status(arrays[-1], "alert_system: monitor")
 
     def test_it_has_the_figures_of_the_node(self, stage: Stage) -> None:
@@ -192,7 +192,7 @@ class TestItself:
         assert stage.log(Severity.ERROR) == ["disk: full"]
 
 
-def announced(alerts: List[Any]) -> List[str]:
+def announced(alerts: list[Any]) -> list[str]:
     return [alert["message"] for alert in alerts]
 
 
@@ -295,7 +295,7 @@ class TestSimulatedTime:
     """A node with use_sim_time."""
 
     def test_no_clock_is_a_warning_after_10_s_and_every_minute(self, stage: Stage) -> None:
-        events: List[Event] = []
+        events: list[Event] = []
         stage.alert_system(BATTERY, {"test": events.append}, use_sim_time=True)
         stage.bus.run_until(9.5)
         assert events == []
@@ -335,7 +335,7 @@ class TestSimulatedTime:
 
 
 def test_a_sample_can_be_given_without_a_topic(stage: Stage) -> None:
-    levels: List[Any] = []
+    levels: list[Any] = []
     alert_system, _ = stage.alert_system(BATTERY, {"test": levels_to(levels)})
     alert_system.observe(Sample("link", 0.0, 1.0))
     assert levels == [("link", "ERROR")]
@@ -379,7 +379,7 @@ class FailingHistory:
     def restore(self) -> Mapping[str, Any]:
         return {}
 
-    def watched_until_s(self) -> Optional[float]:
+    def watched_until_s(self) -> float | None:
         return None
 
     def record_configuration(self, configuration: Mapping[str, Any]) -> None:
@@ -393,7 +393,7 @@ class FailingHistory:
 
 def test_a_history_that_raises_keeps_no_alert_from_the_outlets_and_stops_no_tick() -> None:
     bus = LocalBus()
-    seen: List[Event] = []
+    seen: list[Event] = []
     parameters = {"signals": {"battery_level": {"warn_below": 20.0, "stale_after_s": 5.0}}}
     node = bus.node("alert_system", parameters=parameters)
     alert_system = AlertSystem(node, {"seen": seen.append}, history=FailingHistory())
@@ -457,7 +457,7 @@ def test_only_a_node_without_signals_says_that_it_watches_the_default_ones(
 
 def test_a_tick_that_stops_alone_is_a_fault(stage: Stage, monkeypatch: pytest.MonkeyPatch) -> None:
     """No pause of the process: its other timers go on."""
-    timers: List[Timer] = []
+    timers: list[Timer] = []
     create_timer = LocalMiddleware.create_timer
 
     def create(node: LocalMiddleware, *arguments: Any, **options: Any) -> Timer:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, List, Mapping
+from typing import Any, Mapping
 
 import pytest
 from harness.stage import FLOAT32, Stage, status, values_of
@@ -44,7 +44,7 @@ def test_diagnostics_come_every_second_and_at_once_on_a_transition(stage: Stage)
 
 @pytest.mark.parametrize("node", [AlertSystem, Aggregator])
 def test_no_report_is_made_without_subscribers(stage: Stage, node: Any, monkeypatch: Any) -> None:
-    made: List[float] = []
+    made: list[float] = []
     report = Monitor.report
     monkeypatch.setattr(Monitor, "report", lambda self, now_s: made.append(now_s) or report(self, now_s))
     node(stage.bus.node("watching"))
@@ -57,7 +57,7 @@ def test_no_report_is_made_without_subscribers(stage: Stage, node: Any, monkeypa
 
 
 def test_each_outlet_gets_each_transition_once_before_it_is_published(stage: Stage) -> None:
-    order: List[str] = []
+    order: list[str] = []
     stage.outside.subscribe("alerts", "", lambda value, now_s: order.append("alerts"), field="message")
     stage.alert_system(BATTERY, {"history": lambda event: order.append("history")})
     stage.publish("battery_level", 15.0)
@@ -65,7 +65,7 @@ def test_each_outlet_gets_each_transition_once_before_it_is_published(stage: Sta
 
 
 def test_alerts_and_notices_are_not_logged_where_an_outlet_shows_them(stage: Stage) -> None:
-    events: List[Event] = []
+    events: list[Event] = []
     _, middleware = stage.alert_system(BATTERY, {"screen": events.append}, log_alerts=False)
     stage.publish("battery_level", 15.0)
     middleware.faults.report("rosbridge", "port 9090 is in use")
@@ -97,7 +97,7 @@ def test_a_log_that_cannot_be_written_stops_nothing() -> None:
     bus = LocalBus(on_log=fail)
     node = bus.node("alert_system", parameters=BATTERY)
     AlertSystem(node)
-    alerts: List[Any] = []
+    alerts: list[Any] = []
     outside = bus.node("outside")
     outside.subscribe("alerts", "", lambda value, now_s: alerts.append(value), field="level")
     outside.advertise("battery_level", FLOAT32)

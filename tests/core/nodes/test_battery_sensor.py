@@ -8,7 +8,7 @@ import subprocess
 import sys
 import threading
 from pathlib import Path
-from typing import Any, List, Mapping, Tuple
+from typing import Any, Mapping
 
 import pytest
 from harness.machine import Machine
@@ -117,7 +117,7 @@ def test_files_that_never_answer_are_stale_and_delay_no_other_metric(stage: Stag
     host = {**{name: options for name, (options, _, _) in HANGING.items()}, **ANSWERING}
     off = {metric: {"source": "none"} for metric in configuration.METRICS}
     heard = {name: stage.listen(name, "data") for name in host}
-    alerts: List[Tuple[str, str]] = []
+    alerts: list[tuple[str, str]] = []
     stage.alert_system({"signals": {name: {} for name in host}}, {"test": levels_to(alerts)})
     calls = DetachedCalls("test", patience_s=0.2)
     computer = Computer(hanging_machine.paths, calls)
@@ -164,7 +164,7 @@ def test_a_node_that_dies_is_an_alert_and_its_other_metrics_are_stale(stage: Sta
         "threads": {"source": "process_threads", "command": "*/amcl*"},
     }
     off = {metric: {"source": "none"} for metric in configuration.METRICS}
-    alerts: List[Tuple[str, str]] = []
+    alerts: list[tuple[str, str]] = []
     signals = {"running": {"error_below": 0.5}, "threads": {"warn_above": 10.0}}
     stage.alert_system({"signals": signals}, {"test": levels_to(alerts)})
     BatterySensor(stage.bus.node("battery_sensor", parameters={**off, "host": host}), machine.computer)
@@ -282,14 +282,14 @@ def test_the_list_of_missing_sensors_is_published_only_for_a_host(stage: Stage, 
 
 
 def test_the_topics_of_simulated_values_are_listed_before_the_first_value_and_every_second(stage: Stage) -> None:
-    listed: List[Any] = []
+    listed: list[Any] = []
     stage.outside.subscribe("_simulated_sensors", "", lambda value, now_s: listed.append(value), field="data")
     node = stage.bus.node("battery_sensor", parameters={"cpu_usage": {"source": "host"}}, remap={"/temperature": "/t"})
     BatterySensor(node)
     assert listed == ["/battery_level, /t"]
     stage.bus.run_until(3.0)
     assert listed == ["/battery_level, /t"] * 4
-    late: List[Any] = []
+    late: list[Any] = []
     stage.bus.node("late").subscribe(
         "_simulated_sensors", "", lambda value, now_s: late.append(value), field="data", latched=True
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, List, Mapping
+from typing import Any, Mapping
 
 import pytest
 from harness.kept_history import KeptHistory
@@ -27,7 +27,7 @@ def stage() -> Stage:
     return Stage()
 
 
-def send(stage: Stage, voltages: List[float]) -> None:
+def send(stage: Stage, voltages: list[float]) -> None:
     stage.outside.advertise("battery", "sensor_msgs/BatteryState")
     stage.outside.publish("battery", {"cell_voltage": voltages})
 

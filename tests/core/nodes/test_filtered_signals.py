@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Dict, List, Mapping
+from typing import Any, Mapping
 
 import pytest
 from harness.foxglove import FoxgloveHarness
@@ -21,13 +21,13 @@ ERRORS: Mapping[str, Any] = {
 }  # fmt: skip
 
 
-def log_of_ros1(level: int, name: str = "/planner") -> Dict[str, Any]:
+def log_of_ros1(level: int, name: str = "/planner") -> dict[str, Any]:
     header = {"seq": 1, "stamp": {"secs": 1, "nsecs": 0}, "frame_id": ""}
     place = {"file": "", "function": "", "line": 0, "topics": []}
     return {"header": header, "level": level, "name": name, "msg": "failed", **place}
 
 
-def log_of_ros2(level: int, name: str = "planner") -> Dict[str, Any]:
+def log_of_ros2(level: int, name: str = "planner") -> dict[str, Any]:
     place = {"file": "", "function": "", "line": 0}
     return {"stamp": {"sec": 1, "nanosec": 0}, "level": level, "name": name, "msg": "failed", **place}
 
@@ -76,7 +76,7 @@ def test_frames_are_judged_by_themselves_over_a_bridge(harness: Any) -> None:
     try:
         field = {"topic": "/tf", "field": 'transforms["*"].header.stamp', "stale_after_s": 2.0}
         base = {"topic": "/tf", "field": 'transforms["base_link"].transform.translation.x'}
-        said: List[Any] = []
+        said: list[Any] = []
         parameters = {"signals": {"frames": field, "base": base}}
         system = AlertSystem(ros.node("alert_system", parameters=parameters), {"test": said.append}, log_alerts=False)
         for second in range(101, 105):

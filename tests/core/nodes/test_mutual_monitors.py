@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Dict, List, Mapping
+from typing import Any, Mapping
 
 import pytest
 from harness.stage import Stage
@@ -21,7 +21,7 @@ def watch(stage: Stage, name: str, **signals: Any) -> AlertSystem:
 
 def send(stage: Stage, name: str, level: int, message: str) -> None:
     stage.outside.advertise("/diagnostics", "diagnostic_msgs/DiagnosticArray")
-    status: Dict[str, Any] = {"name": name, "level": level, "message": message, "hardware_id": "", "values": []}
+    status: dict[str, Any] = {"name": name, "level": level, "message": message, "hardware_id": "", "values": []}
     stage.outside.publish("/diagnostics", {"status": [status]})
 
 
@@ -33,7 +33,7 @@ def test_neither_watches_the_other_nor_itself(names: Any) -> None:
     BatterySensor(stage.bus.node("robot/sensor"))
     systems = [watch(stage, name, drivers=ALL, battery={"stale_after_s": 1.0}) for name in names]
     arrays = stage.listen("/diagnostics")
-    sizes: List[int] = []
+    sizes: list[int] = []
     for second in range(1, 121):
         send(stage, "lidar: scan", 2 if second % 40 > 20 else 0, "no returns" if second % 40 > 20 else "fine")
         stage.bus.run_until(float(second))

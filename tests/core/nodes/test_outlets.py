@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from typing import Any, List
+from typing import Any
 
 import pytest
 from harness.transitions import transition
@@ -29,7 +29,7 @@ class Outlet:
     """Keeps its events, or raises."""
 
     def __init__(self) -> None:
-        self.events: List[Event] = []
+        self.events: list[Event] = []
         self.error = ""
 
     def __call__(self, event: Event) -> None:
@@ -46,7 +46,7 @@ def test_people_read_a_transition_with_its_hint() -> None:
 
 
 def test_every_outlet_receives_each_event_in_the_order_in_which_they_were_added() -> None:
-    order: List[str] = []
+    order: list[str] = []
     outlets = Outlets(Faults())
     for name in ("history", "log", "alerts"):
         outlets.add(name, lambda event, name=name: order.append(name))  # type: ignore[misc]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import List
-
 import pytest
 
 from robot_health_monitor.core.nodes.outlets import Event, Notice
@@ -19,7 +17,7 @@ class Watch:
     def __init__(self) -> None:
         self.bus = LocalBus(100.0)
         self.node = self.bus.node("alert_system")
-        self.events: List[Event] = []
+        self.events: list[Event] = []
         self.monitor = SelfMonitor(self.node, "robot1", self.events.append)
 
     def check_at(self, steady_s: float, samples: int = 0) -> None:

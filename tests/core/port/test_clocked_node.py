@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, List, Mapping, Optional, Tuple
+from typing import Any, Mapping
 
 import pytest
 
@@ -15,9 +15,9 @@ from robot_health_monitor.core.values.errors import ServiceError
 class Node(ClockedNode):
     """A node without a transport, on a clock that is set by hand."""
 
-    def __init__(self, sim_time_s: Optional[float] = None) -> None:
+    def __init__(self, sim_time_s: float | None = None) -> None:
         self.steady = 10.0
-        self.lines: List[Tuple[Severity, str]] = []
+        self.lines: list[tuple[Severity, str]] = []
         super().__init__(
             "/robot1/node", clock=lambda: self.steady, wall_clock=lambda: 1_700_000_000.0, sim_time_s=sim_time_s
         )
@@ -34,7 +34,7 @@ class Delivered:
 
     def __init__(self) -> None:
         self.active = True
-        self.received: List[Tuple[Any, float]] = []
+        self.received: list[tuple[Any, float]] = []
 
     def callback(self, value: Any, now_s: float) -> None:
         self.received.append((value, now_s))

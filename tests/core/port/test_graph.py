@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Dict, List
+from typing import Any
 
 import pytest
 
@@ -19,9 +19,9 @@ FLOAT32 = "std_msgs/Float32"
 class Robot:
     """A bus with an alert_system that watches `signals`; `lines` are its alerts."""
 
-    def __init__(self, signals: Dict[str, Any]) -> None:
+    def __init__(self, signals: dict[str, Any]) -> None:
         self.bus = LocalBus(0.0)
-        self.lines: List[str] = []
+        self.lines: list[str] = []
         node = self.bus.node("alert_system", parameters={"signals": signals})
         self.system = AlertSystem(node, {"test": self._note}, log_alerts=False)
 
@@ -130,7 +130,7 @@ def test_a_live_change_is_followed() -> None:
         ({"subscribers": "/é"}, "subscribers"),
     ],
 )
-def test_what_contradicts_is_a_configuration_error(signal: Dict[str, Any], key: str) -> None:
+def test_what_contradicts_is_a_configuration_error(signal: dict[str, Any], key: str) -> None:
     with pytest.raises(ConfigError, match=f"signals.a.{key}: "):
         load_config({"signals": {"a": signal}})
 

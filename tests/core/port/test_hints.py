@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from typing import Any, Dict, List, Optional, Tuple
+from typing import Any
 
 import pytest
 from harness.stage import FLOAT32, Stage, status, values_of
@@ -24,7 +24,7 @@ def monitor(**settings: Any) -> Monitor:
     return watched
 
 
-def silent(watched: Monitor, now_s: float) -> List[str]:
+def silent(watched: Monitor, now_s: float) -> list[str]:
     return [config.name for config in watched.without_samples(now_s)]
 
 
@@ -137,7 +137,7 @@ def test_an_unknown_signal_takes_no_hint() -> None:
 
 # --- the node ---
 
-CONFIG: Dict[str, Any] = {
+CONFIG: dict[str, Any] = {
     "robot_name": "robot1",
     "signals": {"battery": {"type": FLOAT32}, "gps": {"topic": "fix", "type": "sensor_msgs/NavSatFix", "field": ""}},
 }
@@ -175,9 +175,9 @@ def test_the_log_the_alert_and_diagnostics_show_the_hint_in_brackets(stage: Stag
 def test_the_middleware_is_asked_from_half_of_the_grace_on_by_ticks_only(
     stage: Stage, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    asked: List[Tuple[float, str, str]] = []
+    asked: list[tuple[float, str, str]] = []
 
-    def why_silent(self: LocalMiddleware, topic: str, type_name: str) -> Optional[str]:
+    def why_silent(self: LocalMiddleware, topic: str, type_name: str) -> str | None:
         asked.append((self.now_s(), topic, type_name))
         return None
 
@@ -196,7 +196,7 @@ def test_the_middleware_is_asked_from_half_of_the_grace_on_by_ticks_only(
 def test_a_middleware_that_fails_delays_no_tick_and_hides_no_alert(
     stage: Stage, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def why_silent(self: LocalMiddleware, topic: str, type_name: str) -> Optional[str]:
+    def why_silent(self: LocalMiddleware, topic: str, type_name: str) -> str | None:
         raise RuntimeError("the graph is broken")
 
     monkeypatch.setattr(LocalMiddleware, "why_silent", why_silent)
@@ -214,15 +214,15 @@ class Lookup:
     """Answers later, with what `answer` sets."""
 
     def __init__(self) -> None:
-        self.asked: List[Tuple[str, str]] = []
-        self.waiting: List[Answer] = []
+        self.asked: list[tuple[str, str]] = []
+        self.waiting: list[Answer] = []
         self.now_s = 1000.0
 
     def __call__(self, topic: str, type_name: str, answer: Answer) -> None:
         self.asked.append((topic, type_name))
         self.waiting.append(answer)
 
-    def answer(self, text: Optional[str]) -> None:
+    def answer(self, text: str | None) -> None:
         self.waiting.pop(0)(text)
 
     def clock(self) -> float:
@@ -309,7 +309,7 @@ def test_the_number_of_topics_that_are_remembered_is_bounded() -> None:
         (["nonsense"], "/battery is published as nonsense, configured as std_msgs/Float32"),
     ],
 )
-def test_the_publishers_give_the_reason(types: List[str], text: Optional[str]) -> None:
+def test_the_publishers_give_the_reason(types: list[str], text: str | None) -> None:
     assert explain("/battery", "std_msgs/Float32", types) == text
     assert explain("/battery", "std_msgs/msg/Float32", types) == text
 

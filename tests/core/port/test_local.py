@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Dict, List, Mapping
+from typing import Any, Mapping
 
 import pytest
 from harness.bad_input import BAD_INPUT
@@ -94,7 +94,7 @@ def test_log_lines_name_their_node_and_time() -> None:
 
 
 def test_log_lines_can_go_elsewhere() -> None:
-    lines: List[Any] = []
+    lines: list[Any] = []
     bus = LocalBus(on_log=lines.append)
     bus.node("alert_system").log(Severity.INFO, "started")
     assert [line.text for line in lines] == ["started"]
@@ -164,7 +164,7 @@ def test_calling_a_missing_service_lists_the_available_ones() -> None:
 
 
 def test_a_whole_configuration_can_be_proposed() -> None:
-    proposed: List[Mapping[str, Any]] = []
+    proposed: list[Mapping[str, Any]] = []
 
     def on_change(tree: Mapping[str, Any]) -> str:
         proposed.append(tree)
@@ -172,7 +172,7 @@ def test_a_whole_configuration_can_be_proposed() -> None:
 
     node = LocalBus().node("alert_system", parameters={"publish_rate": 2.0})
     node.declare_parameters([], on_change)
-    tree: Dict[str, Any] = {"publish_rate": 3.0}
+    tree: dict[str, Any] = {"publish_rate": 3.0}
     assert node.set_parameters(tree) == "publish_rate: 2 -> 3"
     assert proposed == [tree]
     assert node.given_parameters() == tree

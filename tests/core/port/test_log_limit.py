@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import List
-
 from robot_health_monitor.core.port.log_limit import LimitedLog
 from robot_health_monitor.core.port.middleware import Severity
 
@@ -11,7 +9,7 @@ from robot_health_monitor.core.port.middleware import Severity
 class Log:
     def __init__(self) -> None:
         self.now_s = 1000.0
-        self.lines: List[str] = []
+        self.lines: list[str] = []
         self.limit = LimitedLog(lambda severity, text: self.lines.append(text), lambda: self.now_s)
 
     def write(self, kind: str, text: str) -> None:

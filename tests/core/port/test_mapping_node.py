@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Callable, Dict, List, Mapping, Tuple, Type
+from typing import Any, Callable, Mapping
 
 import pytest
 from harness.parameters import set_parameter
@@ -20,8 +20,8 @@ class Node(MappingNode):
 
     def __init__(self, *, use_sim_time: bool = False, remap: Mapping[str, str] = {}) -> None:
         self.steady = 10.0
-        self.lines: List[Tuple[Severity, str]] = []
-        clocks: Dict[str, Callable[[], float]] = {"clock": lambda: self.steady, "wall_clock": lambda: 1_700_000_000.0}
+        self.lines: list[tuple[Severity, str]] = []
+        clocks: dict[str, Callable[[], float]] = {"clock": lambda: self.steady, "wall_clock": lambda: 1_700_000_000.0}
         super().__init__("/robot1/node", {}, remap, **clocks, use_sim_time=use_sim_time)
 
     def log(self, severity: Severity, text: str) -> None:
@@ -31,9 +31,9 @@ class Node(MappingNode):
         answer(f"{topic} is not connected")
 
     def subscription(
-        self, field: str = "data", kind: Type[MappingSubscription] = MappingSubscription
-    ) -> Tuple[MappingSubscription, List[Tuple[Any, float]]]:
-        received: List[Tuple[Any, float]] = []
+        self, field: str = "data", kind: type[MappingSubscription] = MappingSubscription
+    ) -> tuple[MappingSubscription, list[tuple[Any, float]]]:
+        received: list[tuple[Any, float]] = []
         subscription = kind(self, "/in", "", field, lambda value, now_s: received.append((value, now_s)))
         return subscription, received
 
@@ -120,7 +120,7 @@ def test_a_rejected_parameter_keeps_the_old_value() -> None:
     ],
 )
 def test_a_boolean_is_no_number_unless_the_type_has_one(type_name: str, value: Any, expected: Any) -> None:
-    received: List[Any] = []
+    received: list[Any] = []
     subscription = MappingSubscription(Node(), "/in", type_name, "data", lambda value, now_s: received.append(value))
     subscription.deliver({"data": value})
     assert received == [expected]

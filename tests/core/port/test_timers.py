@@ -1,12 +1,11 @@
 from __future__ import annotations
 
 import math
-from typing import List
 
 from robot_health_monitor.core.port.timers import ClockTimer, ClockTimers
 
 
-def calls(times_s: List[float], start_s: float = 0.0, period_s: float = 1.0) -> List[float]:
+def calls(times_s: list[float], start_s: float = 0.0, period_s: float = 1.0) -> list[float]:
     timers = ClockTimers()
     timers.add(ClockTimer(period_s, lambda now_s: None, start_s))
     return [now_s for now_s in times_s for _ in timers.take_due(now_s)]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Dict, Iterable, List, Optional
+from typing import Any, Iterable
 
 import pytest
 
@@ -12,7 +12,7 @@ from robot_health_monitor.core.proposal.candidates import MOST_FIELDS, MOST_SIGN
 from robot_health_monitor.core.proposal.suggestion import Signal
 
 
-def topic(name: str, type_name: str, text: Optional[str] = None) -> Topic:
+def topic(name: str, type_name: str, text: str | None = None) -> Topic:
     return Topic(name, type_name, parse_definition(type_name, definition(type_name) if text is None else text, "msg"))
 
 
@@ -22,18 +22,18 @@ def listed(topics: Iterable[Topic], **options: Any) -> Candidates:
     return candidates
 
 
-def signals(candidates: Candidates) -> List[Signal]:
+def signals(candidates: Candidates) -> list[Signal]:
     return list(candidates.signals.values())
 
 
-def reasons(type_name: str, text: Optional[str] = None) -> Dict[str, List[str]]:
-    by_reason: Dict[str, List[str]] = {}
+def reasons(type_name: str, text: str | None = None) -> dict[str, list[str]]:
+    by_reason: dict[str, list[str]] = {}
     for (_, field), reason in listed([topic("/a", type_name, text)]).fields.items():
         by_reason.setdefault(reason, []).append(field)
     return by_reason
 
 
-def fields(type_name: str, text: Optional[str] = None) -> List[str]:
+def fields(type_name: str, text: str | None = None) -> list[str]:
     return [each.settings["field"] for each in signals(listed([topic("/a", type_name, text)]))]
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Dict, List, Tuple
+from typing import List, Tuple
 
 import pytest
 import yaml
@@ -27,7 +27,7 @@ RECOVERY_S = 50.0
 Lines = List[Tuple[str, str]]
 
 
-def listened(lasts_s: float) -> Tuple[LocalBus, WholeRobot, str]:
+def listened(lasts_s: float) -> tuple[LocalBus, WholeRobot, str]:
     """Returns the robot and the proposed file after some virtual time."""
     bus = LocalBus(wall_time_s=lambda: 1.7e9 + bus.now_s)
     robot, candidates, nodes = WholeRobot(bus.node("robot")), Candidates(), Nodes()
@@ -49,8 +49,8 @@ def listened(lasts_s: float) -> Tuple[LocalBus, WholeRobot, str]:
     return bus, robot, thresholds_text(["Test."], {}, proposed)
 
 
-def watched(bus: LocalBus, text: str) -> List[Transition]:
-    heard: List[Transition] = []
+def watched(bus: LocalBus, text: str) -> list[Transition]:
+    heard: list[Transition] = []
 
     def hear(event: Event) -> None:
         if isinstance(event, Transition):
@@ -62,11 +62,11 @@ def watched(bus: LocalBus, text: str) -> List[Transition]:
     return heard
 
 
-def alerts_after(listened_s: float, healthy_s: float) -> Dict[str, Lines]:
+def alerts_after(listened_s: float, healthy_s: float) -> dict[str, Lines]:
     """Returns the alerts of each fault, and of the healthy time before them (key "")."""
     bus, robot, text = listened(listened_s)
     heard = watched(bus, text)
-    alerts: Dict[str, Lines] = {}
+    alerts: dict[str, Lines] = {}
     bus.run_until(bus.now_s + healthy_s)
     alerts[""] = [(each.signal, each.text) for each in heard]
     for fault in FAULTS:
@@ -84,11 +84,11 @@ def alerts_after(listened_s: float, healthy_s: float) -> Dict[str, Lines]:
 
 
 @pytest.fixture(scope="module")
-def found() -> Dict[str, Lines]:
+def found() -> dict[str, Lines]:
     return alerts_after(610.0, healthy_s=600.0)
 
 
-def test_a_healthy_robot_raises_no_alert_in_the_ten_minutes_that_follow(found: Dict[str, Lines]) -> None:
+def test_a_healthy_robot_raises_no_alert_in_the_ten_minutes_that_follow(found: dict[str, Lines]) -> None:
     assert found[""] == []
 
 
@@ -124,17 +124,17 @@ def test_a_file_after_one_minute_is_silent_for_ten_minutes_too_and_misses_only_t
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_a_fault_is_found_with_its_cause(found: Dict[str, Lines], fault: str) -> None:
+def test_a_fault_is_found_with_its_cause(found: dict[str, Lines], fault: str) -> None:
     assert FAULTS[fault] in [name for name, _ in found[fault]]
 
 
-def test_a_fault_is_one_or_two_lines(found: Dict[str, Lines]) -> None:
+def test_a_fault_is_one_or_two_lines(found: dict[str, Lines]) -> None:
     bad = {fault: [text for name, text in lines if not name.endswith(" OK")] for fault, lines in found.items()}
     assert {fault: texts for fault, texts in bad.items() if len(texts) > 2} == {}
     assert sum(map(len, bad.values())) <= 22
 
 
-def test_every_fault_ends(found: Dict[str, Lines]) -> None:
+def test_every_fault_ends(found: dict[str, Lines]) -> None:
     for fault, lines in found.items():
         last = {name.rpartition(" ")[0]: name.rpartition(" ")[2] for name, _ in lines}
         assert set(last.values()) <= {Level.OK.name}, fault

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import random
-from typing import Any, Dict, Iterable
+from typing import Any, Iterable
 
 import pytest
 
@@ -75,7 +75,7 @@ def test_a_month_of_messages_is_counted_in_bounded_memory() -> None:
 # Listening on a middleware, here the in-process one.
 
 
-def heard(config: Dict[str, Any], type_name: str, *messages: Any) -> Measured:
+def heard(config: dict[str, Any], type_name: str, *messages: Any) -> Measured:
     bus = LocalBus(start_s=100.0, wall_time_s=lambda: 1.7e9)
     robot = bus.node("robot")
     measured = Measured(read_signal("x", {"topic": "topic", "type": type_name, **config}))

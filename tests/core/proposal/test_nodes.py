@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Dict, List, Sequence
+from typing import Any, Sequence
 
 import pytest
 import yaml
@@ -58,13 +58,13 @@ def listened(bus: LocalBus, namespace: str = "", lasts_s: float = 60.0) -> Propo
     return proposed
 
 
-def settings(proposed: Proposed) -> Dict[str, Dict[str, Any]]:
+def settings(proposed: Proposed) -> dict[str, dict[str, Any]]:
     return {signal.name: signal.settings for signal in proposed.signals}
 
 
-def watched(bus: LocalBus, proposed: Proposed) -> List[str]:
+def watched(bus: LocalBus, proposed: Proposed) -> list[str]:
     """Starts the monitor with what is proposed; returns the lines of its alerts."""
-    lines: List[str] = []
+    lines: list[str] = []
     tree = yaml.safe_load(thresholds_text([], {}, proposed))["alert_system"]["ros__parameters"]
 
     def hear(event: Any) -> None:
@@ -183,7 +183,7 @@ def test_in_a_namespace_names_are_relative(bus: LocalBus) -> None:
     assert found["laser_node"] == {"node": "laser", "for_s": 3.0, "depends_on": ["/scan"]}
 
 
-def lifecycle_node(bus: LocalBus, name: str) -> Dict[str, int]:
+def lifecycle_node(bus: LocalBus, name: str) -> dict[str, int]:
     state = {"id": 3}
     bus.node(name).advertise_service(
         f"/{name}/get_state", "lifecycle_msgs/GetState", lambda request: {"current_state": dict(state)}
@@ -263,7 +263,7 @@ def test_frames_with_names_that_look_the_same_have_names_of_their_own(bus: Local
     )  # fmt: skip
 
 
-def errors_of(proposed: Proposed) -> Dict[str, Any]:
+def errors_of(proposed: Proposed) -> dict[str, Any]:
     return settings(proposed).get("rosout_errors", {})
 
 

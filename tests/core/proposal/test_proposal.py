@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Callable, Dict, List, Tuple
+from typing import Any, Callable, Tuple
 
 import pytest
 
@@ -20,11 +20,11 @@ Publisher = Tuple[str, str, float, Callable[[float], Any]]
 """Topic, type, rate in Hz, and the message at a time in s."""
 
 
-def proposed_of(publishers: List[Publisher], lasts_s: float = 60.0) -> Proposed:
+def proposed_of(publishers: list[Publisher], lasts_s: float = 60.0) -> Proposed:
     return propose(heard(publishers, lasts_s))
 
 
-def heard(publishers: List[Publisher], lasts_s: float) -> Candidates:
+def heard(publishers: list[Publisher], lasts_s: float) -> Candidates:
     bus = LocalBus(wall_time_s=lambda: 1.7e9 + bus.now_s)
     robot, candidates = bus.node("robot"), Candidates()
     for topic, type_name, rate_hz, message in publishers:
@@ -40,7 +40,7 @@ def heard(publishers: List[Publisher], lasts_s: float) -> Candidates:
     return candidates
 
 
-def by_name(proposed: Proposed) -> Dict[str, Signal]:
+def by_name(proposed: Proposed) -> dict[str, Signal]:
     return {signal.name: signal for signal in proposed.signals}
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, List, Optional, Sequence
+from typing import Any, Sequence
 
 import pytest
 from harness.seeds import examples
@@ -23,7 +23,7 @@ def measured(values: Sequence[float], interval_s: float = 1.0, **signal: Any) ->
     return result
 
 
-def suggest(found: Measured, longest_s: Optional[float] = None) -> Signal:
+def suggest(found: Measured, longest_s: float | None = None) -> Signal:
     signal = Signal("battery", "/battery", "number", {}, measured=found)
     suggestion.suggest(signal, longest_s)
     return signal
@@ -172,7 +172,7 @@ NUMBERS = st.one_of(
     st.lists(NUMBERS, min_size=1, max_size=30), st.sampled_from(["", "%", "degC", "V"]), st.floats(0.0, 1e6), st.data()
 )
 def test_every_suggestion_is_a_valid_configuration(
-    values: List[float], unit: str, excursion_s: float, data: Any
+    values: list[float], unit: str, excursion_s: float, data: Any
 ) -> None:
     repeated = measured(values * 20, data.draw(st.sampled_from([0.001, 1.0, 1e6])), unit=unit)
     found = suggest(repeated, excursion_s)

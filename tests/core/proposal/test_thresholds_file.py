@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Dict, List
+from typing import Any
 
 import pytest
 import yaml
@@ -22,11 +22,11 @@ def signal(name: str, topic: str, **proposed: Any) -> Signal:
     return Signal(name, topic, "number", {"topic": topic, "unit": "V"}, measured=measured, **proposed)
 
 
-WATCHED: Dict[str, Any] = {"proposed": {"warn_above": Setting(5.0, "why")}}
-SHOWN: Dict[str, Any] = {"seen": {"warn_above": Setting(5.0, "why")}, "left_out": ["too short"]}
+WATCHED: dict[str, Any] = {"proposed": {"warn_above": Setting(5.0, "why")}}
+SHOWN: dict[str, Any] = {"seen": {"warn_above": Setting(5.0, "why")}, "left_out": ["too short"]}
 
 
-def text(*signals: Signal, **more: Any) -> List[str]:
+def text(*signals: Signal, **more: Any) -> list[str]:
     return thresholds_text(["Made by hand."], {}, Proposed(list(signals), **more)).splitlines()
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Any, Dict, List, Optional, Tuple
+from typing import Any
 
 import pytest
 from harness.machine import Machine
@@ -90,13 +90,13 @@ def machine(tmp_path: Path) -> Machine:
     return Machine(tmp_path)
 
 
-def source(kind: str, machine: Optional[Machine] = None, **option: Any) -> Any:
+def source(kind: str, machine: Machine | None = None, **option: Any) -> Any:
     made = HOST_SOURCES[kind]
     options = {**{each.name: each.default for each in made.options}, **option}
     return made.make(Computer() if machine is None else Computer(machine.paths), **options)
 
 
-def read(kind: str, machine: Optional[Machine] = None, **option: Any) -> float:
+def read(kind: str, machine: Machine | None = None, **option: Any) -> float:
     value = source(kind, machine, **option).read(0.0)
     assert type(value) is float
     return value
@@ -110,20 +110,20 @@ def begun(kind: str, machine: Machine, **option: Any) -> Any:
     return made
 
 
-def failure(kind: str, machine: Optional[Machine] = None, **option: Any) -> str:
+def failure(kind: str, machine: Machine | None = None, **option: Any) -> str:
     with pytest.raises(SensorError) as caught:
         source(kind, machine, **option).read(0.0)
     assert "\n" not in str(caught.value)
     return str(caught.value)
 
 
-def processors(*ticks: str) -> Dict[str, str]:
+def processors(*ticks: str) -> dict[str, str]:
     """Returns /proc/stat of processors that have spent `user idle` ticks of 10 ms."""
     lines = [f"cpu{number} {user} 0 0 {idle} 0 0 0 0 0 0" for number, (user, idle) in enumerate(map(str.split, ticks))]
     return {"/proc/stat": "\n".join(["cpu  0 0 0 0 0 0 0 0 0 0", *lines, "btime 1700000000"])}
 
 
-def interfaces(**counters: str) -> Dict[str, str]:
+def interfaces(**counters: str) -> dict[str, str]:
     """Returns /proc/net/dev of interfaces that have counted `errors drops` on the way in, and 1 of each out."""
     directions = "bytes packets errs drop fifo frame compressed multicast", "bytes packets errs drop fifo colls carrier"
     head = ["Inter-| Receive | Transmit", f" face |{'|'.join(directions)} compressed"]
@@ -347,7 +347,7 @@ def test_an_unmounted_disk_is_not_taken_for_the_one_that_contains_its_folder(tmp
 
 
 def test_a_disk_is_asked_every_five_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: List[str] = []
+    asked: list[str] = []
     plain = os.statvfs
     monkeypatch.setattr(os, "statvfs", lambda path: (asked.append(path), plain(path))[1])
     computer = Computer()
@@ -360,7 +360,7 @@ def test_a_disk_is_asked_every_five_seconds(monkeypatch: pytest.MonkeyPatch) -> 
 
 def test_the_options_that_a_machine_has(machine: Machine) -> None:
     machine(WORKSTATION, processors("1 1", "1 1"), interfaces(lo="0 0", eth0="0 0", can0="0 0"))
-    offered: Dict[str, List[Any]] = {
+    offered: dict[str, list[Any]] = {
         kind: list(made.available(machine.paths))
         for kind, made in HOST_SOURCES.items()
         if kind in ("cpu_percent", "temperature", "network_errors", "network_drops")
@@ -387,7 +387,7 @@ def test_a_metric_that_vanishes_turns_stale_and_comes_back_while_the_others_go_o
     machine(WORKSTATION, MEMORY)
     bus = LocalBus()
     signals = {"board": {"unit": "degC", "warn_above": 60.0}, "memory": {"unit": "%", "warn_above": 90.0}}
-    alerts: List[Tuple[str, str]] = []
+    alerts: list[tuple[str, str]] = []
     AlertSystem(bus.node("alert_system", parameters={"signals": signals}), {"test": levels_to(alerts)})
     off = {metric: {"source": "none"} for metric in ("battery_level", "temperature", "cpu_usage")}
     host = {
@@ -422,7 +422,7 @@ def test_a_rate_that_is_not_measured_yet_is_no_failure(machine: Machine) -> None
     bus = LocalBus()
     off = {metric: {"source": "none"} for metric in ("battery_level", "temperature", "cpu_usage")}
     host = {"errors": {"source": "network_errors", "interface": "eth0"}}
-    heard: List[float] = []
+    heard: list[float] = []
     bus.node("listener").subscribe("errors", "std_msgs/Float32", lambda value, now_s: heard.append(value), field="data")
     BatterySensor(bus.node("battery_sensor", parameters={**off, "host": host}), machine.computer)
     bus.run_until(1.0)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Dict
+from typing import Any
 
 import pytest
 from harness.parameters import set_parameter
@@ -200,7 +200,7 @@ def test_metrics_of_the_host_are_declared_with_the_keys_that_they_can_have() -> 
 def test_metrics_of_the_host_come_and_go_while_the_node_runs() -> None:
     bus = LocalBus()
     node = bus.node("battery_sensor", parameters={"host": {"memory": MEMORY}})
-    heard: Dict[str, int] = {"memory": 0, "disk": 0}
+    heard: dict[str, int] = {"memory": 0, "disk": 0}
     for topic in heard:
 
         def count(value: Any, now_s: float, topic: str = topic) -> None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import sys
 import threading
 from pathlib import Path
-from typing import Any, List
+from typing import Any
 
 import pytest
 from harness.machine import Machine
@@ -257,7 +257,7 @@ def test_cpu_usage_may_be_read_in_another_thread_than_the_one_that_made_it(machi
     machine(stat(user=0, idle=0))
     source = cpu(machine.computer)
     machine(stat(user=70, idle=30))
-    seen: List[float] = []
+    seen: list[float] = []
     thread = threading.Thread(target=lambda: seen.append(source.read(1.0)))
     thread.start()
     thread.join(10.0)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import random
 from pathlib import Path
-from typing import Any, Dict, Mapping, Union
+from typing import Any, Mapping
 
 import pytest
 from harness.machine import Machine
@@ -19,7 +19,7 @@ pytest.importorskip("psutil")
 NONE = "none"
 """The machine does not have this sensor: no alert."""
 
-EXPECTED: Mapping[str, Mapping[str, Union[float, str]]] = {
+EXPECTED: Mapping[str, Mapping[str, float | str]] = {
     "Raspberry Pi 4": {
         "memory_percent": 25.0,
         "memory_available": 2982.912,
@@ -99,7 +99,7 @@ def machine(tmp_path: Path) -> Machine:
 def read(kind: str, computer: Computer, text: str = "") -> float:
     """Reads a source with an option `name=value`, the others left out."""
     made = HOST_SOURCES[kind]
-    options: Dict[str, Any] = {option.name: option.default for option in made.options}
+    options: dict[str, Any] = {option.name: option.default for option in made.options}
     if text:
         name, _, value = text.partition("=")
         options[name] = value
@@ -125,7 +125,7 @@ def test_a_machine_reads_as_expected(machine: Machine, name: str, source: str, e
 def test_every_source_of_a_machine_has_a_value_or_one_line_with_the_reason(machine: Machine, name: str) -> None:
     machine(MACHINES[name], {"/proc/uptime": "100.00 200.00", "/proc/stat": "cpu  1 0 0 9 0 0 0 0 0 0\nbtime 1"})
     for made in HOST_SOURCES.values():
-        options: Dict[str, Any] = {option.name: option.default for option in made.options}
+        options: dict[str, Any] = {option.name: option.default for option in made.options}
         if made.example:
             options["node"] = "amcl"
         source = made.make(machine.computer, **options)
@@ -166,7 +166,7 @@ def test_a_kernel_that_writes_anything_breaks_no_source(machine: Machine, name: 
     files = sorted(path for path in machine.root.rglob("*") if path.is_file())
     sources = []
     for made in HOST_SOURCES.values():
-        options: Dict[str, Any] = {option.name: option.default for option in made.options}
+        options: dict[str, Any] = {option.name: option.default for option in made.options}
         if made.example:
             options["command"] = "*amcl*"
         sources.append(made.make(machine.computer, **options))

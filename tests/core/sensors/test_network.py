@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 from pathlib import Path
-from typing import Any, Dict
+from typing import Any
 
 import pytest
 from harness.machine import Machine
@@ -23,7 +23,7 @@ WIRELESS = """Inter-| sta-|   Quality        |   Discarded packets              
  odd"""
 
 
-def counters(**interfaces: str) -> Dict[str, str]:
+def counters(**interfaces: str) -> dict[str, str]:
     """Returns /proc/net/dev: `received sent errors`."""
     lines = ["Inter-|   Receive  |  Transmit", " face |bytes packets errs drop fifo frame compressed multicast|bytes"]
     for name, text in interfaces.items():
@@ -105,7 +105,7 @@ def test_bitrate_is_asked_of_the_kernel(machine: Machine, monkeypatch: pytest.Mo
 
 
 def test_can_errors_are_those_of_can_interfaces(machine: Machine) -> None:
-    tree: Dict[str, Any] = {"/sys/class/net/can0/type": "280", "/sys/class/net/eth0/type": "1"}
+    tree: dict[str, Any] = {"/sys/class/net/can0/type": "280", "/sys/class/net/eth0/type": "1"}
     machine(tree, counters(can0="0 0 5", eth0="0 0 900"))
     every = HOST_SOURCES["can_errors"].make(machine.computer)
     wrong = HOST_SOURCES["can_errors"].make(machine.computer, interface="eth0")

@@ -11,7 +11,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from typing import Any, Callable, Dict, List
+from typing import Any, Callable
 
 import pytest
 from harness.machine import Machine
@@ -103,7 +103,7 @@ def test_several_processes_are_reduced(robot: Robot, reduce: str, expected: floa
     ],
 )
 def test_a_process_is_selected_by_its_command_line_or_its_node(
-    robot: Robot, command: str, options: Dict[str, str], matches: bool
+    robot: Robot, command: str, options: dict[str, str], matches: bool
 ) -> None:
     robot.runs(70, command)
     assert robot.source("process_running", **options)() == float(matches)
@@ -241,7 +241,7 @@ def test_thousands_of_processes_are_not_read_in_every_period(robot: Robot, monke
         read()
     assert reason(everything) == "2002 processes match command * (limit 200)"
     assert running() == 1.0
-    opened: List[str] = []
+    opened: list[str] = []
 
     def noted(plain: Callable[..., Any]) -> Callable[..., Any]:
         def open_noted(path: Any, *arguments: Any, **options: Any) -> Any:
@@ -275,7 +275,7 @@ def test_the_files_of_another_user_are_named_and_the_rest_is_read(
     files, memory = robot.source("process_files", node="amcl"), robot.source("process_memory", node="amcl")
     plain = os.listdir
 
-    def refuse(path: Any) -> List[str]:
+    def refuse(path: Any) -> list[str]:
         if str(path).endswith("/70/fd"):
             raise PermissionError(13, "Permission denied")
         return plain(path)

@@ -10,7 +10,7 @@ import socket
 import subprocess
 import urllib.request
 from pathlib import Path
-from typing import Callable, Dict, Iterator, Mapping, Tuple
+from typing import Callable, Iterator, Mapping, Tuple
 
 import pytest
 from harness.machine import Machine
@@ -79,7 +79,7 @@ def node_exporter(paths: HostPaths) -> Iterator[Callable[[], Metrics]]:
         process.wait()
 
 
-def parse(text: str) -> Iterator[Tuple[Tuple[str, Tuple[str, ...]], float]]:
+def parse(text: str) -> Iterator[tuple[tuple[str, tuple[str, ...]], float]]:
     for line in text.splitlines():
         found = LINE.match(line)
         if found:
@@ -87,7 +87,7 @@ def parse(text: str) -> Iterator[Tuple[Tuple[str, Tuple[str, ...]], float]]:
             yield (found[1], labels), float(found[3])
 
 
-def family(metrics: Metrics, name: str) -> Dict[Tuple[str, ...], float]:
+def family(metrics: Metrics, name: str) -> dict[tuple[str, ...], float]:
     return {labels: value for (found, labels), value in metrics.items() if found == name}
 
 
@@ -193,7 +193,7 @@ def test_this_computer_reads_as_node_exporter_reads_it() -> None:
     computer = Computer()
     with node_exporter(HOST_PATHS) as scrape:
 
-        def load() -> Dict[str, float]:
+        def load() -> dict[str, float]:
             return {minutes: read(f"load_{minutes}min", computer) for minutes in ("1", "5", "15")}
 
         # Values that change are between two reads of the other.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import random
-from typing import Any, List
+from typing import Any
 
 import pytest
 
@@ -12,7 +12,7 @@ from robot_health_monitor.core.sensors.simulated import SimulatedBattery, Simula
 START_S = 1000.0
 
 
-def read(source: Any, seconds: int) -> List[float]:
+def read(source: Any, seconds: int) -> list[float]:
     """Reads a source once a second, from START_S on."""
     return [source.read(START_S + second) for second in range(seconds)]
 

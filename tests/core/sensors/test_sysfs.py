@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Dict
 
 import pytest
 from harness.machine import Machine
@@ -21,7 +20,7 @@ def machine(tmp_path: Path) -> Machine:
 
 
 def test_sensors_are_in_the_order_of_their_numbers(machine: Machine) -> None:
-    tree: Dict[str, str] = {}
+    tree: dict[str, str] = {}
     for chip in (10, 2):
         tree[f"{HWMON}/hwmon{chip}/name"] = "nvme"
         for sensor in (10, 9, 1):
@@ -75,7 +74,7 @@ def test_the_battery_of_a_gamepad_is_not_that_of_the_machine(machine: Machine) -
         ({"capacity": "104"}, 100.0),
     ],
 )
-def test_the_charge_is_that_of_the_most_precise_files(machine: Machine, files: Dict[str, str], percent: float) -> None:
+def test_the_charge_is_that_of_the_most_precise_files(machine: Machine, files: dict[str, str], percent: float) -> None:
     machine({f"{POWER}/BAT0/{name}": text for name, text in files.items()})
     assert battery_percent(machine.paths) == percent
 
@@ -99,7 +98,7 @@ def test_a_battery_without_a_charge_is_an_error_but_not_a_missing_sensor(machine
     ],
 )
 def test_the_charger_is_connected_if_its_supply_or_the_battery_says_so(
-    machine: Machine, files: Dict[str, str], is_plugged: bool
+    machine: Machine, files: dict[str, str], is_plugged: bool
 ) -> None:
     machine({f"{POWER}/{name}": text for name, text in files.items()})
     assert battery_plugged(machine.paths) == is_plugged

@@ -7,7 +7,6 @@ import builtins
 import doctest
 import re
 from pathlib import Path
-from typing import Dict, List
 
 import pytest
 from harness.packaging_workspace import FOLDERS, NAME
@@ -19,13 +18,13 @@ ROOT = Path(__file__).resolve().parents[3]
 FOUR = ("ConfigError", "MessageError", "ServiceError", "LinkError")
 
 
-def is_error(bases: List[str]) -> bool:
+def is_error(bases: list[str]) -> bool:
     found = [getattr(builtins, base, None) for base in bases]
     classes = [each for each in found if isinstance(each, type)]
     return any(issubclass(each, BaseException) and not issubclass(each, Warning) for each in classes)
 
 
-def errors_of_the_project() -> Dict[str, List[str]]:
+def errors_of_the_project() -> dict[str, list[str]]:
     """Returns the names of all classes of errors in all modules, those that need ROS too, with their bases."""
     files = [file for folder in (*FOLDERS, NAME) for file in sorted((ROOT / folder).rglob("*.py"))]
     bases = {
@@ -34,7 +33,7 @@ def errors_of_the_project() -> Dict[str, List[str]]:
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))
         if isinstance(node, ast.ClassDef)
     }
-    found: Dict[str, List[str]] = {}
+    found: dict[str, list[str]] = {}
     while True:
         further = {
             name: of

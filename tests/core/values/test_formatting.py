@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Optional
+from typing import Any
 
 import pytest
 
@@ -140,7 +140,7 @@ def test_any_datum_can_be_written_in_forty_characters(value: Any, text: str) -> 
 
 
 def test_a_datum_is_written_on_one_line_without_control_characters() -> None:
-    text: Optional[str] = datum_text(Wide())
+    text: str | None = datum_text(Wide())
 
     assert text is not None and text.isprintable()
     assert text.startswith("header: seq: 1 stamp: 2")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import random
-from typing import Any, Dict, List, Mapping, Sequence, Tuple
+from typing import Any, Mapping, Sequence, Tuple
 
 import pytest
 
@@ -49,7 +49,7 @@ def ros2(goals: Listed) -> Mapping[str, Any]:
         (ros1, 9, [1.0]),  # LOST
     ],
 )
-def test_a_goal_counts_by_the_state_in_which_it_ended(message: Any, code: int, samples: List[float]) -> None:
+def test_a_goal_counts_by_the_state_in_which_it_ended(message: Any, code: int, samples: list[float]) -> None:
     goals = Goals()
     assert goals.take(message([])) == []
     assert goals.take(message([("a", code)])) == samples
@@ -107,10 +107,10 @@ def test_random_timelines_give_what_a_referee_counts(seed: int) -> None:
             (ros2, [1, 2, 3], {4: [0.0], 6: [1.0], 5: []}),
         ]
     )
-    states: Dict[str, int] = {}
+    states: dict[str, int] = {}
     goals = Goals()
     for number in range(100):
-        expected: List[float] = []
+        expected: list[float] = []
         for goal, code in list(states.items()):
             if code in live:
                 states[goal] = chance.choice([*live, *ends])

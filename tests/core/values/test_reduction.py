@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, List, Sequence
+from typing import Any, Sequence
 
 import pytest
 
@@ -23,7 +23,7 @@ def monitor(**settings: Any) -> Monitor:
     return Monitor(load_config({"signals": {"cells": {**CELLS, **settings}}}), robot="r1")
 
 
-def lines(samples: Sequence[Any], **settings: Any) -> List[str]:
+def lines(samples: Sequence[Any], **settings: Any) -> list[str]:
     """Returns the lines of samples that come every second."""
     watch = monitor(**settings)
     return [

@@ -6,7 +6,7 @@ import math
 import random
 import re
 import struct
-from typing import Any, Dict, List, Mapping, Tuple
+from typing import Any, Mapping
 
 import pytest
 
@@ -107,9 +107,9 @@ def test_a_path_and_its_condition_are_one_text_for_the_port() -> None:
     assert selection("", "") is None
     key = 'status["a where b"].level'
     for path in ("data", "", key):
-        bound: List[str] = []
+        bound: list[str] = []
 
-        def bind(one: str, bound: List[str] = bound) -> Any:
+        def bind(one: str, bound: list[str] = bound) -> Any:
             bound.append(one)
             return lambda message: message[one]
 
@@ -161,7 +161,7 @@ CONSTANTS = {"level": {"LOW": 1, "HIGH": 8}, "inner.x": {"FAR": -3, "HIGH": 8}}
 
 def referee(where: str, message: Mapping[str, Any]) -> bool:
     """Evaluates a condition as SEMANTICS says, with nothing of the package."""
-    pieces: List[str] = [""]
+    pieces: list[str] = [""]
     quoted = False
     for at, letter in enumerate(where):  # splits at " and " outside of quotes
         if letter == '"' and where[at - 1] != "\\":
@@ -208,7 +208,7 @@ def _random_comparison(rng: random.Random) -> str:
     return f"{path} {rng.choice(['==', '!=', '<', '<=', '>', '>='])} {number}"
 
 
-def _random_message(rng: random.Random) -> Dict[str, Any]:
+def _random_message(rng: random.Random) -> dict[str, Any]:
     numbers = [0.0, 1.0, 2.5, 8.0, 10.0, -3.0, math.nan]
     return {
         "level": rng.choice([0, 1, 8, 200]),
@@ -227,7 +227,7 @@ def test_messages_of_every_encoding_match_as_a_second_evaluator_says() -> None:
     for _ in range(400):
         where = " and ".join(_random_comparison(rng) for _ in range(rng.choice([1, 1, 2, 3])))
         field = selection(rng.choice(["inner.x", ""]), where) or ""
-        getters: List[Tuple[Any, Any]] = [
+        getters: list[tuple[Any, Any]] = [
             (types[0].field_getter(field), cdr),
             (types[1].field_getter(field), ros1),
         ]

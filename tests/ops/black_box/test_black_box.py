@@ -10,7 +10,7 @@ import subprocess
 import sys
 import threading
 from pathlib import Path
-from typing import Any, Iterator, List
+from typing import Any, Iterator
 
 import pytest
 from harness.black_boxes import BATTERY, KILLED, RecordedRobot, recorded
@@ -24,7 +24,7 @@ from robot_health_monitor.ops.black_box.folder import find_file
 from robot_health_monitor.ops.black_box.recording_file import RecordingFile
 
 
-def faults(robot: RecordedRobot) -> List[str]:
+def faults(robot: RecordedRobot) -> list[str]:
     return [f"{part}: {fault.text}" for part, fault in robot.operations.faults.current().items() if "black" in part]
 
 

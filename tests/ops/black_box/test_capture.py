@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Dict, List, Mapping, Sequence
+from typing import Any, Mapping, Sequence
 
 import pytest
 
@@ -22,10 +22,10 @@ class Robot:
 
     def __init__(self, topics: Mapping[str, str], named: Sequence[str] = (), use_sim_time: bool = False) -> None:
         self.bus = LocalBus(5.0)
-        self.found: List[str] = []
-        self.times_s: List[float] = []
+        self.found: list[str] = []
+        self.times_s: list[float] = []
         self.sensor = self.bus.node("sensor")
-        self.types: Dict[str, str] = {}
+        self.types: dict[str, str] = {}
         self.add(topics)
         self.node: LocalMiddleware = self.bus.node("alert_system", use_sim_time=use_sim_time)
         self.capture = Capture(self.node, named, self.note, ("/diagnostics",))
@@ -40,7 +40,7 @@ class Robot:
         self.found.append(message[1])
         self.times_s.append(message[0])
 
-    def recorded(self, **signals: Mapping[str, object]) -> List[str]:
+    def recorded(self, **signals: Mapping[str, object]) -> list[str]:
         """Returns the topics that are recorded with a configuration."""
         config = load_config({"signals": signals or {"none": {"topic": "/none", "type": FLOAT}}})
         for _ in range(2):  # an image of which the type was not known is recognised by its first message
@@ -162,7 +162,7 @@ def test_the_latest_message_of_a_quiet_topic_is_kept_unless_its_silence_matters(
     robot.recorded(**signals)
     robot.sensor.publish("/map", large)
 
-    def quiet(now_s: float) -> List[str]:
+    def quiet(now_s: float) -> list[str]:
         found = robot.capture.quiet(now_s)
         assert all(message[0] == now_s for message in found)
         return sorted(message[1] for message in found)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import errno
 import os
 from pathlib import Path
-from typing import Any, List
+from typing import Any
 
 import pytest
 
@@ -40,7 +40,7 @@ def recording(path: Path, signal: str, size: int = 1000, age_s: float = 0.0) -> 
     return f"{BEGIN}{signal}.mcap"
 
 
-def names(path: Path) -> List[str]:
+def names(path: Path) -> list[str]:
     """Returns the names of the files, of recordings only their signal."""
     return sorted(name.replace(BEGIN, "").replace(".mcap", "") for name in os.listdir(path))
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import tracemalloc
 from pathlib import Path
-from typing import Any, List, Tuple
+from typing import Any
 
 import pytest
 
@@ -25,12 +25,12 @@ TEXT = RawFormat("json", "std_msgs/String", "jsonschema", '{"type":"object"}', "
 ATTACHMENTS = {"thresholds.yaml": "a: 1\n", "state.json": "{}"}
 
 
-def messages(number: int, size: int = 10) -> List[Message]:
+def messages(number: int, size: int = 10) -> list[Message]:
     channels = (("/a", FLOAT), ("/b", FLOAT), ("/a", TEXT))
     return [(float(place), *channels[place % 3], bytes([place % 256]) * size) for place in range(number)]
 
 
-def content(path: Path) -> List[Tuple[str, int, bytes]]:
+def content(path: Path) -> list[tuple[str, int, bytes]]:
     with path.open("rb") as stream:
         reader = make_reader(stream)
         return [(channel.topic, message.log_time, message.data) for _, channel, message in reader.iter_messages()]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import random
 import tracemalloc
-from typing import List
 
 from robot_health_monitor.core.messages.raw_messages import RawFormat
 from robot_health_monitor.ops.black_box.ring import OVERHEAD_BYTES, Message, Reader, Ring, RobotRing
@@ -18,8 +17,8 @@ def add(robot: RobotRing, *times_s: float) -> None:
         robot.add((time_s, *CHANNEL, bytes(100)))
 
 
-def everything(reader: Reader) -> List[float]:
-    found: List[Message] = []
+def everything(reader: Reader) -> list[float]:
+    found: list[Message] = []
     while True:
         messages = reader.read(1000)
         if not messages:
@@ -120,7 +119,7 @@ def test_memory_is_bounded_and_released_whatever_happens() -> None:
     choices = random.Random(22)
     ring = Ring(40 * SIZE)
     robots = [RobotRing(ring, 10.0) for _ in range(3)]
-    readers: List[Reader] = []
+    readers: list[Reader] = []
     now_s = 0.0
     for _ in range(5000):
         now_s += choices.random()

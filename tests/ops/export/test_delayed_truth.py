@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import List
 
 import pytest
 from harness.alertmanager import needs_alertmanager
@@ -22,7 +21,7 @@ BATTERY = {"battery_level": {"unit": "%", "warn_below": 20.0, "error_below": 10.
 HOUR_S, STEP_S = 3600, 15
 
 
-def send(fleet: PushingFleet, robot: str, times: List[float], value: float) -> int:
+def send(fleet: PushingFleet, robot: str, times: list[float], value: float) -> int:
     """Sends the battery's value, its announced level, and the tick of a robot's monitor; returns the answer."""
     signal = {"robot": robot, "signal": "battery_level"}
     level = 2.0 if value < 10.0 else 0.0
@@ -36,7 +35,7 @@ def send(fleet: PushingFleet, robot: str, times: List[float], value: float) -> i
     )
 
 
-def summaries(fleet: PushingFleet, status: str) -> List[str]:
+def summaries(fleet: PushingFleet, status: str) -> list[str]:
     return [
         alert["annotations"]["summary"]
         for sent in fleet.pager.sent
@@ -53,7 +52,7 @@ def summaries(fleet: PushingFleet, status: str) -> List[str]:
     ],
 )
 def test_what_an_offline_robot_delivers_6_h_later_is_stored_once_and_pages_nobody(
-    tmp_path: Path, centre: List[str]
+    tmp_path: Path, centre: list[str]
 ) -> None:
     config = load_config({"signals": BATTERY})
     with pushing_fleet(tmp_path, config, free_port, robots=["r1"], silent_after_s=10.0) as fleet:
@@ -68,7 +67,7 @@ def test_what_an_offline_robot_delivers_6_h_later_is_stored_once_and_pages_nobod
             for begin in range(0, len(late), 200):
                 empty = 2.0 if HOUR_S <= late[begin] - late[0] < 4 * HOUR_S else 80.0
                 assert send(fleet, "r1", late[begin : begin + 200], empty) == 204, attempt
-        reported: List[int] = []
+        reported: list[int] = []
 
         def is_resolved() -> bool:
             reported.append(send(fleet, "r1", [time.time()], 80.0))

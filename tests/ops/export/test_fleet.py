@@ -6,7 +6,7 @@ import re
 import shutil
 import subprocess
 from pathlib import Path
-from typing import Any, Dict
+from typing import Any
 
 import pytest
 import yaml
@@ -27,7 +27,7 @@ AMTOOL, ANALYZE = shutil.which("amtool"), shutil.which("systemd-analyze")
 THRESHOLDS = {"signals": {"battery_level": {"warn_below": 20.0, "keep_firing_for_s": 30.0}}}
 
 
-def files(**changed: Any) -> Dict[str, str]:
+def files(**changed: Any) -> dict[str, str]:
     settings = FleetSettings(RECEIVER, 86_400.0, 15.0, 900.0)._replace(**changed)
     return export_fleet(settings, load_config(THRESHOLDS), ["r1"])
 

@@ -15,7 +15,7 @@ import subprocess
 import urllib.error
 import urllib.request
 from pathlib import Path
-from typing import Iterator, List
+from typing import Iterator
 
 import pytest
 from harness.prometheus_server import needs_prometheus
@@ -67,9 +67,9 @@ class Installed:
         environment = {"PATH": f"{root / 'bin'}:{os.environ['PATH']}", "DONE": str(root / "done")}
         script = "set -e\n" + "\n".join(commands).replace("/etc/", f"{root}/etc/")
         subprocess.run(["bash", "-c", script], cwd=root / "out", env=environment, check=True, timeout=60)
-        self.asked: List[str] = (root / "done").read_text().splitlines()
+        self.asked: list[str] = (root / "done").read_text().splitlines()
         self.password = (root / "etc/robot-health/receiver.password").read_text().strip()
-        self._processes: List[subprocess.Popen[bytes]] = []
+        self._processes: list[subprocess.Popen[bytes]] = []
 
     def start(self, unit: str, *, trusting: bool = True) -> None:
         """Starts the command of an installed unit, on a machine that trusts the authority of the centre."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 from pathlib import Path
-from typing import Any, List, Mapping, Sequence, Tuple
+from typing import Any, Mapping, Sequence
 
 import pytest
 from harness.promtool import needs_promtool, promtool
@@ -25,7 +25,7 @@ def silent(robot: str, text: str) -> Mapping[str, Any]:
 
 
 def findings(
-    folder: Path, rules: str, series: Mapping[str, str], expected: Sequence[Tuple[str, List[Mapping[str, Any]]]]
+    folder: Path, rules: str, series: Mapping[str, str], expected: Sequence[tuple[str, list[Mapping[str, Any]]]]
 ) -> str:
     """Returns what promtool reports; empty if the alerts at these times are as expected. Values are a minute apart."""
     (folder / "rules.yaml").write_text(rules)

@@ -6,7 +6,7 @@ import json
 import threading
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
-from typing import Any, Dict, Iterator, Sequence, Set, Tuple
+from typing import Any, Iterator, Sequence
 
 import pytest
 from harness.prometheus_server import PrometheusServer, needs_prometheus
@@ -88,12 +88,12 @@ def prometheus(tmp_path: Path) -> Iterator[PrometheusServer]:
     target.server_close()
 
 
-def dashboard() -> Dict[str, Any]:
-    board: Dict[str, Any] = json.loads(export_dashboard(load_config({"signals": SIGNALS})))
+def dashboard() -> dict[str, Any]:
+    board: dict[str, Any] = json.loads(export_dashboard(load_config({"signals": SIGNALS})))
     return board
 
 
-def queries() -> Dict[str, str]:
+def queries() -> dict[str, str]:
     """The query of each panel, by its title, and that of a second line by its letter, with all robots selected."""
     return {
         panel["title"] + target["refId"].replace("A", ""): target["expr"]
@@ -104,14 +104,14 @@ def queries() -> Dict[str, str]:
     }
 
 
-def labelled(result: Sequence[Dict[str, Any]], *labels: str) -> Set[Tuple[Any, ...]]:
+def labelled(result: Sequence[dict[str, Any]], *labels: str) -> set[tuple[Any, ...]]:
     return {(*(each["metric"].get(name) for name in labels), float(each["value"][1])) for each in result}
 
 
 @pytest.mark.newest_python
 @needs_prometheus
 def test_every_query_returns_the_data_that_was_put_in(prometheus: PrometheusServer) -> None:
-    expected: Dict[str, Tuple[Sequence[str], Set[Tuple[Any, ...]]]] = {
+    expected: dict[str, tuple[Sequence[str], set[tuple[Any, ...]]]] = {
         "Robots": ((), {(3.0,)}),
         "Robots not OK": ((), {(2.0,)}),
         "Worst level per robot": (["robot"], {("r1", 1.0), ("r2", 2.0), ("r3", 0.0)}),

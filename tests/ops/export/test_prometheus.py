@@ -7,7 +7,7 @@ import math
 import random
 import time
 from pathlib import Path
-from typing import Any, Dict, List, Mapping, Sequence, Tuple
+from typing import Any, Mapping, Sequence
 
 import pytest
 import yaml
@@ -100,7 +100,7 @@ def quoted(text: str) -> str:
     return json.dumps(text, ensure_ascii=False)
 
 
-def run_series(folder: Path, text: str, series: Mapping[str, str], expected: Sequence[Tuple[str, List[Any]]]) -> str:
+def run_series(folder: Path, text: str, series: Mapping[str, str], expected: Sequence[tuple[str, list[Any]]]) -> str:
     """Returns promtool's findings; empty if the alerts at these times are as expected."""
     alerts = [{"eval_time": time, "alertname": "RobotHealth", "exp_alerts": each} for time, each in expected]
     return promtool_test(folder, text, series, alert_rule_test=alerts)
@@ -127,9 +127,9 @@ class Robot:
         node = self._bus.node("alert_system", parameters={"robot_name": name, "signals": signals})
         self._alert_system = AlertSystem(node, {"test": self._note}, log_alerts=False)
         self._metrics = Metrics(wall_time_s=lambda: self._bus.now_s)
-        self.series: Dict[str, List[str]] = {}
-        self._announced: Dict[str, Level] = {}
-        self.levels: List[Dict[str, Level]] = []
+        self.series: dict[str, list[str]] = {}
+        self._announced: dict[str, Level] = {}
+        self.levels: list[dict[str, Level]] = []
         """The announced levels after each second, as its alerts had them."""
 
     def play(self, step: int, values: Mapping[str, object], link: bool) -> None:
@@ -155,9 +155,9 @@ class Robot:
             self._announced[event.signal] = event.to_level
 
 
-def examples(chance: random.Random) -> Dict[str, Tuple[Dict[str, Any], List[object]]]:
+def examples(chance: random.Random) -> dict[str, tuple[dict[str, Any], list[object]]]:
     """Returns signals with everything that delays, holds back or ends an alert, and their values; None: no sample."""
-    found: Dict[str, Tuple[Dict[str, Any], List[object]]] = {}
+    found: dict[str, tuple[dict[str, Any], list[object]]] = {}
     for number in range(40):
         timeline = random_timeline(chance, f"t{number}")
         signal = {**timeline.signal, "stale_after_s": chance.choice((0.0, 3.0)), "latch": chance.random() < 0.3}
@@ -169,13 +169,13 @@ def examples(chance: random.Random) -> Dict[str, Tuple[Dict[str, Any], List[obje
             signal.update(statistic="mean", window_s=6.0, window_min_s=2.0)
         found[timeline.name] = signal, [value if chance.random() < 0.9 else math.nan for value in timeline.values]
     found["switch"] = {"stale_after_s": 3.0}, [float(step // 5 % 2) for step in range(STEPS)]
-    charge: List[object] = [20.0 + abs(25.0 - step) + chance.gauss(0.0, 0.1) for step in range(STEPS)]
+    charge: list[object] = [20.0 + abs(25.0 - step) + chance.gauss(0.0, 0.1) for step in range(STEPS)]
     found["soon"] = {"statistic": "forecast", "window_s": 10.0, "forecast_s": 10.0, "warn_below": 20.0}, charge
     pairs = [[("a", 2.8 + step % 14 / 25.0), ("b b", 3.3)] for step in range(STEPS)]
-    cells: List[object] = [Elements(each[: 1 + step // 9 % 2]) for step, each in enumerate(pairs)]
+    cells: list[object] = [Elements(each[: 1 + step // 9 % 2]) for step, each in enumerate(pairs)]
     found["cells"] = {"field": "v[*]", "warn_below": 3.2, "error_below": 3.0, "stale_after_s": 3.0}, cells
     status = {"type": "diagnostic_msgs/DiagnosticArray", "field": 'status["*"]', "stale_after_s": 5.0}
-    levels: List[object] = [Elements([("motor: left", DriverStatus(step // 6 % 4, "hot"))]) for step in range(STEPS)]
+    levels: list[object] = [Elements([("motor: left", DriverStatus(step // 6 % 4, "hot"))]) for step in range(STEPS)]
     found["drivers"] = status, levels
     return found
 
@@ -281,7 +281,7 @@ def test_a_monitor_that_hangs_or_is_down_is_an_alert(tmp_path: Path) -> None:
 def test_a_robot_that_its_monitor_no_longer_reports_is_no_alert(tmp_path: Path) -> None:
     """It was taken out of the fleet file; then the monitor is stopped, for longer than Prometheus looks back."""
     scraped = [Scraped("one", "1x199 0x1000", "0+1x199 stale", kept="0x199 stale", removed="2x100 stale")]
-    expected: Dict[int, List[str]] = {second: [] for second in range(90, 202)}
+    expected: dict[int, list[str]] = {second: [] for second in range(90, 202)}
     expected.update({202: ["kept"], 300: ["kept"], 1100: ["kept"]})
     assert missed(tmp_path, scraped, expected) == ""
 

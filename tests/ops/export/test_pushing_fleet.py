@@ -8,7 +8,7 @@ import subprocess
 import sys
 import threading
 from pathlib import Path
-from typing import Dict, Iterator, List
+from typing import Iterator
 
 import pytest
 from harness.alertmanager import needs_alertmanager
@@ -36,7 +36,7 @@ battery_sensor:
 
 
 @pytest.fixture
-def monitors(tmp_path: Path) -> Iterator[List[Scraped]]:
+def monitors(tmp_path: Path) -> Iterator[list[Scraped]]:
     """Runs real monitors of simulated robots, whose temperature is above its bound."""
     (tmp_path / "thresholds.yaml").write_text(THRESHOLDS)
     processes, scraped = [], []
@@ -70,9 +70,9 @@ def monitors(tmp_path: Path) -> Iterator[List[Scraped]]:
             each.end()
 
 
-def served(monitors: List[Scraped]) -> Dict[str, int]:
+def served(monitors: list[Scraped]) -> dict[str, int]:
     """Returns how many series of each name the agents were given."""
-    total: Dict[str, int] = {}
+    total: dict[str, int] = {}
     for monitor in monitors:
         for name, count in monitor.series.items():
             total[name] = total.get(name, 0) + count
@@ -83,7 +83,7 @@ def scrapes(monitor: Scraped) -> int:
     return monitor.series.get("robot_health_last_tick_timestamp_seconds", 0)
 
 
-def firing(pager: Pager) -> List[str]:
+def firing(pager: Pager) -> list[str]:
     """Returns the robots of the notifications that an alert fires, in order."""
     return [alert["labels"]["robot"] for sent in pager.sent if sent["status"] == "firing" for alert in sent["alerts"]]
 
@@ -96,7 +96,7 @@ ENGINES = [
 
 @pytest.mark.parametrize(("agent", "centre"), ENGINES)
 def test_every_sample_arrives_once_although_the_receiver_is_gone_and_a_robot_is_cut_off(
-    tmp_path: Path, monitors: List[Scraped], agent: str, centre: List[str]
+    tmp_path: Path, monitors: list[Scraped], agent: str, centre: list[str]
 ) -> None:
     """The receiver of Prometheus is killed, that of VictoriaMetrics stopped. Samples are counted by PromQL.
 

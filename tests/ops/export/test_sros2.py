@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
-from typing import Any, Dict, List
+from typing import Any
 
 import pytest
 
@@ -13,7 +13,7 @@ from robot_health_monitor.core.values.errors import ConfigError
 from robot_health_monitor.ops.configuration import OpsConfig, read_ops
 from robot_health_monitor.ops.export.sros2 import Robot, export_policy
 
-TREE: Dict[str, Any] = {
+TREE: dict[str, Any] = {
     "alert_system": {"ros__parameters": {"signals": {"soc": {"topic": "bms/soc", "warn_below": 20.0}}}},
     "aggregator": {"ros__parameters": {"inputs": ["soc"]}},
 }
@@ -56,7 +56,7 @@ ALONE = """<?xml version="1.0" encoding="UTF-8"?>
 """
 
 
-def names(policy: str, node: str, kind: str, verb: str) -> List[str]:
+def names(policy: str, node: str, kind: str, verb: str) -> list[str]:
     """Returns the names of one list of a policy; empty: there is none."""
     (profile,) = (each for each in ElementTree.fromstring(policy).iter("profile") if each.attrib["node"] == node)
     return [str(element.text) for element in profile.findall(f"{kind}s[@{verb}='ALLOW']/{kind}")]
@@ -71,7 +71,7 @@ def test_a_policy_has_the_form_of_sros2() -> None:
 
 
 def test_the_sensors_decide_which_nodes_run() -> None:
-    def nodes(sensors: str) -> List[str]:
+    def nodes(sensors: str) -> list[str]:
         policy = ElementTree.fromstring(export_policy(TREE, Robot(sensors=sensors)))
         return [profile.attrib["node"] for profile in policy.iter("profile")]
 
@@ -80,7 +80,7 @@ def test_the_sensors_decide_which_nodes_run() -> None:
 
 
 def test_only_a_host_lists_sensors_that_it_does_not_have() -> None:
-    def published(sensors: str) -> List[str]:
+    def published(sensors: str) -> list[str]:
         return names(export_policy(TREE, Robot("r1", sensors)), "battery_sensor", "topic", "publish")
 
     name = "/r1/_unavailable_sensors"

@@ -6,7 +6,7 @@ import json
 import time
 import urllib.parse
 from pathlib import Path
-from typing import Dict, List, Optional, Sequence, Tuple
+from typing import Sequence
 
 import pytest
 from harness.alertmanager import needs_alertmanager
@@ -20,7 +20,7 @@ from robot_health_monitor.core import load_config
 pytestmark = [needs_prometheus, needs_alertmanager, needs_victoria_metrics, pytest.mark.newest_python]
 STEP_S = 8.0
 """Length of each level: longer than what the engines differ by."""
-TIMELINES: Dict[str, Sequence[int]] = {
+TIMELINES: dict[str, Sequence[int]] = {
     "battery": (0, 1, 2, 0, 0),
     "link": (0, 2, 2, 2, 0),
     "scan": (0, 3, 0, 3, 0),
@@ -45,16 +45,16 @@ def exposition(step: int) -> bytes:
     return "\n".join(lines).encode() + b"\n"
 
 
-def episodes(fleet: PushingFleet, begin_s: float, end_s: float) -> Dict[Tuple[str, str], List[Tuple[float, float]]]:
+def episodes(fleet: PushingFleet, begin_s: float, end_s: float) -> dict[tuple[str, str], list[tuple[float, float]]]:
     """Returns when each alert fired, in s after the begin."""
     query = {"query": 'ALERTS{alertstate="firing"}', "start": begin_s, "end": end_s, "step": 1, "nocache": 1}
     answer = json.loads(get(f"http://127.0.0.1:{fleet.port}/api/v1/query_range?{urllib.parse.urlencode(query)}"))
-    found: Dict[Tuple[str, str], List[Tuple[float, float]]] = {}
+    found: dict[tuple[str, str], list[tuple[float, float]]] = {}
     for series in answer["data"]["result"]:
         key = (series["metric"]["signal"], series["metric"]["level"])
         times = [time_s - begin_s for time_s, _ in series["values"]]
         for time_s in times:
-            last: Optional[Tuple[float, float]] = found[key][-1] if found.get(key) else None
+            last: tuple[float, float] | None = found[key][-1] if found.get(key) else None
             if last is not None and time_s - last[1] <= 5.0:
                 found[key][-1] = (last[0], time_s)
             else:
@@ -64,7 +64,7 @@ def episodes(fleet: PushingFleet, begin_s: float, end_s: float) -> Dict[Tuple[st
 
 def test_prometheus_and_vmalert_raise_the_same_alerts_and_none_too_early(tmp_path: Path) -> None:
     config = load_config({"signals": {"battery": {"warn_below": 20.0}}})
-    began_s: List[float] = []
+    began_s: list[float] = []
     robot = Scraped(lambda: exposition(int((time.monotonic() - began_s[0]) / STEP_S) if began_s else 0))
     for name in ("one", "other"):
         (tmp_path / name).mkdir()

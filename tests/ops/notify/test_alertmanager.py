@@ -5,7 +5,7 @@ from __future__ import annotations
 import datetime
 import json
 import time
-from typing import Any, Dict
+from typing import Any
 
 import pytest
 from harness.alertmanager import RunningAlertmanager, needs_alertmanager
@@ -33,7 +33,7 @@ def target(url: str, wall_time_s: Any = time.time) -> Alertmanager:
     return Alertmanager(TargetSettings("pager", "alertmanager", url=url), wall_time_s)
 
 
-def labels(level: str, severity: str) -> Dict[str, str]:
+def labels(level: str, severity: str) -> dict[str, str]:
     return {"alertname": "RobotHealth", "robot": "r3", "signal": "battery", "level": level, "severity": severity}
 
 

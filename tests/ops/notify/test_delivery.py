@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sqlite3
-from typing import Any, Callable, Dict, List, Tuple
+from typing import Any, Callable
 
 import pytest
 from harness.alertmanager import RunningAlertmanager, needs_alertmanager
@@ -68,7 +68,7 @@ class Bench:
         self.alerts.record(self.queue, event, 1_700_000_000.0 + self.now_s)
         self.delivery.note_news()
 
-    def run(self, until_s: float) -> List[float]:
+    def run(self, until_s: float) -> list[float]:
         """Lets virtual time pass; returns when steps were made."""
         steps = []
         while True:
@@ -93,7 +93,7 @@ def bench(server: HttpServer) -> Bench:
     return Bench(server.url)
 
 
-def received(server: HttpServer) -> List[str]:
+def received(server: HttpServer) -> list[str]:
     """Returns alert lines and kinds of the requests, all of robot r3."""
     found = [request.json for request in server.all()]
     assert all(each["text"].startswith("r3: ") for each in found)
@@ -110,7 +110,7 @@ def test_notifications_are_sent_in_order_and_nothing_is_left(bench: Bench, serve
 
 
 def test_retries_wait_longer_each_time_up_to_five_minutes(bench: Bench, server: HttpServer) -> None:
-    attempts: List[float] = []
+    attempts: list[float] = []
 
     def behave(handler: Any) -> None:
         attempts.append(bench.now_s)
@@ -172,7 +172,7 @@ def test_one_notification_that_fails_delays_no_other(bench: Bench, server: HttpS
     def behave(handler: Any) -> None:
         responding(500 if b"poison" in last_body() else 200)(handler)
 
-    seen: List[bytes] = []
+    seen: list[bytes] = []
 
     def last_body() -> bytes:
         request = server.next()
@@ -297,7 +297,7 @@ def test_an_unprotected_secret_is_a_warning(server: HttpServer, tmp_path: Any) -
 def test_an_open_alert_is_repeated_also_after_a_restart_and_ends(alertmanager: RunningAlertmanager) -> None:
     bench = Bench(alertmanager.url, "alertmanager")
 
-    def updates() -> Dict[str, str]:
+    def updates() -> dict[str, str]:
         return {alert["labels"]["signal"]: alert["updatedAt"] for alert in alertmanager.alerts()}
 
     bench.change("WARN")
@@ -334,7 +334,7 @@ def test_repetitions_go_on_while_one_notification_fails(server: HttpServer) -> N
         seen.append((bench.now_s, texts))
         responding(500 if "poison" in texts else 200)(handler)
 
-    seen: List[Any] = []
+    seen: list[Any] = []
     server.behave = behave
     server.all()
     bench.run(600.0)
@@ -352,7 +352,7 @@ class Clock:
         return self.now_s
 
 
-def make_heartbeat(clock: Clock, **settings: Any) -> Tuple[Delivery, Faults]:
+def make_heartbeat(clock: Clock, **settings: Any) -> tuple[Delivery, Faults]:
     """Returns a heartbeat in virtual time, with its faults."""
     database, target = Database(), TargetSettings("alive", "heartbeat", **settings)
     queue = NotificationQueue([target], FixedSilences())

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sqlite3
-from typing import Any, Dict, List, Optional, Set, Tuple
+from typing import Any, Optional, Tuple
 
 import pytest
 from harness.silences import FixedSilences
@@ -29,7 +29,7 @@ class Bench:
         schema.prepare(self.connection)
         self.alerts = StoredAlerts(self.connection)
         self.silences = FixedSilences()
-        self.simulated: Set[Tuple[str, str]] = set()
+        self.simulated: set[tuple[str, str]] = set()
         self.now_s = 1000.0
         self.restart(*targets)
 
@@ -57,12 +57,12 @@ class Bench:
         )
         self.alerts.record(self.queue, event, self.now_s)
 
-    def take(self, target: str = "chat") -> Optional[Taken]:
+    def take(self, target: str = "chat") -> Taken | None:
         return self.queue.take(self.connection, target)
 
-    def deliver(self, target: str = "chat") -> List[Sent]:
+    def deliver(self, target: str = "chat") -> list[Sent]:
         """Delivers all that waits."""
-        sent: List[Sent] = []
+        sent: list[Sent] = []
         while True:
             taken = self.take(target)
             if taken is None:
@@ -104,7 +104,7 @@ def test_an_alert_is_sent_when_it_begins_changes_and_ends() -> None:
         ("ERROR", ["ERROR", "resolved"]),
     ],
 )
-def test_below_min_level_nothing_is_sent_except_the_end_of_what_was_sent(min_level: str, sent: List[str]) -> None:
+def test_below_min_level_nothing_is_sent_except_the_end_of_what_was_sent(min_level: str, sent: list[str]) -> None:
     bench = Bench(TargetSettings("chat", "webhook", Level[min_level]))
     for level in ("WARN", "STALE", "ERROR", "STALE", "WARN", "OK"):
         bench.change(level)
@@ -435,7 +435,7 @@ def test_a_full_queue_keeps_the_latest_of_every_open_alert(monkeypatch: pytest.M
     for number in range(60):
         bench.change("ERROR", "WARN", signal=f"s{number}")
     assert bench.queue.waiting["chat"] <= 80
-    last: Dict[str, str] = {signal: state for signal, state, _ in bench.deliver()}
+    last: dict[str, str] = {signal: state for signal, state, _ in bench.deliver()}
     assert last == {f"s{number}": "ERROR" for number in range(60)}
 
 
@@ -496,13 +496,13 @@ GROUPED = TargetSettings("chat", "webhook", group_wait_s=30.0)
 LATE = TargetSettings("chat", "webhook", after_s=600.0)
 
 
-def sent_message(bench: Bench) -> Dict[str, Any]:
+def sent_message(bench: Bench) -> dict[str, Any]:
     """Returns the JSON of the message that is due, and delivers it; empty if there is none."""
     taken = bench.take()
     if taken is None:
         return {}
     bench.queue.finish(bench.connection, taken)
-    found: Dict[str, Any] = json.loads(taken.notification.as_json())
+    found: dict[str, Any] = json.loads(taken.notification.as_json())
     return found
 
 

@@ -12,7 +12,7 @@ import threading
 import time
 from contextlib import closing, contextmanager
 from pathlib import Path
-from typing import Any, Iterator, List, Sequence, Tuple
+from typing import Any, Iterator, Sequence
 
 import pytest
 from harness.http_server import HttpServer, hanging, responding
@@ -39,7 +39,7 @@ ROOT = Path(__file__).resolve().parents[3]
 @contextmanager
 def running(
     targets: Sequence[TargetSettings], file: str = "", silences: Any = None, faults: Any = None
-) -> Iterator[Tuple[Notifier, RobotHistory]]:
+) -> Iterator[tuple[Notifier, RobotHistory]]:
     """A history and a notifier."""
     history = History(HistorySettings(file) if file else None, faults=faults)
     notifier = Notifier(history, targets, silences or FixedSilences())
@@ -61,7 +61,7 @@ def record(history: RobotHistory, level: str, signal: str = "battery", robot: st
     history.record(event, {"level": level}, [])
 
 
-def texts(server: HttpServer, count: int) -> List[str]:
+def texts(server: HttpServer, count: int) -> list[str]:
     """Waits for a number of requests and returns their alert lines."""
     return [line(server.next().json) for _ in range(count)]
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 from pathlib import Path
-from typing import Dict
 
 import pytest
 from harness.transitions import transition
@@ -138,5 +137,5 @@ def test_the_text_ends_with_the_hint_also_for_a_notification_stored_by_a_version
         ({"what_to_do": "https://wiki/cable"}, {"runbook_url": "https://wiki/cable"}),
     ],
 )
-def test_what_there_is_beside_the_line_of_an_alert(fields: Dict[str, str], annotations: Dict[str, str]) -> None:
+def test_what_there_is_beside_the_line_of_an_alert(fields: dict[str, str], annotations: dict[str, str]) -> None:
     assert Notification({"black_box": "", **fields}, False, 0.0).annotations == annotations

@@ -9,7 +9,6 @@ import socket
 import ssl
 import threading
 from pathlib import Path
-from typing import List
 
 import pytest
 import trustme
@@ -253,7 +252,7 @@ def test_the_user_of_a_proxy_is_sent_to_it_and_the_requested_host_is_named(
 
 
 def test_https_goes_through_a_tunnel_of_the_proxy(monkeypatch: pytest.MonkeyPatch) -> None:
-    received: List[bytes] = []
+    received: list[bytes] = []
     with socket.create_server(("127.0.0.1", 0)) as listener:
 
         def serve() -> None:

@@ -6,7 +6,7 @@ import json
 import re
 from html import unescape
 from pathlib import Path
-from typing import Any, Dict
+from typing import Any
 
 import pytest
 from harness.browser import show
@@ -140,7 +140,7 @@ document.body.append(text);
 
 
 @pytest.fixture(scope="module")
-def found(tmp_path_factory: pytest.TempPathFactory) -> Dict[str, Any]:
+def found(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     """Returns what a script saw of a plot."""
     page = tmp_path_factory.mktemp("plot") / "plot.html"
     page.write_text(
@@ -151,94 +151,94 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> Dict[str, Any]:
     shown = show(page)
     result = re.search(r'<pre id="result">(.*?)</pre>', shown.dom)
     assert result is not None, shown.console
-    seen: Dict[str, Any] = json.loads(unescape(result[1]))
+    seen: dict[str, Any] = json.loads(unescape(result[1]))
     return seen
 
 
-def test_a_plot_shows_bounds_with_their_hysteresis(found: Dict[str, Any]) -> None:
+def test_a_plot_shows_bounds_with_their_hysteresis(found: dict[str, Any]) -> None:
     assert (found["bounds"], found["bands"]) == (1, 1)
 
 
-def test_levels_differ_in_more_than_colour(found: Dict[str, Any]) -> None:
+def test_levels_differ_in_more_than_colour(found: dict[str, Any]) -> None:
     kinds, heights = zip(*(strip.rsplit(" ", 1) for strip in found["strips"]))
     assert kinds == ("strip ok", "strip warn", "strip ok")
     assert heights[0] == heights[2] != heights[1]
 
 
-def test_an_alert_is_a_link_with_its_text(found: Dict[str, Any]) -> None:
+def test_an_alert_is_a_link_with_its_text(found: dict[str, Any]) -> None:
     assert (found["markers"], found["href"], found["title"]) == (1, "#alert-0", "<b>low</b>")
     assert found["picked"] == 1
 
 
-def test_extremes_and_bad_samples_are_drawn(found: Dict[str, Any]) -> None:
+def test_extremes_and_bad_samples_are_drawn(found: dict[str, Any]) -> None:
     assert (found["lowest"], found["highest"], found["bad"]) == (True, True, 1)
 
 
-def test_the_read_out_has_time_value_and_level(found: Dict[str, Any]) -> None:
+def test_the_read_out_has_time_value_and_level(found: dict[str, Any]) -> None:
     assert found["readOut"] == "1970-01-01 01:01:00 · 50 to 99.5 % · OK"
     assert found["readOutOfOne"] == "1970-01-01 01:00:20 · 50 % · OK"
 
 
-def test_keys_zoom_and_move(found: Dict[str, Any]) -> None:
+def test_keys_zoom_and_move(found: dict[str, Any]) -> None:
     assert found["zoomed"] == [25.0, 75.0]
     assert found["moved"] == [35.0, 85.0]
     assert found["all"] == found["notBeyond"] == [0.0, 100.0]
 
 
-def test_dragging_zooms_and_the_range_follows(found: Dict[str, Any]) -> None:
+def test_dragging_zooms_and_the_range_follows(found: dict[str, Any]) -> None:
     assert (found["selection"], found["dragged"]) == (1, [20, 40])
     assert found["rangeAfterDrag"] == [50.0, 50.0]
     assert found["button"] == [0.0, 100.0]
 
 
-def test_pinching_zooms(found: Dict[str, Any]) -> None:
+def test_pinching_zooms(found: dict[str, Any]) -> None:
     assert found["pinched"] == 50  # the fingers are twice as far apart
 
 
-def test_the_wheel_zooms_only_on_request(found: Dict[str, Any]) -> None:
+def test_the_wheel_zooms_only_on_request(found: dict[str, Any]) -> None:
     assert found["wheelWithoutFocus"] == [0.0, 100.0]
     assert found["wheel"] == 80
 
 
-def test_the_line_breaks_at_a_gap(found: Dict[str, Any]) -> None:
+def test_the_line_breaks_at_a_gap(found: dict[str, Any]) -> None:
     assert found["gapBroken"] == 2
 
 
-def test_a_plot_can_be_empty(found: Dict[str, Any]) -> None:
+def test_a_plot_can_be_empty(found: dict[str, Any]) -> None:
     assert found["empty"].startswith("battery: no samples. Keys")
 
 
-def test_times_are_local(found: Dict[str, Any]) -> None:
+def test_times_are_local(found: dict[str, Any]) -> None:
     assert found["time"] == ["2023-11-14 23:13", "22:13:20.250"]
 
 
-def test_its_description_is_for_screen_readers(found: Dict[str, Any]) -> None:
+def test_its_description_is_for_screen_readers(found: dict[str, Any]) -> None:
     assert found["label"].startswith("battery: -7 % to 99.5 %, 1 alert.")
 
 
-def test_the_lines_of_forecasts_are_dotted_ahead_and_the_latest_stands_out(found: Dict[str, Any]) -> None:
+def test_the_lines_of_forecasts_are_dotted_ahead_and_the_latest_stands_out(found: dict[str, Any]) -> None:
     assert found["ahead"] == ["ahead", "ahead chosen"]
     assert found["aheadText"] == "reaches 20 %"
     assert found["aheadLabel"].startswith("battery: 50 % to 50 %, 1 alert, reaches 20 %.")
     assert found["withoutRoom"] == [2, 0]
 
 
-def test_a_mark_is_where_the_line_meets_its_bound(found: Dict[str, Any]) -> None:
+def test_a_mark_is_where_the_line_meets_its_bound(found: dict[str, Any]) -> None:
     assert found["ring"] == ["meets warn", True, True]
     assert found["inside"]
     assert found["rangeAhead"] == [True, True]
 
 
-def test_levels_end_where_the_future_begins_and_the_read_out_goes_on(found: Dict[str, Any]) -> None:
+def test_levels_end_where_the_future_begins_and_the_read_out_goes_on(found: dict[str, Any]) -> None:
     assert found["stripEnds"]
     assert found["readOutAhead"] == "1970-01-01 01:01:50 \u00b7 forecast 30 %"
 
 
-def test_the_line_of_the_picked_alert_stands_out(found: Dict[str, Any]) -> None:
+def test_the_line_of_the_picked_alert_stands_out(found: dict[str, Any]) -> None:
     assert found["pickedAhead"] == ["reaches 20 %, first", True]
 
 
-def test_a_steep_line_leaves_room_for_the_values(found: Dict[str, Any]) -> None:
+def test_a_steep_line_leaves_room_for_the_values(found: dict[str, Any]) -> None:
     assert found["steep"] == [True, 0, 0]
 
 

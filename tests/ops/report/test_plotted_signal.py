@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import List, Tuple
 
 import pytest
 from hypothesis import given
@@ -13,7 +12,7 @@ from robot_health_monitor.core.config.signal_config import read_signal
 from robot_health_monitor.ops.report.plotted_signal import PlottedSignal
 
 
-def points(envelope: PlottedSignal) -> List[Tuple[int, float, float]]:
+def points(envelope: PlottedSignal) -> list[tuple[int, float, float]]:
     """Returns number, smallest and largest value of each bucket with samples."""
     return list(zip(*envelope.columns))
 
@@ -23,7 +22,7 @@ def plot(start_s: float, span_s: float, buckets: int) -> PlottedSignal:
     return PlottedSignal(read_signal("battery", {}), "", start_s, span_s, buckets)
 
 
-def filled(envelope: PlottedSignal, *samples: Tuple[float, float]) -> PlottedSignal:
+def filled(envelope: PlottedSignal, *samples: tuple[float, float]) -> PlottedSignal:
     """Adds samples one by one."""
     for time_s, value in samples:
         envelope.add(time_s, value)
@@ -78,7 +77,7 @@ def test_a_recording_without_duration_has_a_place() -> None:
 @given(
     st.lists(st.tuples(st.floats(0.0, 1e6), st.floats(-1e300, 1e300)), min_size=1, max_size=200),
 )
-def test_no_extreme_is_lost_however_long_it_lasts(samples: List[Tuple[float, float]]) -> None:
+def test_no_extreme_is_lost_however_long_it_lasts(samples: list[tuple[float, float]]) -> None:
     envelope = filled(plot(0.0, 1.0, buckets=16), *samples)
     found = points(envelope)
     assert len(found) <= 16

@@ -9,7 +9,7 @@ import json
 import random
 import re
 import time
-from typing import Any, Dict, Iterator, Optional, Sequence
+from typing import Any, Iterator, Sequence
 
 import pytest
 
@@ -66,11 +66,11 @@ def an_hour_ahead(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     time.tzset()
 
 
-def data_of(page: str) -> Dict[str, Any]:
+def data_of(page: str) -> dict[str, Any]:
     """Returns the data in a page."""
     found = re.search(r'<script type="application/json" id="data">(.*?)</script>', page, re.DOTALL)
     assert found is not None
-    data: Dict[str, Any] = json.loads(found[1])
+    data: dict[str, Any] = json.loads(found[1])
     return data
 
 
@@ -109,7 +109,7 @@ def test_the_level_of_a_time_that_is_not_recorded_is_unknown() -> None:
     assert plotted.levels == [(START_S + at_s, level) for at_s, level in levels]
 
 
-def forecast(latest: float, value: float, meets_s: Optional[float], text: str = "") -> Status:
+def forecast(latest: float, value: float, meets_s: float | None, text: str = "") -> Status:
     """A forecast 60 s ahead."""
     line = Forecast(value, -0.5, 60.0, meets_s, None if meets_s is None else 20.0)
     return Status("battery", Level.WARN, "", "robot", {"last": f"{latest:g}"}, forecast=line, outlook=text)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Dict
 
 from robot_health_monitor.core.config.signal_config import read_signal
 from robot_health_monitor.core.values.model import Level
@@ -12,7 +11,7 @@ from robot_health_monitor.ops.report.summaries import SummaryRow, range_cells, t
 
 def row(signal: str, group: str = "", cause: str = "", **shares: float) -> SummaryRow:
     """Returns the row of a signal with shares of its time; the rest is unknown."""
-    by_level: Dict[Level, float] = {Level[level]: share for level, share in shares.items()}
+    by_level: dict[Level, float] = {Level[level]: share for level, share in shares.items()}
     return SummaryRow(signal, group, cause, by_level, 1.0 - sum(shares.values()), 2, {"samples": "7"})
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import List
 
 import pytest
 from harness.silences import NOON_S, Clock, announce, on_file
@@ -176,7 +175,7 @@ def test_a_silence_of_another_process_stays_in_force_when_its_table_is_dropped(t
 
 
 def test_many_silences_and_robots_cost_little(silences: Silences) -> None:
-    numbers: List[int] = [silences.add(parse_matchers(f"robot=r{number}"), for_s=60.0).id for number in range(100)]
+    numbers: list[int] = [silences.add(parse_matchers(f"robot=r{number}"), for_s=60.0).id for number in range(100)]
     found = [silences.silence_of(f"r{number}", "link") for _ in range(50) for number in range(200)]
     assert [silence.id for silence in found[:100] if silence is not None] == numbers
     assert found[100:200] == [None] * 100

@@ -7,7 +7,7 @@ import sqlite3
 import threading
 import time
 from pathlib import Path
-from typing import Iterator, List, Tuple
+from typing import Iterator
 
 import pytest
 from harness.histories import fault_texts, opened, stored_texts, texts, transition
@@ -31,7 +31,7 @@ def _quick_retries(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(database, "_PERIOD_S", 0.05)
 
 
-def numbers(found: List[str]) -> List[int]:
+def numbers(found: list[str]) -> list[int]:
     """Returns the numbers in the texts of transitions."""
     return [int(text.rpartition(" ")[2]) for text in found]
 
@@ -49,7 +49,7 @@ class NotedFaults(Faults):
 
     def __init__(self) -> None:
         super().__init__()
-        self.reported: List[Tuple[str, str]] = []
+        self.reported: list[tuple[str, str]] = []
 
     def report(self, part: str, text: str, level: Level = Level.ERROR) -> None:
         self.reported.append((part, text))
@@ -382,7 +382,7 @@ def test_the_gap_after_a_run_that_was_killed_begins_at_its_last_sign_of_life(tmp
     history = History(HistorySettings(str(file)), lambda: now_s[0])
     query = "SELECT started_s, alive_s, stopped_s FROM runs"
 
-    def run() -> Tuple[object, ...]:
+    def run() -> tuple[object, ...]:
         [row] = history.run(lambda connection: connection.execute(query).fetchall())
         return tuple(row)
 
@@ -503,7 +503,7 @@ def test_a_wait_ends_in_time_while_the_disk_hangs_and_with_the_job_once_it_respo
 def test_several_threads_wait_at_the_same_time(writer: Database, hang: threading.Event) -> None:
     jobs = [Job(lambda connection: None) for _ in range(8)]
     assert all(map(writer.submit, jobs))
-    results: List[bool] = []
+    results: list[bool] = []
     waiting = [threading.Thread(target=lambda job=job: results.append(writer.wait(job, 60.0))) for job in jobs]
     for thread in waiting:
         thread.start()
@@ -514,7 +514,7 @@ def test_several_threads_wait_at_the_same_time(writer: Database, hang: threading
 
 
 def test_a_function_that_was_given_up_does_not_run_later(writer: Database, hang: threading.Event) -> None:
-    ran: List[bool] = []
+    ran: list[bool] = []
     with pytest.raises(ServiceError, match=r"history: no answer within 0\.01 s"):
         writer.run(lambda connection: ran.append(True), 0.01)
     hang.set()
@@ -531,7 +531,7 @@ def test_the_number_of_waiting_jobs_is_bounded(writer: Database, hang: threading
 
 
 def test_closing_runs_what_waits(writer: Database) -> None:
-    done: List[int] = []
+    done: list[int] = []
     for number in range(100):
         writer.submit(Job(lambda connection, n=number: done.append(n)))  # type: ignore[misc]
     writer.close(60.0)

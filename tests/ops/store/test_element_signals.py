@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sqlite3
 from pathlib import Path
-from typing import Any, Dict, List, Mapping
+from typing import Any, Mapping
 
 import pytest
 
@@ -36,10 +36,10 @@ def report(robots: Robots, **levels: int) -> None:
     robots.observe(statuses, "drivers")
 
 
-def series(metrics: Metrics, robots: Robots) -> Dict[str, List[str]]:
+def series(metrics: Metrics, robots: Robots) -> dict[str, list[str]]:
     """Returns the names of the signals by metric."""
     body = b"".join(metrics.render([metrics.read(robot) for robot in robots.all]))
-    found: Dict[str, List[str]] = {}
+    found: dict[str, list[str]] = {}
     for family in text_string_to_metric_families(body.decode("utf-8")):
         for sample in family.samples:
             found.setdefault(sample.name, []).append(sample.labels.get("signal", ""))

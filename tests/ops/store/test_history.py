@@ -6,7 +6,7 @@ import sqlite3
 import threading
 import time
 from pathlib import Path
-from typing import Iterator, List
+from typing import Iterator
 
 import pytest
 from harness.histories import fault_texts, transition
@@ -138,7 +138,7 @@ def test_a_signal_whose_state_is_not_json_keeps_the_level_that_was_announced(his
 
 
 def test_hooks_store_rows_in_the_transaction_of_the_transition(history: History) -> None:
-    seen: List[object] = []
+    seen: list[object] = []
     history.on_record.append(
         lambda connection, alert, transition, wall_s: seen.append((alert, transition.signal, wall_s))
     )

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Tuple
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -32,7 +30,7 @@ from robot_health_monitor.ops.store.matchers import Matcher, matchers_text, pars
         ("signal!=a,signal!=b", (Matcher("signal", False, "a"), Matcher("signal", False, "b"))),
     ],
 )
-def test_matchers_are_read(text: str, matchers: Tuple[Matcher, ...]) -> None:
+def test_matchers_are_read(text: str, matchers: tuple[Matcher, ...]) -> None:
     assert parse_matchers(text) == matchers
     assert parse_matchers(matchers_text(matchers)) == matchers
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import sqlite3
-from typing import Any, Dict, List, Optional
+from typing import Any
 
 import pytest
 from harness.histories import transition
@@ -70,8 +70,8 @@ def connection() -> sqlite3.Connection:
 @pytest.mark.parametrize("page", [1, 2, 500])
 def test_transitions_are_filtered_and_come_in_their_order(
     connection: sqlite3.Connection,
-    options: Dict[str, Any],
-    expected: List[int],
+    options: dict[str, Any],
+    expected: list[int],
     page: int,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -151,7 +151,7 @@ def test_the_configuration_is_the_one_in_force_at_a_time() -> None:
         insert = "INSERT INTO configuration_changes (wall_s, robot, hash) VALUES (?, ?, ?)"
         connection.execute(insert, (wall_s, robot, str(number)))
 
-    def number(robot: str, at_s: float) -> Optional[int]:
+    def number(robot: str, at_s: float) -> int | None:
         found = queries.configuration(connection, robot, at_s)
         return None if found is None else found["number"]
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import sys
 from datetime import datetime, timezone
-from typing import List
 
 import pytest
 
@@ -27,7 +26,7 @@ def times(rule: str, begin: str, hours: float, zone: str = "UTC") -> str:
     return "".join("x" if recurrence.contains(begin_s + 3600.0 * n) else "." for n in range(int(hours)))
 
 
-def changes(rule: Recurrence, begin: str, hours: int) -> List[str]:
+def changes(rule: Recurrence, begin: str, hours: int) -> list[str]:
     """Returns the times of the day (UTC) within some hours at which it changes, by looking at each second."""
     begin_s = utc_s(begin)
     moments = [begin_s + n for n in range(1, hours * 3600)]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sqlite3
-from typing import List
 
 import pytest
 from harness.histories import transition
@@ -48,7 +47,7 @@ def add(
         connection.execute(f"INSERT INTO open_alerts ({columns}) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)", opened)
 
 
-def times(connection: sqlite3.Connection, table: str = "transitions", column: str = "wall_s") -> List[float]:
+def times(connection: sqlite3.Connection, table: str = "transitions", column: str = "wall_s") -> list[float]:
     """Returns the times of the rows that are left."""
     return [time_s for (time_s,) in connection.execute(f"SELECT {column} FROM {table} ORDER BY id")]
 

@@ -6,7 +6,7 @@ import math
 import shutil
 import sqlite3
 from pathlib import Path
-from typing import Any, Iterator, List, Sequence, Tuple
+from typing import Any, Iterator, Sequence
 
 import pytest
 from harness.filled_history import fill_history, read_everything
@@ -25,7 +25,7 @@ from robot_health_monitor.ops.store.rows import (
 )
 
 
-def packed_and_unpacked(samples: Sequence[Tuple[float, Any]]) -> List[Tuple[float, float]]:
+def packed_and_unpacked(samples: Sequence[tuple[float, Any]]) -> list[tuple[float, float]]:
     """Returns the samples as they are read again."""
     unpacked = unpack_samples(pack_samples(samples))
     assert unpacked is not None
@@ -90,7 +90,7 @@ def file(filled: Path, tmp_path: Path) -> Path:
     return Path(shutil.copy(filled, tmp_path))
 
 
-def columns() -> Iterator[Tuple[str, str]]:
+def columns() -> Iterator[tuple[str, str]]:
     """Yields every column of every table."""
     connection = sqlite3.connect(":memory:", isolation_level=None)
     schema.prepare(connection)

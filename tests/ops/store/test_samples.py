@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import random
 import sqlite3
-from typing import Dict, List, Optional, Tuple
 
 import pytest
 
@@ -26,7 +25,7 @@ def connection() -> sqlite3.Connection:
 
 def part(
     start_s: float,
-    value: Optional[float] = 1.0,
+    value: float | None = 1.0,
     *,
     good: int = 1,
     bad: int = 0,
@@ -63,7 +62,7 @@ def test_samples_are_read_by_robot_signal_and_time(connection: sqlite3.Connectio
     for robot, signal in (("r1", "a"), ("r1", "b"), ("r2", "a[1]")):
         store(connection, [part(start_s, robot=robot, signal=signal) for start_s in (10.0, 20.0, 30.0)])
 
-    def found(**options: object) -> List[Tuple[str, str, float]]:
+    def found(**options: object) -> list[tuple[str, str, float]]:
         return [each[:3] for each in read(connection, **options)]  # type: ignore[arg-type]
 
     assert found(robot="r1", signal="b") == [("r1", "b", start_s) for start_s in (10.0, 20.0, 30.0)]
@@ -80,7 +79,7 @@ def test_more_than_a_page_is_read(connection: sqlite3.Connection) -> None:
 def test_old_periods_are_merged_into_five_minutes_and_keep_their_extremes(connection: sqlite3.Connection) -> None:
     """The expected values are computed from the raw values, hour by hour."""
     seeded = random.Random(22)
-    raw: Dict[float, List[float]] = {}
+    raw: dict[float, list[float]] = {}
     for number in range(1_000):
         values = [seeded.gauss(50.0, 10.0) for _ in range(seeded.randrange(1, 4))]
         raw[10.0 * number] = values

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sqlite3
-from typing import Optional
 
 import pytest
 from harness.silences import NOON_S, Clock, announce, on_file
@@ -82,7 +81,7 @@ def test_the_text_gives_reason_and_end(monkeypatch: pytest.MonkeyPatch) -> None:
     ],
 )
 def test_silences_that_are_refused(
-    silences: Silences, for_s: Optional[float], until_resolved: bool, reason: str, problem: str
+    silences: Silences, for_s: float | None, until_resolved: bool, reason: str, problem: str
 ) -> None:
     with pytest.raises(ConfigError) as caught:
         silences.add(parse_matchers("robot=r3"), for_s=for_s, until_resolved=until_resolved, reason=reason)

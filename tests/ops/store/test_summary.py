@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sqlite3
-from typing import Optional
 
 import pytest
 from harness.histories import transition
@@ -23,7 +22,7 @@ def connection() -> sqlite3.Connection:
     return connection
 
 
-def run(connection: sqlite3.Connection, started_s: float, alive_s: float, stopped_s: Optional[float]) -> None:
+def run(connection: sqlite3.Connection, started_s: float, alive_s: float, stopped_s: float | None) -> None:
     """Adds a run that watched the robot r1."""
     insert = "INSERT INTO runs (started_s, alive_s, stopped_s, version) VALUES (?, ?, ?, '1')"
     number = connection.execute(insert, (started_s, alive_s, stopped_s)).lastrowid

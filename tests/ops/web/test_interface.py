@@ -8,7 +8,7 @@ import socket
 import sqlite3
 import threading
 from pathlib import Path
-from typing import Any, Callable, Dict, List, Optional, Tuple
+from typing import Any, Callable
 from unittest import mock
 
 import pytest
@@ -465,7 +465,7 @@ def test_a_page_gets_the_samples_of_several_robots() -> None:
             await asyncio.sleep(0.01)
         assert site.web.updates._samples == {}
 
-    def samples_of(event: Tuple[str, Dict[str, Any]], robot: str) -> List[float]:
+    def samples_of(event: tuple[str, dict[str, Any]], robot: str) -> list[float]:
         _, data = event
         return [value for _, value in data["signals"].get("battery_level", ())] if data["robot"] == robot else []
 
@@ -501,7 +501,7 @@ def test_an_update_that_fails_loses_no_change() -> None:
 
 
 def test_pages_are_disconnected_and_the_cause_is_logged_when_the_state_cannot_be_read() -> None:
-    lines: List[str] = []
+    lines: list[str] = []
     robots = Robots()
     robots.bus.add_log(lambda line: lines.append(line.text))
 
@@ -535,12 +535,12 @@ def test_an_update_of_a_large_fleet_reads_some_robots_in_turn_and_at_once_those_
             for number in range(6):
                 site.robots.observe(value, robot=number)
 
-        async def update(*plotted: str) -> List[float]:
+        async def update(*plotted: str) -> list[float]:
             nonlocal state
             state = await site.web._read_update(state, plotted)
             return [json.loads(robot.data)["signals"]["battery_level"]["value"] for robot in state.robots.values()]
 
-        state: Optional[State] = None
+        state: State | None = None
         observe_all(50.0)
         assert await update() == [50.0] * 6
         observe_all(60.0)
@@ -832,7 +832,7 @@ def test_requests_for_the_past_are_read_one_at_a_time_and_only_so_many_wait(tmp_
     history = robots.history
     assert history is not None
     read, may_read, lock = history.read, threading.Event(), threading.Lock()
-    reading: List[int] = [0, 0]  # now, and most at once
+    reading: list[int] = [0, 0]  # now, and most at once
 
     def slow_read(function: Callable[[sqlite3.Connection], object]) -> object:
         with lock:
@@ -880,7 +880,7 @@ def test_more_alerts_come_page_by_page(tmp_path: Path) -> None:
 
     async def use(site: Site) -> None:
         _, answer = await site.get("/api/history?limit=3")
-        levels: List[Tuple[str, bool]] = [(alert["to_level"], answer["more"]) for alert in answer["alerts"]]
+        levels: list[tuple[str, bool]] = [(alert["to_level"], answer["more"]) for alert in answer["alerts"]]
         assert levels == [("WARN", True), ("OK", True), ("WARN", True)]
         _, answer = await site.get(f"/api/history?limit=3&before={answer['alerts'][-1]['id']}")
         assert [alert["to_level"] for alert in answer["alerts"]] == ["OK", "WARN"]

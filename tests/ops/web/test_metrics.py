@@ -7,7 +7,7 @@ import shutil
 import subprocess
 from functools import partial
 from pathlib import Path
-from typing import Any, Dict
+from typing import Any
 
 import pytest
 
@@ -30,11 +30,11 @@ def watched(robots: Robots, metrics: Metrics) -> None:
         robot.outlets.add("metrics", partial(metrics.count, robot.robot))
 
 
-def samples(metrics: Metrics, robots: Robots) -> Dict[str, Dict[Any, float]]:
+def samples(metrics: Metrics, robots: Robots) -> dict[str, dict[Any, float]]:
     """Returns the values by metric and labels, as prometheus_client's own parser reads them."""
     parts = metrics.render([metrics.read(robot) for robot in robots.all])
     body = b"".join(parts)
-    found: Dict[str, Dict[Any, float]] = {}
+    found: dict[str, dict[Any, float]] = {}
     for family in text_string_to_metric_families(body.decode("utf-8")):
         for sample in family.samples:
             key = tuple(sample.labels.values())
@@ -134,8 +134,8 @@ def test_the_profile_of_fleets_has_six_series_per_signal_and_the_robot_in_every_
     robots.all[0].observe_link(True)
     robots.at(125.0)
     read = [metrics.read(robot) for robot in robots.all]
-    found: Dict[Any, int] = {}
-    ticks: Dict[str, float] = {}
+    found: dict[Any, int] = {}
+    ticks: dict[str, float] = {}
     for family in text_string_to_metric_families(b"".join(metrics.render(read, "fleet")).decode()):
         for sample in family.samples:
             key = (sample.name, sample.labels["robot"], sample.labels.get("signal"))

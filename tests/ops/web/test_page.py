@@ -5,12 +5,11 @@ from __future__ import annotations
 import gzip
 import re
 from pathlib import Path
-from typing import Dict
 
 import pytest
 
 OPS = Path(__file__).resolve().parents[3] / "ops"
-FILES: Dict[str, str] = {
+FILES: dict[str, str] = {
     file.name: file.read_text(encoding="utf-8")
     for folder in ("web/page", "plot")
     for file in sorted((OPS / folder).iterdir())

@@ -7,7 +7,7 @@ import sys
 import time
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Dict, Iterator, List, Mapping
+from typing import Any, Iterator, Mapping
 
 import pytest
 from harness.driven_browser import Browser, Keys, ServedRobots, open_browser
@@ -38,7 +38,7 @@ def browser() -> Iterator[Browser]:
 @pytest.fixture
 def served(browser: Browser) -> Iterator[Any]:
     """Returns a function that serves robots until the end of the test."""
-    running: List[ServedRobots] = []
+    running: list[ServedRobots] = []
 
     def serve(*names: str, **options: Any) -> ServedRobots:
         token, port = options.pop("token", ""), options.pop("port", 0)
@@ -51,7 +51,7 @@ def served(browser: Browser) -> Iterator[Any]:
         each.close()
 
 
-def kinds(browser: Browser) -> Dict[str, str]:
+def kinds(browser: Browser) -> dict[str, str]:
     """Returns the text of each robot's level."""
     names, levels = browser.texts(".robot-name"), browser.texts(".robot-head .badge-text")
     return dict(zip(names, levels))
@@ -505,7 +505,7 @@ def test_the_healthy_elements_of_an_array_are_folded_and_come_and_go(browser: Br
     site = served("atlas", signals={"joints": joints, **BATTERY})
     names = [f"joint_{number}" for number in range(98)] + [LONG * 3]
 
-    def see(names: List[str]) -> None:
+    def see(names: list[str]) -> None:
         elements = Elements((name, 90.0 if name == "joint_7" else 50.0) for name in names)
         site.observe(60.0)
         site.do(lambda robots: robots.observe(elements, "joints"))
@@ -1091,8 +1091,8 @@ def test_axe_finds_no_violation(browser: Browser, served: Any, tmp_path: Path, w
     site.observe(19.0)
     site.observe(60.0, robot=1)
 
-    def violations() -> List[str]:
-        found: List[str] = browser.driver.execute_async_script(
+    def violations() -> list[str]:
+        found: list[str] = browser.driver.execute_async_script(
             "const done = arguments[0];"
             "axe.run(document).then(({violations}) => done(violations.flatMap("
             "({id, nodes}) => nodes.map(({html}) => `${id}: ${html}`))));"
@@ -1307,12 +1307,12 @@ def test_an_alert_is_on_the_page_within_two_seconds(browser: Browser, served: An
         "new MutationObserver(() => changedAt.push(Date.now() / 1000))"
         ".observe(document.querySelector('.robot'), {attributes: true, attributeFilter: ['class']});"
     )
-    delays: List[float] = []
+    delays: list[float] = []
     for number in range(5):
         value = 50.0 if number % 2 else 10.0
-        alerted_s: List[float] = []
+        alerted_s: list[float] = []
 
-        def alert(robots: Robots, value: float = value, times: List[float] = alerted_s) -> None:
+        def alert(robots: Robots, value: float = value, times: list[float] = alerted_s) -> None:
             robots.at(robots.bus.now_s + 1.0)
             times.append(time.time())
             robots.observe(value)

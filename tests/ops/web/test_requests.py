@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from typing import Mapping, Optional
+from typing import Mapping
 
 import pytest
 
@@ -56,7 +56,7 @@ def test_the_page_is_protected_by_a_strict_policy() -> None:
 
 
 @pytest.mark.parametrize(("accepted", "encoding"), [("gzip, deflate", "gzip"), ("identity", None)])
-def test_files_are_sent_compressed_to_clients_that_accept_it(accepted: str, encoding: Optional[str]) -> None:
+def test_files_are_sent_compressed_to_clients_that_accept_it(accepted: str, encoding: str | None) -> None:
     async def use(site: Site) -> None:
         async with site.session.get(f"{site.url}/plot.js", headers={"Accept-Encoding": accepted}) as response:
             assert response.headers.get("Content-Encoding") == encoding

@@ -4,24 +4,24 @@ from __future__ import annotations
 
 import copy
 import json
-from typing import Any, Dict
+from typing import Any
 
 from robot_health_monitor.ops.web import updates
 from robot_health_monitor.ops.web.updates import RobotState, State
 
 
-def state() -> Dict[str, Any]:
+def state() -> dict[str, Any]:
     signal = {"level": "OK", "value": 50.0, "bounds": [{"level": "WARN"}], "silenced": None}
     robot = {"level": "OK", "since": None, "signals": {"battery": signal, "motor": dict(signal)}}
     return {"now": "t0", "worst": "OK", "silences": [], "robots": {"atlas": robot, "spot": copy.deepcopy(robot)}}
 
 
-def encoded(found: Dict[str, Any]) -> State:
+def encoded(found: dict[str, Any]) -> State:
     robots = {name: RobotState.of(robot) for name, robot in found["robots"].items()}
     return State({key: value for key, value in found.items() if key != "robots"}, robots)
 
 
-def changes(before: Dict[str, Any], after: Dict[str, Any]) -> Any:
+def changes(before: dict[str, Any], after: dict[str, Any]) -> Any:
     return updates.changes(encoded(before), encoded(after))
 
 

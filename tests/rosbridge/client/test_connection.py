@@ -10,7 +10,7 @@ import json
 import socket as sockets
 import ssl
 import threading
-from typing import Any, AsyncIterator, List, Optional
+from typing import Any, AsyncIterator
 
 import aiohttp
 import cbor2
@@ -149,7 +149,7 @@ def test_a_client_without_an_outlet_for_its_link_logs_it() -> None:
 @scenario
 async def test_a_server_that_falls_silent_is_noticed_by_its_missing_pongs() -> None:
     """A robot that loses its radio sends no close frame: its socket just does not answer any more."""
-    accepted: List[sockets.socket] = []
+    accepted: list[sockets.socket] = []
     listener = sockets.create_server(("127.0.0.1", 0))
     listener.setblocking(False)
     loop = asyncio.get_event_loop()
@@ -200,7 +200,7 @@ def test_a_server_that_floods_the_connection_with_empty_frames_is_disconnected(f
 @scenario
 async def test_a_hundred_pings_in_a_second_are_answered() -> None:
     server = ForeignServer()
-    pongs: List[bytes] = []
+    pongs: list[bytes] = []
 
     async def ping(socket: web.WebSocketResponse) -> None:
         socket._autoping = False  # shows the pongs
@@ -223,7 +223,7 @@ async def test_a_hundred_pings_in_a_second_are_answered() -> None:
 @scenario
 async def test_a_server_is_read_in_pieces_so_that_a_flood_delays_no_other_robot() -> None:
     """256 kB at once, asyncio's default, are 130,000 empty frames."""
-    sizes: List[int] = []
+    sizes: list[int] = []
 
     class Measured(aiohttp.client_proto.ResponseHandler):
         def data_received(self, data: bytes) -> None:
@@ -243,7 +243,7 @@ async def test_a_server_is_read_in_pieces_so_that_a_flood_delays_no_other_robot(
 async def test_a_server_that_accepts_only_to_close_is_never_up_and_tried_less_and_less() -> None:
     server = ForeignServer()
     loop = asyncio.get_event_loop()
-    accepted_s: List[float] = []
+    accepted_s: list[float] = []
 
     async def close_at_once(socket: web.WebSocketResponse) -> None:
         accepted_s.append(loop.time())
@@ -365,7 +365,7 @@ async def test_no_message_ends_the_connection() -> None:
     lone_surrogate = '"\\ud800"'
     digits = "1" + "0" * 5_000
     shared = cbor2.loads(b"\x80")
-    texts: List[Any] = [
+    texts: list[Any] = [
         '{"op": "call_service", "service": "/x", "id": ' + lone_surrogate + "}",
         '{"op": "publish", "topic": "/battery_level", "msg": {"data": ' + digits + "}}",
         '{"op": "publish", "topic": "/battery_level", "msg": {"data": 1e400}}',
@@ -451,7 +451,7 @@ async def test_an_observer_of_the_link_that_fails_does_not_end_the_connection() 
         raise RuntimeError("broken")
 
     client = RosbridgeClient(url, on_link=fail, probation_s=0.0)
-    heard: List[float] = []
+    heard: list[float] = []
     client.node("watcher").subscribe("/a", FLOAT32, lambda value, now_s: heard.append(value), field="data")
     task = asyncio.ensure_future(client.run())
     await until(lambda: bool(server.received) and bool(client.log_lines))
@@ -542,13 +542,13 @@ async def test_a_message_beyond_every_bound_ends_only_the_connection() -> None:
 @with_robot()
 async def test_a_large_cbor_message_is_decoded_outside_the_loop(robot: Robot) -> None:
     """A hostile robot's list of small numbers takes a second per megabyte: the other robots must not wait for it."""
-    threads: List[int] = []
+    threads: list[int] = []
 
     def note_thread(data: Any, limits: Limits) -> Any:
         threads.append(threading.get_ident())
         return decode(data, limits)
 
-    values: List[Any] = []
+    values: list[Any] = []
     robot.node.advertise("/costs", "std_msgs/Int8MultiArray")
     watched = Watched(f"ws://127.0.0.1:{robot.server.port}")
     watched.node.subscribe(
@@ -641,7 +641,7 @@ def test_tls_and_a_clients_certificate_carry_a_connection(tmp_path: Any) -> None
     run()
 
 
-def delays(held: List[Optional[float]]) -> List[float]:
+def delays(held: list[float | None]) -> list[float]:
     backoff = ConnectBackoff(chance=lambda: 1.0)
     return [backoff.next_s(held_s) for held_s in held]
 

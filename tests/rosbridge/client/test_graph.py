@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from typing import Any, Dict, List, Mapping, Sequence
+from typing import Any, Mapping, Sequence
 
 import pytest
 from harness.rosbridge_client import ForeignServer, Watched, scenario, until
@@ -25,13 +25,13 @@ class Rosapi:
     """A robot's rosapi, behind a server that subscribes for its clients as the node SERVER."""
 
     def __init__(self, server: ForeignServer) -> None:
-        self.nodes: List[str] = []
-        self.publishers: Dict[str, List[str]] = {}
-        self.subscribers: Dict[str, List[str]] = {}
-        self.others: Dict[str, Any] = {}
+        self.nodes: list[str] = []
+        self.publishers: dict[str, list[str]] = {}
+        self.subscribers: dict[str, list[str]] = {}
+        self.others: dict[str, Any] = {}
         """Responses of further services."""
         self.runs = True
-        self.calls: List[str] = []
+        self.calls: list[str] = []
         self._server = server
         server.answer = self._answer
 
@@ -59,7 +59,7 @@ class Reader:
     """A client that reads what is wanted of a foreign server's graph."""
 
     def __init__(self, *wanted: Wanted) -> None:
-        self.seen: List[Any] = []
+        self.seen: list[Any] = []
         self.wanted: Sequence[Wanted] = wanted
         self.server = ForeignServer()
         self.rosapi = Rosapi(self.server)
@@ -171,10 +171,10 @@ async def test_a_server_without_rosapi_is_named_once_and_what_it_has_is_watched_
     reader.rosapi.nodes = ["/lidar"]
     await reader.start()
     parameters = {"signals": {"lidar": {"node": "/lidar"}, "level": {"stale_after_s": 0.0}}}
-    events: List[Any] = []
+    events: list[Any] = []
     system = AlertSystem(reader.watched.client.node("alert_system", parameters=parameters), {"test": events.append})
 
-    def texts() -> List[str]:
+    def texts() -> list[str]:
         return [event.text for event in events if event.text.startswith("lidar ")]
 
     reason = "/rosapi/nodes failed: Service /rosapi/nodes does not exist"
@@ -209,7 +209,7 @@ def test_a_graph_that_was_read_and_cannot_be_read_any_more_stays_watched(nodes: 
 async def test_nothing_is_called_back_after_cancel() -> None:
     reader = Reader(("node", "/lidar"))
     await reader.start()
-    seen: List[Any] = []
+    seen: list[Any] = []
     timer = reader.watched.node.follow_graph(lambda: reader.wanted, lambda counts, now_s: seen.append(counts))
     await until(lambda: bool(seen))
     timer.cancel()
@@ -231,7 +231,7 @@ async def test_the_node_that_published_is_remembered_and_named_when_it_is_gone()
     remembering = asyncio.ensure_future(lookup.remember(lambda: ["/scan"], 0.01))
     await until(lambda: reader.rosapi.calls.count("/rosapi/publishers") > 1)
     reader.rosapi.publishers, reader.rosapi.nodes = {}, []
-    answers: List[Any] = []
+    answers: list[Any] = []
     lookup.look_up("/scan", "", answers.append)
     await until(lambda: answers == ["node /lidar is gone"])
     remembering.cancel()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from typing import Any, List
+from typing import Any
 
 from harness.rosbridge_client import ForeignServer, Watched, scenario, until
 from harness.rosbridge_peer import FLOAT32, Robot, with_robot
@@ -69,7 +69,7 @@ def test_a_process_that_stood_still_reports_it() -> None:
         real_time = loop.time
         loop.time = lambda: real_time() + jump_s  # type: ignore[method-assign]
         client = RosbridgeClient("ws://127.0.0.1:1", clock=loop.time, on_link=lambda up, cause: None)
-        events: List[Event] = []
+        events: list[Event] = []
         system = AlertSystem(client.node("alert_system"), {"test": events.append})
         task = asyncio.ensure_future(client.run())
         await until(lambda: system.monitor.link_up is None and bool(system.monitor.signals()))  # the first tick
@@ -93,9 +93,9 @@ def clock(seconds: Any, nanoseconds: Any = 0) -> Any:
 async def test_samples_wait_for_the_first_clock_message_and_none_looks_stale() -> None:
     foreign = ForeignServer()
     watched = Watched(await foreign.start(), use_sim_time=True)
-    times_s: List[float] = []
+    times_s: list[float] = []
     watched.node.subscribe("/battery_level", FLOAT32, lambda value, now_s: times_s.append(now_s), field="data")
-    timers_s: List[float] = []
+    timers_s: list[float] = []
     watched.node.create_timer(1.0, timers_s.append)
     await until(lambda: watched.ups == [True])
     for number in range(3):
@@ -134,7 +134,7 @@ async def test_after_close_no_clock_message_calls_back() -> None:
     foreign = ForeignServer()
     watched = Watched(await foreign.start(), use_sim_time=True)
     watched.node.subscribe("/battery_level", FLOAT32, watched.hear, field="data")
-    called: List[str] = []
+    called: list[str] = []
     watched.node.call_with_time(lambda: called.append("too late"))
     await until(lambda: watched.ups == [True])
     await foreign.publish("/battery_level", {"data": 1.0})

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from typing import Any, List
+from typing import Any
 
 from harness.raw_conformance import Capture, decoded
 from harness.rosbridge_client import ForeignServer, Watched, scenario, until
@@ -17,7 +17,7 @@ ARM = {
 }
 
 
-def subscriptions(server: ForeignServer) -> List[Any]:
+def subscriptions(server: ForeignServer) -> list[Any]:
     return [fields for fields in server.received if fields["op"] == "subscribe"]
 
 
@@ -160,7 +160,7 @@ async def test_judging_goes_on_as_before_when_the_capture_ends(robot: Robot) -> 
     await until(is_captured)
     assert capture.items[-1][2].profile == "ros1"
     watched.node.unsubscribe(captured)
-    whole: List[Any] = []
+    whole: list[Any] = []
     watched.node.subscribe("/battery_level", FLOAT32, lambda message, now_s: whole.append(message))
     await watched.settle()
     robot.publish(2.0)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from typing import Any, Dict, List, Mapping, Optional, Tuple
+from typing import Any, Mapping
 
 import pytest
 from harness.rosbridge_client import ForeignServer, Watched, scenario, until
@@ -75,12 +75,12 @@ FLOAT32 = "std_msgs/Float32"
 class Rosapi:
     """Answers of a server; a missing service fails."""
 
-    def __init__(self, topics: Mapping[str, str], publishers: Mapping[str, List[str]]) -> None:
-        self.calls: List[Tuple[str, Mapping[str, Any]]] = []
+    def __init__(self, topics: Mapping[str, str], publishers: Mapping[str, list[str]]) -> None:
+        self.calls: list[tuple[str, Mapping[str, Any]]] = []
         self.running = self.most_running = 0
         self.topics: Any = {"topics": list(topics), "types": list(topics.values())}
-        self.publishers: Dict[str, Any] = dict(publishers)
-        self.error: Optional[Exception] = None
+        self.publishers: dict[str, Any] = dict(publishers)
+        self.error: Exception | None = None
 
     async def __call__(self, service: str, request: Mapping[str, Any], timeout_s: float) -> Mapping[str, Any]:
         self.calls.append((service, request))
@@ -95,8 +95,8 @@ class Rosapi:
         return {"publishers": self.publishers.get(request["topic"], [])}
 
 
-async def answer_of(rosapi: Rosapi, topic: str, type_name: str = FLOAT32) -> Optional[str]:
-    answers: List[Optional[str]] = []
+async def answer_of(rosapi: Rosapi, topic: str, type_name: str = FLOAT32) -> str | None:
+    answers: list[str | None] = []
     PublisherLookup(rosapi).look_up(topic, type_name, answers.append)
     await until(lambda: bool(answers))
     return answers[0]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from typing import Any, Dict, List, Mapping
+from typing import Any, Mapping
 
 import pytest
 
@@ -12,8 +12,8 @@ from robot_health_monitor.rosbridge.client.topics import find_definition, list_t
 from robot_health_monitor.runtime.bridge.node import KnownTopic
 
 
-def listed(answers: Mapping[str, Any]) -> List[KnownTopic]:
-    async def call(service: str, request: Mapping[str, Any], timeout_s: float) -> Dict[str, Any]:
+def listed(answers: Mapping[str, Any]) -> list[KnownTopic]:
+    async def call(service: str, request: Mapping[str, Any], timeout_s: float) -> dict[str, Any]:
         if service not in answers:
             raise ServiceError(f"no service {service}")
         return dict(answers[service])
@@ -50,7 +50,7 @@ def test_the_number_of_topics_is_bounded() -> None:
 
 
 def defined(type_name: str, typedefs: Any) -> str:
-    async def call(service: str, request: Mapping[str, Any], timeout_s: float) -> Dict[str, Any]:
+    async def call(service: str, request: Mapping[str, Any], timeout_s: float) -> dict[str, Any]:
         assert (service, request) == ("/rosapi/message_details", {"type": type_name})
         return {"typedefs": typedefs}
 

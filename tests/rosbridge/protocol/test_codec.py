@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import struct
-from typing import Any, Dict, List, Optional, Union
+from typing import Any
 
 import cbor2
 import pytest
@@ -114,7 +114,7 @@ def test_a_large_message_is_encoded_to_the_same_text(value: Any) -> None:
 
 
 @pytest.mark.parametrize("values", [[0.5, math.nan] * 1000, [{"x": 1}] * 250, [[1, 2]] * 101, list(range(100))])
-def test_long_lists_are_encoded_to_the_same_text(values: List[Any]) -> None:
+def test_long_lists_are_encoded_to_the_same_text(values: list[Any]) -> None:
     assert encode({"data": values, "other": tuple(values)}, is_large=True) == encode({"data": values, "other": values})
 
 
@@ -249,7 +249,7 @@ def test_the_topic_is_read_from_the_start_of_a_message(topic: str, encode: Any) 
         {},
     ],
 )
-def test_without_a_topic_at_the_start_there_is_none(encode: Any, fields: Dict[str, Any]) -> None:
+def test_without_a_topic_at_the_start_there_is_none(encode: Any, fields: dict[str, Any]) -> None:
     assert topic_of_message(encode(fields)) is None
 
 
@@ -264,8 +264,8 @@ def test_a_map_whose_length_takes_several_bytes_is_read() -> None:
 
 
 @given(st.one_of(st.text(), st.binary(), st.text().map(lambda text: '{"op":"publish","topic":"' + text)))
-def test_any_data_is_accepted(data: Union[str, bytes]) -> None:
-    topic: Optional[str] = topic_of_message(data)
+def test_any_data_is_accepted(data: str | bytes) -> None:
+    topic: str | None = topic_of_message(data)
     assert topic is None or isinstance(topic, str)
 
 

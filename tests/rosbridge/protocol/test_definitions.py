@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import math
 import struct
-from typing import Any, Dict
+from typing import Any
 
 import pytest
 
@@ -10,7 +10,7 @@ from robot_health_monitor.core.messages.definitions import SEQUENCE, Field
 from robot_health_monitor.core.values.errors import MessageError
 from robot_health_monitor.rosbridge.protocol.definitions import parse, serializer, service_definition
 
-STATUS: Dict[str, Any] = {
+STATUS: dict[str, Any] = {
     "level": 2,
     "name": "alert_system: link",
     "message": "down",
@@ -45,7 +45,7 @@ STATUS_BYTES += b"\1\0\0\0" + text("unit") + b"\3\0\0\0\xc2\xb0C"
         ),
     ],
 )
-def test_messages_are_written_as_ros_1_writes_them(type_name: str, message: Dict[str, Any], data: bytes) -> None:
+def test_messages_are_written_as_ros_1_writes_them(type_name: str, message: dict[str, Any], data: bytes) -> None:
     serialize = serializer(type_name)
     assert serialize is not None
     assert serialize(message) == data

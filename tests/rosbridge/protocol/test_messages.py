@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from typing import Any, Dict
+from typing import Any
 
 import cbor2
 import pytest
@@ -21,13 +21,13 @@ def receive(data: Wire, limits: Limits = Limits()) -> Any:  # noqa: B008 - froze
     return read_operation(decode(data, limits))
 
 
-def published(message: Dict[str, Any]) -> Dict[str, Any]:
+def published(message: dict[str, Any]) -> dict[str, Any]:
     return {"op": "publish", "topic": "/a", "msg": message}
 
 
 @pytest.mark.parametrize("compression", ["none", "cbor"])
 @pytest.mark.parametrize("fields", EXAMPLES, ids=lambda fields: fields["op"])
-def test_every_operation_survives_every_encoding(fields: Dict[str, Any], compression: str) -> None:
+def test_every_operation_survives_every_encoding(fields: dict[str, Any], compression: str) -> None:
     assert receive(encode(fields, compression)) == receive(json.dumps(fields))
 
 
@@ -74,7 +74,7 @@ def raises_only_its_own_error(data: Any) -> None:
     st.sampled_from(["json", "cbor"]),
 )
 def test_an_operation_with_any_fields_raises_nothing_but_its_own_error(
-    op: str, fields: Dict[str, Any], encoding: str
+    op: str, fields: dict[str, Any], encoding: str
 ) -> None:
     message = {**fields, "op": op}
     raises_only_its_own_error(json.dumps(message) if encoding == "json" else cbor2.dumps(message))

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from typing import Any, Dict
+from typing import Any
 
 import pytest
 from harness.rosbridge_operations import EXAMPLES
@@ -15,13 +15,13 @@ from robot_health_monitor.rosbridge.protocol.operations import OPERATIONS, read_
 
 @pytest.mark.parametrize("fields", EXAMPLES, ids=lambda fields: fields["op"])
 class TestEveryOperation:
-    def test_is_read_as_in_the_protocol(self, fields: Dict[str, Any]) -> None:
+    def test_is_read_as_in_the_protocol(self, fields: dict[str, Any]) -> None:
         operation = read_operation(json.loads(json.dumps(fields)))
         assert type(operation) is OPERATIONS[fields["op"]]
         names = vars(operation).keys()
         assert vars(operation).items() >= {key: value for key, value in fields.items() if key in names}.items()
 
-    def test_names_a_missing_required_field(self, fields: Dict[str, Any]) -> None:
+    def test_names_a_missing_required_field(self, fields: dict[str, Any]) -> None:
         operation = OPERATIONS[fields["op"]]
         table = {each.name: each for each in parameters(operation)}
         for name, field in operation.__dataclass_fields__.items():
@@ -82,7 +82,7 @@ def test_what_needs_no_action_is_ignored(op: str) -> None:
         ({"op": "set_level", "level": "loud"}, "level: expected one of none, error, warning, info, got 'loud'"),
     ],
 )
-def test_a_wrong_field_is_reported_in_one_line(fields: Dict[str, Any], problem: str) -> None:
+def test_a_wrong_field_is_reported_in_one_line(fields: dict[str, Any], problem: str) -> None:
     with pytest.raises(ProtocolError) as refusal:
         read_operation(fields)
     assert problem in str(refusal.value)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from typing import Any, Dict, List, Optional, Tuple
+from typing import Any
 
 import pytest
 from aiohttp.test_utils import make_mocked_request
@@ -99,7 +99,7 @@ def test_loopback_names_and_addresses(host: str, own: bool) -> None:
     assert is_loopback(host) is own
 
 
-def check(headers: Dict[str, str], access: Access, method: str = "GET") -> Optional[int]:
+def check(headers: dict[str, str], access: Access, method: str = "GET") -> int | None:
     refusal = refusal_of(make_mocked_request(method, "/", headers), access, check_host=not access.token)
     assert refusal.isprintable()
     return 403 if refusal else None
@@ -119,7 +119,7 @@ def check(headers: Dict[str, str], access: Access, method: str = "GET") -> Optio
 )
 @pytest.mark.parametrize("method", ["GET", "POST", "DELETE"])
 def test_without_a_token_host_and_origin_must_be_local(
-    headers: Dict[str, str], status: Optional[int], method: str
+    headers: dict[str, str], status: int | None, method: str
 ) -> None:
     assert check(headers, Access(), method) == status
 
@@ -132,7 +132,7 @@ def test_without_a_token_host_and_origin_must_be_local(
         ({"Host": "robot:9090", "Origin": "https://evil.example"}, 403),
     ],
 )
-def test_with_a_token_only_the_origin_is_checked(headers: Dict[str, str], status: Optional[int]) -> None:
+def test_with_a_token_only_the_origin_is_checked(headers: dict[str, str], status: int | None) -> None:
     assert check(headers, Access(token="s3cret")) == status
 
 
@@ -147,7 +147,7 @@ class Clock:
         return self.now_s
 
 
-def client(check: TokenCheck, headers: Dict[str, str], path: str = "/") -> Client:
+def client(check: TokenCheck, headers: dict[str, str], path: str = "/") -> Client:
     return check.client(make_mocked_request("GET", path, {**HOST, **headers}))
 
 
@@ -179,7 +179,7 @@ def test_any_text_can_be_judged() -> None:
     assert TokenCheck("s3cret").judge(["s3cret"]) is Credentials.WRONG
 
 
-def login(check: TokenCheck, headers: Dict[str, str]) -> str:
+def login(check: TokenCheck, headers: dict[str, str]) -> str:
     """Returns the header Cookie that a browser sends after a login."""
     response = client(check, headers).login("s3cret")
     assert response.status == 200
@@ -213,7 +213,7 @@ def test_servers_on_one_host_have_cookies_of_different_names() -> None:
 
 
 def test_what_is_sent_before_the_token_does_not_depend_on_it() -> None:
-    def sent(token: str) -> List[Any]:
+    def sent(token: str) -> list[Any]:
         responses = [
             client(TokenCheck(token), {}).logout(),
             client(TokenCheck(token), {}).refusal(),
@@ -242,7 +242,7 @@ def test_a_changed_expiry_is_refused() -> None:
     assert check.judge_cookie(f"{int(expiry) + 1}.{rest}") is Credentials.WRONG
 
 
-def refused(check: TokenCheck, address: str) -> Tuple[int, str]:
+def refused(check: TokenCheck, address: str) -> tuple[int, str]:
     """Returns status and text of the answer to a wrong token."""
     response = check.refuse(address, Credentials.WRONG)
     return response.status, json.loads(response.body or b"")["error"]

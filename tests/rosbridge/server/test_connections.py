@@ -10,7 +10,7 @@ import json
 import re
 import ssl
 from types import SimpleNamespace
-from typing import Any, Callable, List, Tuple
+from typing import Any, Callable
 
 import aiohttp
 import pytest
@@ -39,7 +39,7 @@ class Clock:
 
     def __init__(self) -> None:
         self.now_s = 0.0
-        self.timers: List[Tuple[float, Callable[[], None]]] = []
+        self.timers: list[tuple[float, Callable[[], None]]] = []
 
     def call_later(self, delay_s: float, callback: Callable[[], None]) -> Any:
         timer = (self.now_s + delay_s, callback)
@@ -53,9 +53,9 @@ class Clock:
             timer[1]()
 
 
-def fill(limit: int) -> Tuple[Connections, List[Connection], Clock, List[str]]:
+def fill(limit: int) -> tuple[Connections, list[Connection], Clock, list[str]]:
     clock = Clock()
-    reports: List[str] = []
+    reports: list[str] = []
     connections = Connections(limit, 10.0, reports.append, clock.call_later)
     known = []
     for number in range(limit):
@@ -143,7 +143,7 @@ async def broken(request: web.Request) -> web.Response:
     raise RuntimeError("broken")
 
 
-async def answer(robot: Robot, sent: bytes) -> Tuple[int, object]:
+async def answer(robot: Robot, sent: bytes) -> tuple[int, object]:
     """Returns status and JSON of the answer to what was sent."""
     reader, writer = await asyncio.open_connection("127.0.0.1", robot.server.port)
     writer.write(sent)

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import json
 from types import SimpleNamespace
-from typing import Any, List
+from typing import Any
 
 import pytest
 
@@ -24,7 +24,7 @@ PARAMETERS = {"/alert_system": {"rosbridge_port": 9090, "rosbridge_token": "s3cr
 
 def node(graphs: Any = None) -> Any:
     """A served node; each reading of the graph returns the next of `graphs`."""
-    queue: List[Graph] = list(graphs or [])
+    queue: list[Graph] = list(graphs or [])
     return SimpleNamespace(
         graph=lambda: queue.pop(0) if graphs else GRAPH,
         definition=lambda type_name: "float32 data\n" if "Float32" in type_name else "",

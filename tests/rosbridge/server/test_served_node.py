@@ -3,7 +3,7 @@ from __future__ import annotations
 import asyncio
 import threading
 import time
-from typing import Any, List
+from typing import Any
 
 import pytest
 
@@ -57,7 +57,7 @@ def test_messages_of_many_threads_arrive_in_the_loop_in_the_order_of_their_threa
     async def scenario() -> None:
         loop_thread = threading.get_ident()
         node = served()
-        heard: List[List[int]] = [[], [], [], []]
+        heard: list[list[int]] = [[], [], [], []]
         threads_seen = set()
 
         def deliver_to(index: int) -> Any:
@@ -86,7 +86,7 @@ def test_messages_of_many_threads_arrive_in_the_loop_in_the_order_of_their_threa
 def test_messages_beyond_the_bound_are_dropped_oldest_first_and_counted() -> None:
     async def scenario() -> None:
         node = served(limits=Limits(waiting_bytes=10_000))
-        heard: List[str] = []
+        heard: list[str] = []
         callback = node.hand_over(heard.append)
         for number in range(100):  # the loop cannot run meanwhile
             callback(f"{number:04d}" + "x" * 996, 0.0)
@@ -102,7 +102,7 @@ def test_messages_beyond_the_bound_are_dropped_oldest_first_and_counted() -> Non
 def test_a_burst_of_messages_lets_other_tasks_run() -> None:
     async def scenario() -> None:
         node = served()
-        heard: List[int] = []
+        heard: list[int] = []
 
         def take(value: int) -> None:
             end_s = time.monotonic() + 0.004

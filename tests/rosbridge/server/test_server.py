@@ -6,7 +6,7 @@ import math
 import socket
 import ssl
 import struct
-from typing import Any, Dict
+from typing import Any
 
 import aiohttp
 import pytest
@@ -30,7 +30,7 @@ async def broken(request: web.Request) -> web.Response:
     raise RuntimeError("broken\nhandler")
 
 
-def reset(request: Any) -> Dict[str, Any]:
+def reset(request: Any) -> dict[str, Any]:
     return {"success": True, "message": "nothing was latched"}
 
 
@@ -198,7 +198,7 @@ class TestPublishingAndServices:
     @staticmethod
     @with_robot(OPEN)
     async def test_a_service_that_fails_answers_with_the_reason(robot: Robot) -> None:
-        def fail(request: Any) -> Dict[str, Any]:
+        def fail(request: Any) -> dict[str, Any]:
             raise RuntimeError("stuck")
 
         robot.node.advertise_service("~reset", "std_srvs/Trigger", fail)

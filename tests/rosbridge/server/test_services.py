@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import threading
-from typing import Any, Dict, List
+from typing import Any
 
 import pytest
 from harness.rosbridge_peer import Robot, with_robot
@@ -77,10 +77,10 @@ async def test_a_response_that_cannot_be_encoded_is_a_failed_call(robot: Robot) 
 def test_the_timeout_of_a_call_reaches_the_middleware_once() -> None:
     async def scenario() -> None:
         node = LocalBus().node("rosbridge")
-        seen: List[float] = []
+        seen: list[float] = []
         released = threading.Event()
 
-        def call_service(service: str, type_name: str, request: Any, timeout_s: float) -> Dict[str, Any]:
+        def call_service(service: str, type_name: str, request: Any, timeout_s: float) -> dict[str, Any]:
             seen.append(timeout_s)
             if service == "/hangs":
                 released.wait(20.0)
@@ -117,7 +117,7 @@ async def test_arguments_are_given_by_name(robot: Robot) -> None:
 
 class Client:
     def __init__(self) -> None:
-        self.sent: List[Any] = []
+        self.sent: list[Any] = []
 
     def send(self, operation: Any) -> None:
         self.sent.append(operation)

@@ -7,7 +7,7 @@ import json
 import math
 import threading
 from types import SimpleNamespace
-from typing import Any, Awaitable, Callable, List
+from typing import Any, Awaitable, Callable
 
 import pytest
 from harness.rosbridge_peer import FLOAT32, Robot, with_robot
@@ -23,20 +23,20 @@ from robot_health_monitor.runtime.event_loops import ThreadPool
 
 class Receiver:
     def __init__(self) -> None:
-        self.frames: List[bytes] = []
+        self.frames: list[bytes] = []
 
     def put(self, frames: bytes) -> None:
         self.frames.append(frames)
 
     @property
-    def values(self) -> List[Any]:
+    def values(self) -> list[Any]:
         return [json.loads(frames[frames.index(b"{") :])["msg"]["data"] for frames in self.frames]
 
 
-def run(scenario: Callable[[Topic, List[str]], Awaitable[None]], **options: Any) -> None:
+def run(scenario: Callable[[Topic, list[str]], Awaitable[None]], **options: Any) -> None:
     async def start() -> None:
         pool = ThreadPool("encode", 1, 100)
-        problems: List[str] = []
+        problems: list[str] = []
         node: Any = SimpleNamespace(codec=pool, log=problems.append, limits=Limits(**options), threads=False)
         topic = Topic("/a", node)
         topic.type_name = "std_msgs/String"
@@ -47,7 +47,7 @@ def run(scenario: Callable[[Topic, List[str]], Awaitable[None]], **options: Any)
 
 
 def test_clients_with_the_same_encoding_share_the_frames() -> None:
-    async def scenario(topic: Topic, problems: List[str]) -> None:
+    async def scenario(topic: Topic, problems: list[str]) -> None:
         one, other, cbor = Receiver(), Receiver(), Receiver()
         topic.set_flow(one, Flow())
         topic.set_flow(other, Flow())
@@ -63,7 +63,7 @@ def test_clients_with_the_same_encoding_share_the_frames() -> None:
 
 
 def test_small_messages_do_not_overtake_large_ones() -> None:
-    async def scenario(topic: Topic, problems: List[str]) -> None:
+    async def scenario(topic: Topic, problems: list[str]) -> None:
         client = Receiver()
         topic.set_flow(client, Flow())
         large = "x" * 200_000
@@ -77,14 +77,14 @@ def test_small_messages_do_not_overtake_large_ones() -> None:
 
 
 def test_large_messages_are_encoded_in_a_thread(monkeypatch: pytest.MonkeyPatch) -> None:
-    threads: List[int] = []
+    threads: list[int] = []
     encode = EncodedMessage.frame
 
     def note(message: EncodedMessage, compression: str) -> bytes:
         threads.append(threading.get_ident())
         return encode(message, compression)
 
-    async def scenario(topic: Topic, problems: List[str]) -> None:
+    async def scenario(topic: Topic, problems: list[str]) -> None:
         client = Receiver()
         topic.set_flow(client, Flow())
         monkeypatch.setattr(EncodedMessage, "frame", note)
@@ -97,7 +97,7 @@ def test_large_messages_are_encoded_in_a_thread(monkeypatch: pytest.MonkeyPatch)
 
 
 def test_while_the_encoder_is_busy_the_newest_wait_within_the_bound() -> None:
-    async def scenario(topic: Topic, problems: List[str]) -> None:
+    async def scenario(topic: Topic, problems: list[str]) -> None:
         client = Receiver()
         topic.set_flow(client, Flow())
         released = threading.Event()
@@ -117,7 +117,7 @@ def test_while_the_encoder_is_busy_the_newest_wait_within_the_bound() -> None:
 
 
 def test_a_message_that_cannot_be_encoded_is_reported_and_the_next_is_sent() -> None:
-    async def scenario(topic: Topic, problems: List[str]) -> None:
+    async def scenario(topic: Topic, problems: list[str]) -> None:
         client = Receiver()
         topic.set_flow(client, Flow())
         topic.deliver({"data": ["x" * 200_000, object()]})
@@ -131,7 +131,7 @@ def test_a_message_that_cannot_be_encoded_is_reported_and_the_next_is_sent() -> 
 
 
 def test_a_client_that_left_gets_nothing_that_is_still_being_encoded() -> None:
-    async def scenario(topic: Topic, problems: List[str]) -> None:
+    async def scenario(topic: Topic, problems: list[str]) -> None:
         client, other = Receiver(), Receiver()
         topic.set_flow(client, Flow())
         topic.set_flow(other, Flow())
@@ -145,7 +145,7 @@ def test_a_client_that_left_gets_nothing_that_is_still_being_encoded() -> None:
 
 
 def test_throttled_messages_in_between_are_left_out() -> None:
-    async def scenario(topic: Topic, problems: List[str]) -> None:
+    async def scenario(topic: Topic, problems: list[str]) -> None:
         clock, client, other = SimpleNamespace(now_s=0.0), Receiver(), Receiver()
         topic._clock = lambda: clock.now_s
         topic.set_flow(client, Flow(throttle_s=0.25))
@@ -158,7 +158,7 @@ def test_throttled_messages_in_between_are_left_out() -> None:
 
 
 def test_a_message_that_cannot_be_sent_is_counted_and_reported() -> None:
-    async def scenario(topic: Topic, problems: List[str]) -> None:
+    async def scenario(topic: Topic, problems: list[str]) -> None:
         client = Receiver()
         topic.set_flow(client, Flow(compression="cbor-raw"))
         topic.deliver({"data": "a"})
@@ -188,7 +188,7 @@ def test_a_client_that_asks_for_a_queue_misses_nothing() -> None:
     assert merge([Subscribe("/a", throttle_rate=500.0, queue_length=1)]) == Flow(0.0, "none")
 
 
-def subscriptions(robot: Robot) -> List[str]:
+def subscriptions(robot: Robot) -> list[str]:
     return list(robot.bus.graph().nodes["/rosbridge"].subscribes)
 
 
@@ -283,7 +283,7 @@ OPEN = Access(publish=("/in",))
 
 @with_robot(OPEN)
 async def test_null_is_published_as_nan(robot: Robot) -> None:
-    heard: List[float] = []
+    heard: list[float] = []
     robot.node.subscribe("/in", FLOAT32, lambda value, now_s: heard.append(value), field="data")
     async with robot.peer() as peer:
         await peer.send("advertise", topic="/in", type=FLOAT32)
@@ -306,7 +306,7 @@ async def test_subscribing_to_a_topic_does_not_open_it_for_publishing(robot: Rob
 
 @with_robot(OPEN)
 async def test_a_relative_name_is_the_same_topic(robot: Robot) -> None:
-    heard: List[float] = []
+    heard: list[float] = []
     robot.node.subscribe("/in", FLOAT32, lambda value, now_s: heard.append(value), field="data")
     async with robot.peer() as peer:
         await peer.send("advertise", topic="in", type=FLOAT32)

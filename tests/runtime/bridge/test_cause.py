@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import errno
 import socket
-from typing import Optional
 
 import aiohttp
 import pytest
@@ -26,7 +25,7 @@ from robot_health_monitor.runtime.bridge.cause import Cause, RedirectError, caus
         (4000, "\x1b[2J", False, Cause("the server closed the connection with code 4000: ?[2J")),
     ],
 )
-def test_a_close_frame_is_explained(code: Optional[int], reason: str, has_token: bool, expected: Cause) -> None:
+def test_a_close_frame_is_explained(code: int | None, reason: str, has_token: bool, expected: Cause) -> None:
     assert cause_of_close(code, reason, has_token) == expected
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, List
+from typing import Any
 
 from robot_health_monitor.core.port.local import LocalBus
 from robot_health_monitor.core.values.model import Level
@@ -37,6 +37,6 @@ def test_a_message_that_does_not_match_its_type_is_logged_once_on_one_line() -> 
     scan = Scan(bus.node("watcher"))
     for text in ("4 bytes\nleft", "8 bytes left"):
         scan.note_mismatch(ValueError(text))
-    lines: List[str] = [line.text for line in bus.log_lines]
+    lines: list[str] = [line.text for line in bus.log_lines]
     assert len(lines) == 1
     assert lines[0].startswith("/scan: a message does not match its type: 4 bytes") and lines[0].isprintable()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import socket
 import threading
-from typing import Any, Awaitable, Callable, List, Optional
+from typing import Any, Awaitable, Callable
 
 import pytest
 from harness.virtual_loop import run_in_virtual_time
@@ -27,7 +27,7 @@ def test_an_unknown_host_is_an_os_error() -> None:
 
 
 def test_a_look_up_that_hangs_is_joined_and_not_repeated(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: List[Any] = []
+    asked: list[Any] = []
     release = threading.Event()
     real = socket.getaddrinfo
 
@@ -56,11 +56,11 @@ DAY_S = 86_400.0
 class Server:
     """The end of a connection that this process sees: it answers pings after some time, or not at all."""
 
-    def __init__(self, answers_after_s: Callable[[], Optional[float]]) -> None:
+    def __init__(self, answers_after_s: Callable[[], float | None]) -> None:
         self._answers_after_s = answers_after_s
         self.loop = asyncio.get_event_loop()
         self.received_s = self.loop.time()
-        self.pings: List[float] = []
+        self.pings: list[float] = []
         self.sends: Callable[[], Awaitable[None]] = lambda: asyncio.sleep(0)
 
     async def ping(self) -> None:
