@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import datetime
 from dataclasses import dataclass
-from typing import Any, Iterator, Mapping, NamedTuple, get_type_hints
+from typing import Any, Dict, Iterator, Mapping, NamedTuple, Optional, Tuple, get_type_hints
 
 import pytest
 
@@ -30,11 +30,11 @@ class Recorder:
     file: str = declared(REQUIRED, "path of the file", is_path=True)
     keep_days: float = declared(90.0, "age, in days", 0.01, 36_500.0)
     level: Level = declared(Level.WARN, "lowest level", choices=("WARN", "ERROR"))
-    topics: tuple[str, ...] = declared((), "names of topics", 1)
+    topics: Tuple[str, ...] = declared((), "names of topics", 1)
     secret: str = declared("", "an address", is_secret=True)
-    port: int | None = declared(None, "port", 0, 65_535)
+    port: Optional[int] = declared(None, "port", 0, 65_535)
 
-    def mistakes(self, given: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    def mistakes(self, given: Mapping[str, Any]) -> Iterator[Tuple[str, str]]:
         if self.keep_days > 10.0 and self.port is not None:
             yield "port", "expected no port"
 
@@ -47,8 +47,8 @@ class State:
     latched: Level = declared(Level.OK)
     flapping: bool = declared(False)
     text: str = declared("", "", None, 10, any_text=True)
-    since: float | None = declared(None)
-    extra: Mapping[str, Any] | None = declared(None)
+    since: Optional[float] = declared(None)
+    extra: Optional[Mapping[str, Any]] = declared(None)
 
 
 def read(found: object) -> Recorder:
@@ -130,10 +130,10 @@ def test_a_record_that_cannot_be_used_is_one_line(found: Any, problem: str) -> N
 
 @dataclass(frozen=True)
 class Query:
-    robot: str | None = declared(None)
+    robot: Optional[str] = declared(None)
     limit: int = declared(100, "", 1, 1000)
-    since: Time | None = declared(None)
-    level: Level | None = declared(None)
+    since: Optional[Time] = declared(None)
+    level: Optional[Level] = declared(None)
     open: bool = declared(False)
 
 
@@ -156,7 +156,7 @@ def test_the_texts_of_an_address_become_values() -> None:
         ({"open": "yes"}, "open: expected true or false, got 'yes'"),
     ],
 )
-def test_a_text_that_is_no_value_is_named(texts: dict[str, str], problem: str) -> None:
+def test_a_text_that_is_no_value_is_named(texts: Dict[str, str], problem: str) -> None:
     with pytest.raises(MessageError) as raised:
         read_texts(Query, texts)
     assert str(raised.value).startswith(problem)
@@ -166,7 +166,7 @@ class Row(NamedTuple):
     id: int
     at_s: float
     level: Level
-    bound: float | None
+    bound: Optional[float]
     repeat: bool
     values: Mapping[str, Any]
     text: str
@@ -195,5 +195,5 @@ def test_a_row_has_levels_as_numbers_flags_as_numbers_and_mappings_as_json() -> 
         (7, 1.5, 3, None, 1, "{}", b""),
     ],
 )
-def test_a_row_with_an_unexpected_value_is_none(row: tuple[Any, ...]) -> None:
+def test_a_row_with_an_unexpected_value_is_none(row: Tuple[Any, ...]) -> None:
     assert read_row(row) is None
