@@ -196,6 +196,9 @@ ROS2_VENV = ["--system-site-packages"] if JAZZY else []
 MEASURED = (f"core-{NEWEST}", f"services-{NEWEST}", f"processes-{NEWEST}", f"faults-{NEWEST}", "fleets", "ros1", "ros2")
 """Sessions whose coverage is measured: with sys.monitoring, which costs little, where Python has it (3.12)."""
 
+NEEDS = ["apt", f"python-{NEWEST}", "python-{python}"]
+"""What a session on two Pythons requires: that on the newest is longer, and begins first."""
+
 nox.options.envdir = ".venv"
 # The longest first. Those of Python 3.8 are short: what does not depend on the version runs on the newest.
 nox.options.sessions = [
@@ -249,7 +252,7 @@ def python(session: nox.Session) -> None:
             install(session, package, success_codes=range(256))
 
 
-@nox.session(python=OLDEST_AND_NEWEST, venv_params=["--no-seed"], requires=["apt", "python-{python}"])
+@nox.session(python=OLDEST_AND_NEWEST, venv_params=["--no-seed"], requires=NEEDS)
 def core(session: nox.Session) -> None:
     """The tests that need no ROS, on Python 3.8 and on the newest Python here, but those of the next sessions.
 
@@ -266,7 +269,7 @@ def core(session: nox.Session) -> None:
     run_pytest(session, "tests", *(f"--ignore={path}" for path in ignored))
 
 
-@nox.session(python=OLDEST_AND_NEWEST, venv_params=["--no-seed"], requires=["apt", "python-{python}"])
+@nox.session(python=OLDEST_AND_NEWEST, venv_params=["--no-seed"], requires=NEEDS)
 def services(session: nox.Session) -> None:
     """The tests of the store, the notifications, the page, the bridges and recordings."""
     use_shared(session)
@@ -274,7 +277,7 @@ def services(session: nox.Session) -> None:
     run_pytest(session, *SERVICE_TESTS, *(f"--ignore={path}" for path in (*FLEET_TESTS, *FAULT_TESTS)))
 
 
-@nox.session(python=OLDEST_AND_NEWEST, venv_params=["--no-seed"], requires=["apt", "python-{python}"])
+@nox.session(python=OLDEST_AND_NEWEST, venv_params=["--no-seed"], requires=NEEDS)
 def processes(session: nox.Session) -> None:
     """The tests of the command line. As those of `fleets` and `faults`, they wait for most of their time."""
     use_shared(session)
@@ -290,7 +293,7 @@ def fleets(session: nox.Session) -> None:
     run_pytest(session, *FLEET_TESTS, *CONNECT_TESTS)
 
 
-@nox.session(python=OLDEST_AND_NEWEST, venv_params=["--no-seed"], requires=["apt", "python-{python}"])
+@nox.session(python=OLDEST_AND_NEWEST, venv_params=["--no-seed"], requires=NEEDS)
 def faults(session: nox.Session) -> None:
     """The tests of whole programs under faults and attacks, and of the page in a browser."""
     use_shared(session)
