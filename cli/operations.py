@@ -71,9 +71,12 @@ class Operations:
         self._robots: dict[str, _Robot] = {}
         self._fed_s = float("-inf")
         if config.black_box is not None:
-            from ..ops.black_box.black_box import BlackBox
+            from ..ops.black_box.black_box import PART, BlackBox
 
-            self.black_box = BlackBox(config.black_box, self.faults, wall_time_s)
+            try:
+                self.black_box = BlackBox(config.black_box, self.faults, wall_time_s)
+            except ServiceError as error:  # without its library
+                self.faults.report(PART, f"nothing is recorded: {error}")
 
     def use(self, config: OpsConfig) -> list[str]:
         """Applies the targets of another configuration; returns what changed, and what needs a restart.

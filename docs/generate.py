@@ -206,18 +206,28 @@ def _exit_codes() -> str:
     return _table(("code", "meaning"), codes)
 
 
-def families() -> Iterator[tuple[str, metrics.Family]]:
-    """Yields each metric by its full name."""
-    for family in vars(metrics).values():
-        if isinstance(family, metrics.Family):
-            yield f"{family.name}_total" if family.counts else family.name, family
+def families() -> Iterator[tuple[str, str, str, str]]:
+    """Yields name, labels in braces, type and help of each metric, as they are rendered for one signal of one robot."""
+    one = [1.0 for _, _, values in metrics._OF_SIGNALS for _ in values]
+    robot = metrics.RobotMetrics('robot="r"', {'robot="r",signal="s"': one}, True, 0.0)
+    found: dict[tuple[str, str], tuple[str, str]] = {}
+    for profile in metrics.PROFILES:
+        text, kind = "", ""
+        for line in b"".join(metrics.Metrics().render([robot], profile)).decode().splitlines():
+            mark = line.split(" ")[0]
+            if line.startswith("# HELP"):
+                text = line.split(" ", 3)[3]
+            elif line.startswith("# TYPE"):
+                kind = line.rpartition(" ")[2]
+            else:
+                name, _, labels = mark.partition("{")
+                found.setdefault((name, ",".join(re.findall(r'(\w+)="', labels))), (kind, text))
+    for (name, labels), (kind, text) in found.items():
+        yield name, f"{{{labels}}}", kind, text
 
 
 def _metrics() -> str:
-    rows = []
-    for name, family in families():
-        labels = f"{{{','.join(family.labels)}}}" if family.labels else ""
-        rows.append((f"`{name}{labels}`", "counter" if family.counts else "gauge", family.help))
+    rows = [(f"`{name}{labels.replace('{}', '')}`", kind, text) for name, labels, kind, text in families()]
     return _table(("metric", "type", "meaning"), rows)
 
 

@@ -62,7 +62,7 @@ def names() -> list[str]:
             *(f"launch argument {each.get('name')}" for each in generate.launch_arguments()),
             *(f"executable {name}" for name in (*EXECUTABLES, "robot-health")),
             *_graph(),
-            *(f"metric {name}{{{','.join(family.labels)}}}" for name, family in generate.families()),
+            *(f"metric {name}{labels}" for name, labels, *_ in generate.families()),
             *(f"API {name} {key}" for name in generate.API for key in generate.fields_sent(name)),
             *_routes(),
             *(f"alert in JSON {field}" for field in FIELDS),

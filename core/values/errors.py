@@ -26,7 +26,6 @@ class                     is a                what cannot be used, does not matc
 `NotMeasuredYet`          `SensorError`       a source that needs two reads
 `NoSuchSensor`            `SensorError`       a source that this machine does not have
 `DeliveryError`           `ServiceError`      a target of notifications
-`FolderInUseError`        `ServiceError`      a folder of a black box that another monitor writes
 `MissingLibraryError`     `ServiceError`      a library that is not installed
 `OutputError`             `ServiceError`      standard output, or the file of a report
 `RedirectError`           `LinkError`         the link to a server that redirects

@@ -13,12 +13,11 @@ from collections import deque
 from dataclasses import dataclass, field
 from typing import Callable, Mapping
 
-from ...core.values import Clock, Faults, Level, ServiceError
-from ...runtime.backoff import Backoff
+from ...core.values import Clock, Faults, Level
 from ...runtime.libraries import libraries
 from ...runtime.threads import StepThread
 from ..configuration import BlackBoxSettings
-from .folder import ENDING, Folder, FolderInUseError
+from .folder import ENDING, Folder
 from .recording_file import RecordingFile
 from .ring import Reader, Ring
 
@@ -36,7 +35,6 @@ _READ_BYTES = 512 << 10  # that are written at a time
 _STEP_S = 0.2
 _IDLE_S = 5.0
 _RETENTION_PERIOD_S = 60.0
-_FIRST_RETRY_S, _LAST_RETRY_S = 5.0, 60.0
 _CLOSE_TIMEOUT_S = 1.7
 _WRITING_BYTES = 8e6  # of `memory_mb` for what is being written, at most half of it
 _SHARE_OF_FOLDER = 0.25
@@ -46,7 +44,7 @@ _KEPT_NAMES = 1000  # more recordings do not begin within a millisecond
 
 @dataclass(eq=False)
 class Recording:
-    """A recording that has begun. `end_s` and `is_ended` belong to the node, what follows to the thread."""
+    """A recording that has begun. `end_s` belongs to the node, what follows to the thread."""
 
     name: str
     """Name of the file."""
@@ -61,11 +59,8 @@ class Recording:
     """The first alert line."""
     end_s: float
     """When it ends unless there is another alert, in s on the steady clock."""
-    is_ended: bool = False
-    is_failed: bool = False
-    """Whether it cannot be written."""
-    is_large: bool = False
-    """Whether it should end, because it has its share of the folder."""
+    is_over: bool = False
+    """Whether the node should end it, because it has its share of the folder or cannot be written."""
     file: RecordingFile | None = field(default=None, repr=False)
 
 
@@ -80,6 +75,8 @@ class BlackBox:
     ) -> None:
         """Starts the thread; whatever is wrong with the folder is a fault.
 
+        Raises ServiceError if the library mcap is not installed.
+
         Args:
             settings: what to record, and for how long to keep it.
             faults: receives what does not work.
@@ -90,8 +87,6 @@ class BlackBox:
         memory_bytes = settings.memory_mb * 1e6
         self.ring = Ring(max(0.5 * memory_bytes, memory_bytes - _WRITING_BYTES))
         """The messages of all robots."""
-        self.is_broken = False
-        """Whether nothing can be recorded in this run."""
         self._lost = 0
         self._faults = faults
         self._lock = threading.Lock()
@@ -100,17 +95,11 @@ class BlackBox:
         self.open_files: dict[str, Mapping[str, str]] = {}
         """By robot: the file of each open alert by its signal; they are not deleted. Each robot changes its own."""
         self._folder: Folder | None = None
-        self._backoff = Backoff(_FIRST_RETRY_S, _LAST_RETRY_S)
-        self._retry_s = 0.0
         self._retention_s = time.monotonic() + _RETENTION_PERIOD_S  # by then the open alerts are known
         self._is_closing = False
         self._thread = StepThread("black box", self._step, lambda error: self._report(error, settings.folder))
-        try:
-            with libraries("mcap"):
-                import mcap.writer  # noqa: F401
-        except ServiceError as error:
-            self._break(error)
-            return
+        with libraries("mcap"):
+            import mcap.writer  # noqa: F401
         self._thread.start()
 
     def new_name(self, robot: str, signal: str) -> str:
@@ -126,10 +115,9 @@ class BlackBox:
         return name
 
     def begin(self, recording: Recording) -> None:
-        """Begins to write a recording, in the thread."""
+        """Begins to write a recording, in the thread, when it wakes up."""
         with self._lock:
             self._recordings.append(recording)
-        self._thread.wake()
 
     def wake(self) -> None:
         """Makes the thread look at the recordings at once."""
@@ -147,14 +135,11 @@ class BlackBox:
     # The thread
 
     def _step(self) -> float:
-        if self._folder is not None and not self._folder.is_there():
-            self._folder.close()
-            self._folder = None
-        folder = self._folder or self._open_folder()
+        folder = self._usable_folder()
         with self._lock:
             recordings = list(self._recordings)
         for recording in recordings:
-            if folder is None or recording.is_failed:
+            if folder is None:
                 self._give_up(recording)
                 continue
             try:
@@ -173,44 +158,40 @@ class BlackBox:
             self._thread.close()
         return _IDLE_S
 
-    def _open_folder(self) -> Folder | None:
-        if self.is_broken or time.monotonic() < self._retry_s:
-            return None
-        try:
-            folder = Folder(self.settings, self.wall_time_s)
-            failed = folder.complete_files()
-        except FolderInUseError as error:
-            self._break(error)
-            return None
-        except OSError as error:
-            self._retry_s = time.monotonic() + self._backoff.next_s()
-            self._report(error, self.settings.folder)
-            return None
-        self._folder = folder
-        self._faults.clear(PART)
-        if failed:  # the next file that is written ends the fault
-            self._report(failed[0], self.settings.folder)
-        return folder
+    def _usable_folder(self) -> Folder | None:
+        """Opens the folder at first, and anew if it was removed or replaced; returns None if that is not possible."""
+        if self._folder is not None and not self._folder.is_there():
+            self._folder.close()
+            self._folder = None
+        if self._folder is None:
+            try:
+                self._folder = Folder(self.settings, self.wall_time_s)
+                self._faults.clear(PART)
+                for error in self._folder.complete_files()[:1]:  # the next file that is written ends the fault
+                    self._report(error, self.settings.folder)
+            except OSError as error:
+                self._report(error, self.settings.folder)
+        return self._folder
 
     def _write(self, folder: Folder, recording: Recording) -> None:
         """Writes what has come since, and completes the file at its end, or if there is no room for more."""
-        file = recording.file
+        file, reader, has_room = recording.file, recording.reader, True
         if file is None:
-            begin_ns = max(0, round((recording.reader.first.begin_s + recording.offset_s) * 1e9))
+            begin_ns = max(0, round((reader.first.begin_s + recording.offset_s) * 1e9))
             path, attachments = folder.file(recording.name), recording.attachments()
             file = recording.file = RecordingFile(path, recording.profile, begin_ns, attachments)
-            file.write(recording.reader.first.quiet, recording.offset_s)
-        for messages in iter(lambda: recording.reader.read(_READ_BYTES), []):
-            if not self._has_room(folder, sum(len(data) for *_, data in messages)):
-                recording.is_failed = True  # the node begins another one at the next alert
+            file.write(reader.first.quiet, recording.offset_s)
+        for messages in iter(lambda: reader.read(_READ_BYTES), []):
+            has_room = self._has_room(folder, sum(len(data) for *_, data in messages))
+            if not has_room:
                 break
             file.write(messages, recording.offset_s)
-            recording.is_large = file.bytes > _SHARE_OF_FOLDER * self.settings.keep_mb * 1e6
-        if recording.is_failed and not file.messages:
+            recording.is_over = file.bytes > _SHARE_OF_FOLDER * self.settings.keep_mb * 1e6
+        if not (has_room or file.messages):
             self._give_up(recording)
-        elif recording.is_failed or (recording.is_ended and recording.reader.is_complete):
-            lost = str(recording.reader.lost)
-            file.finish({"robot": recording.robot, "alert": recording.alert, "lost": lost})
+        elif not has_room or reader.is_complete:
+            recording.is_over = True
+            file.finish({"robot": recording.robot, "alert": recording.alert, "lost": str(reader.lost)})
             self._end(recording)
             self._faults.clear(PART)
             self._retention_s = 0.0
@@ -232,7 +213,7 @@ class BlackBox:
         return has_room
 
     def _give_up(self, recording: Recording) -> None:
-        recording.is_failed = True
+        recording.is_over = True
         if recording.file is not None:
             recording.file.discard()
             recording.file = None
@@ -255,10 +236,6 @@ class BlackBox:
             topic, size = self.ring.too_large
             text = f"{topic} is not recorded: a message of {size / 1e6:.3g} MB is too large for {memory_mb}"
             self._faults.report(LARGE_PART, text, Level.WARN)
-
-    def _break(self, error: ServiceError) -> None:
-        self.is_broken = True
-        self._faults.report(PART, f"nothing is recorded: {error}")
 
     def _report(self, error: Exception, path: str) -> None:
         self._faults.report(PART, _reason(error, path))

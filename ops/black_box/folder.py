@@ -12,21 +12,16 @@ import os
 import re
 from typing import Collection, Iterator, NamedTuple
 
-from ...core.values import Clock, ServiceError
+from ...core.values import Clock
 from ..configuration import BlackBoxSettings
 from ..store.retention import AgeClock
 from . import recording_file
-from .recording_file import COMPLETED, LIBRARY, PART
+from .recording_file import LIBRARY, MAGIC, PART
 
 ENDING = ".mcap"
 _OWN_NAME = re.compile(r"[\w-]{1,60}_\d{8}T\d{6}\.\d{3}Z_[\w-]{1,80}\.mcap", re.ASCII)
-_MAGIC = b"\x89MCAP0\r\n"
 _HEADER_BYTES = 64
 _DAY_S = 86_400.0
-
-
-class FolderInUseError(ServiceError):
-    """Another monitor writes into the folder. `str()` is one line."""
 
 
 class _File(NamedTuple):
@@ -46,7 +41,7 @@ class Folder:
     """The folder, locked by this process."""
 
     def __init__(self, settings: BlackBoxSettings, wall_s: Clock) -> None:
-        """Creates and locks it. Raises FolderInUseError, or OSError."""
+        """Creates and locks it. Raises OSError, also if another monitor writes into it."""
         self.path = settings.folder
         self.problem: OSError | None = None
         """Why an old file could not be deleted, the last time."""
@@ -60,9 +55,9 @@ class Folder:
         self._directory = os.open(self.path, os.O_RDONLY | os.O_DIRECTORY)
         try:
             fcntl.flock(self._directory, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
+        except BlockingIOError as error:
             self.close()
-            raise FolderInUseError(f"{self.path}: another monitor writes into this folder") from None
+            raise OSError(error.errno, "another monitor writes into this folder", self.path) from None
         except OSError:
             pass  # NFS locks no folders
 
@@ -81,17 +76,12 @@ class Folder:
         """Completes the files that a killed process left, or removes them; returns why one could be neither."""
         failed = []
         for name in sorted(os.listdir(self.path)):
-            base, path = name[: -len(PART)], self.file(name)
-            whole = base[: -len(COMPLETED)] if base.endswith(COMPLETED) else base
-            if not name.endswith(PART) or not _OWN_NAME.fullmatch(whole) or not _is_own(path):
-                continue
-            try:
-                if base == whole:
-                    recording_file.complete(self.file(base), int(self._settings.memory_mb * 1e6))
-                else:
-                    os.unlink(path)  # of a completion that was itself killed
-            except OSError as error:
-                failed.append(error)
+            base = name[: -len(PART)]
+            if name.endswith(PART) and _OWN_NAME.fullmatch(base) and _is_own(self.file(name)):
+                try:
+                    recording_file.complete(self.file(base))
+                except OSError as error:
+                    failed.append(error)
         return failed
 
     def make_room(self, open_files: Collection[str], needed_bytes: int = 0) -> bool:
@@ -139,4 +129,4 @@ def _is_own(path: str) -> bool:
             begin = stream.read(_HEADER_BYTES)
     except OSError:
         return False
-    return not begin or (begin.startswith(_MAGIC) and LIBRARY.encode() in begin)
+    return not begin or (begin.startswith(MAGIC) and LIBRARY.encode() in begin)

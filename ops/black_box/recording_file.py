@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
-import struct
-from typing import IO, Any, Iterable, Iterator, Mapping, Sequence
+from typing import IO, Any, Mapping, Sequence
 
 from ...core.messages.raw_messages import RawFormat
 from ...core.values import package_version
@@ -13,8 +11,8 @@ from .ring import Message
 
 PART = ".part"
 """Ending of the name of a file that is not complete."""
-COMPLETED = ".completed"
-"""Comes before it while a file that a killed process left is completed."""
+MAGIC = b"\x89MCAP0\r\n"
+"""How a file begins and ends."""
 LIBRARY = "robot-health "
 """How the name of the program in a file's header begins."""
 
@@ -33,7 +31,6 @@ class RecordingFile:
         self._stream: IO[bytes] = open(path + PART, "xb")
         self._channels: dict[tuple[str, RawFormat], int] = {}
         self._schemas: dict[RawFormat, int] = {}
-        self._counts: dict[int, int] = {}
         self.messages = 0
         """Number of messages that were written."""
         try:
@@ -57,15 +54,15 @@ class RecordingFile:
         for time_s, topic, raw_format, data in messages:
             number = self._channels.get((topic, raw_format)) or self._register(topic, raw_format)
             time_ns = max(0, round((time_s + offset_s) * 1e9))
-            self._counts[number] = sequence = self._counts.get(number, 0) + 1
-            self._writer.add_message(number, time_ns, data, time_ns, sequence & 0xFFFFFFFF)
+            self._writer.add_message(number, time_ns, data, time_ns)
             self.messages += 1
         self._stream.flush()
 
     def finish(self, metadata: Mapping[str, str]) -> None:
         """Completes the file and gives it its name."""
         self._writer.add_metadata("robot-health", dict(metadata))
-        _complete(self._writer, self._stream, self._path)
+        self._writer.finish()
+        _name(self._stream, self._path)
 
     def discard(self) -> None:
         """Removes the file; never raises."""
@@ -86,89 +83,50 @@ class RecordingFile:
         return number
 
 
-def complete(path: str, most_bytes: int) -> bool:
-    """Completes a file that a killed process left; returns whether it had a message. Else it is removed.
+def complete(path: str) -> bool:
+    """Ends a file that a killed process left after its last whole record; returns whether it had a message.
 
-    What was written up to the last complete chunk is kept, or up to one that unpacks to more than `most_bytes`. May
-    raise OSError.
+    Else it is removed. It gets an index of its attachments, but none of its messages: readers then read it from its
+    beginning. Nothing is unpacked. May raise OSError.
     """
-    from mcap.writer import Writer
+    from mcap.data_stream import RecordBuilder
+    from mcap.records import Attachment, AttachmentIndex, Chunk, DataEnd, Footer
+    from mcap.stream_reader import StreamReader
 
-    target = path + COMPLETED + PART
-    try:
-        with open(path + PART, "rb") as source, open(target, "wb") as stream:
-            writer = Writer(stream, chunk_size=_CHUNK_BYTES)
-            if _copy(_records(source, most_bytes), writer):
-                _complete(writer, stream, path, target)
-            else:
-                os.unlink(target)
-    except BaseException as error:
-        with contextlib.suppress(OSError):
-            os.unlink(target)
-        if not isinstance(error, (ValueError, struct.error)):  # these: a number in the file is out of range
+    end, has_messages = len(MAGIC), False
+    builder: Any = RecordBuilder
+    index, tail = builder(), builder()
+    with open(path + PART, "r+b") as stream:
+        try:
+            for record in StreamReader(stream, emit_chunks=True).records:
+                if isinstance(record, DataEnd):
+                    break
+                place, end = end, stream.tell()
+                has_messages = has_messages or isinstance(record, Chunk)
+                if isinstance(record, Attachment):
+                    times, size = (record.log_time, record.create_time), len(record.data)
+                    AttachmentIndex(place, end - place, *times, size, record.name, record.media_type).write(index)
+        except OSError:
             raise
-    os.unlink(path + PART)
-    return os.path.exists(path)
+        except Exception:  # whatever damaged bytes make the library raise
+            pass
+        if not has_messages:
+            os.unlink(path + PART)
+            return False
+        DataEnd(0).write(tail)
+        summary = end + tail.count if index.count else 0
+        tail.write(index.end())
+        Footer(summary, 0, 0).write(tail)
+        stream.seek(end)
+        stream.truncate()
+        stream.write(tail.end() + MAGIC)
+        _name(stream, path)
+    return True
 
 
-def _records(source: IO[bytes], most_bytes: int) -> Iterator[Any]:
-    """Yields the records of a file as far as they can be read."""
-    from mcap.records import Chunk
-    from mcap.stream_reader import StreamReader, breakup_chunk
-
-    try:
-        for record in StreamReader(source, emit_chunks=True).records:
-            if not isinstance(record, Chunk):
-                yield record
-            elif record.compression in ("", "zstd") and record.uncompressed_size <= most_bytes + _CHUNK_BYTES:
-                yield from breakup_chunk(_unpacked(record))
-            else:
-                return  # no black box writes such a chunk
-    except OSError:
-        raise
-    except Exception:  # whatever damaged bytes make the libraries raise
-        return
-
-
-def _unpacked(chunk: Any) -> Any:
-    """Unpacks a chunk to the size that it has by its header, whatever its content says."""
-    import zstandard
-
-    if chunk.compression == "zstd":
-        with zstandard.ZstdDecompressor().stream_reader(chunk.data) as stream:
-            chunk.data, chunk.compression = stream.read(chunk.uncompressed_size), ""
-    return chunk
-
-
-def _copy(records: Iterable[Any], writer: Any) -> int:
-    """Copies messages with their schemas, channels and attachments; returns how many messages there were."""
-    from mcap import records as kinds
-
-    schemas: dict[int, int] = {0: 0}
-    channels: dict[int, int] = {}
-    number = 0
-    for record in records:
-        if isinstance(record, kinds.Header):
-            writer.start(record.profile, record.library)
-        elif isinstance(record, kinds.Attachment):
-            writer.add_attachment(record.create_time, record.log_time, record.name, record.media_type, record.data)
-        elif isinstance(record, kinds.Schema):
-            if record.id not in schemas:
-                schemas[record.id] = writer.register_schema(record.name, record.encoding, record.data)
-        elif isinstance(record, kinds.Channel):
-            if record.id not in channels and record.schema_id in schemas:
-                schema = schemas[record.schema_id]
-                channels[record.id] = writer.register_channel(record.topic, record.message_encoding, schema)
-        elif isinstance(record, kinds.Message) and record.channel_id in channels:
-            channel = channels[record.channel_id]
-            writer.add_message(channel, record.log_time, record.data, record.publish_time, record.sequence)
-            number += 1
-    return number
-
-
-def _complete(writer: Any, stream: IO[bytes], path: str, part: str = "") -> None:
-    writer.finish()
+def _name(stream: IO[bytes], path: str) -> None:
+    """Gives a file its name when its content is on the disk."""
     stream.flush()
     os.fsync(stream.fileno())
     stream.close()
-    os.replace(part or path + PART, path)
+    os.replace(path + PART, path)

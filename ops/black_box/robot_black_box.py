@@ -45,11 +45,9 @@ class RobotBlackBox:
         self._capture = Capture(middleware, box.settings.topics, self._ring.add, self._topics.values())
         self._topics_thread = StepThread("black box topics", self._look_for_topics, lambda error: None)
         self._alert_system: AlertSystem | None = None
-        self._states: dict[str, SavedSignal] = {}
-        self._rest: dict[str, float] = {}
+        self._states: dict[str, tuple[float | None, SavedSignal]] = {}
+        """Of each signal: since when it is at rest, and its state when the latest segment began."""
         self._recording: Recording | None = None
-        self._is_new = False
-        """Whether the recording is still to be written. It waits for the announcement of its alert."""
         self._open = box.open_files[robot] = dict(open_files)
 
     def attach(self, alert_system: AlertSystem) -> None:
@@ -79,7 +77,7 @@ class RobotBlackBox:
         if level is Level.OK:
             self._open.pop(signal, None)
             return ""
-        if transition.repeat or level.severity < self._box.settings.min_level.severity or self._box.is_broken:
+        if transition.repeat or level.severity < self._box.settings.min_level.severity:
             return self._open.get(signal, "") if transition.repeat else ""
         name = self._begin_or_continue(transition)
         if name:
@@ -102,7 +100,7 @@ class RobotBlackBox:
     def _begin_or_continue(self, transition: Transition) -> str:
         steady_s, after_s = self._middleware.steady_s(), self._box.settings.after_s
         recording = self._recording
-        if recording is not None and not recording.is_failed:
+        if recording is not None and not recording.is_over:
             recording.end_s = steady_s + after_s
             return recording.name
         self._end_recording()
@@ -127,24 +125,18 @@ class RobotBlackBox:
             alert=transition.text,
             end_s=steady_s + after_s,
         )
-        self._is_new = True
+        self._box.begin(recording)
         return recording.name
 
     def _end_recording(self) -> None:
-        self._begin_writing()
         if self._recording is not None:
             self._ring.end_reader()
-            self._recording.is_ended = True
             self._recording = None
             self._box.wake()
 
     def _check(self, now_s: float) -> None:
         """Runs once a second."""
         assert self._alert_system is not None
-        if self._box.is_broken:
-            self._capture.close()
-            self._ring.close()
-            return
         steady_s = self._middleware.steady_s()
         self._capture.follow(self._alert_system.configuration)
         current = self._ring.current
@@ -154,32 +146,22 @@ class RobotBlackBox:
         if recording is None:
             return
         self._record(ARRAY_TYPE, self._alert_system.announcements.diagnostics(self._middleware.now_s()), steady_s)
-        if recording.is_failed or recording.is_large or steady_s >= recording.end_s:
+        if recording.is_over or steady_s >= recording.end_s:
             self._end_recording()
-
-    def _begin_writing(self) -> None:
-        """Wakes the thread that writes if the recording is new: from now on, it competes for the processor."""
-        if self._is_new and self._recording is not None:
-            self._is_new = False
-            self._box.begin(self._recording)
 
     def _begin_segment(self, now_s: float, steady_s: float) -> None:
         """Saves the states of the signals. Those at rest have not changed."""
         assert self._alert_system is not None
-        monitor = self._alert_system.monitor
-        states: dict[str, SavedSignal] = {}
-        rest: dict[str, float] = {}
-        changed = 0
+        monitor, before, changed = self._alert_system.monitor, self._states, 0
+        self._states = {}
         for name in monitor.saved_signals():
             at_rest_since_s = monitor.at_rest_since_s(name)
-            if at_rest_since_s is not None:
-                rest[name] = at_rest_since_s
-            if at_rest_since_s is not None and self._rest.get(name) == at_rest_since_s and name in self._states:
-                states[name] = self._states[name]
-            else:
-                states[name] = monitor.snapshot(name, self._middleware.now_s(), steady_s)
+            known_s, state = before.get(name, (None, None))
+            if state is None or at_rest_since_s is None or at_rest_since_s != known_s:
+                state = monitor.snapshot(name, self._middleware.now_s(), steady_s)
                 changed += 1
-        self._states, self._rest = states, rest
+            self._states[name] = at_rest_since_s, state
+        states = {name: state for name, (_, state) in self._states.items()}
         self._ring.begin_segment(steady_s, states, changed, self._capture.quiet(steady_s))
 
     def _note(self, event: Event) -> None:
@@ -189,7 +171,8 @@ class RobotBlackBox:
             silence = self._alert_system.silence_of(event.signal)
             self._record(STATUS_TYPE, alert_message(event, node, silence), steady_s)
             self._record(ARRAY_TYPE, array_message([event.status], node), steady_s)
-            self._begin_writing()
+            if self._recording is not None:
+                self._box.wake()  # not before its announcement: the thread competes for the processor
 
     def _note_tick(self, now_s: float) -> None:
         """Records a tick, at its time."""

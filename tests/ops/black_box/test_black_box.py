@@ -74,15 +74,19 @@ def test_a_folder_that_cannot_be_created_is_a_fault(tmp_path: Path) -> None:
     robot.close()
 
 
-def test_a_folder_of_another_monitor_is_a_fault_and_nothing_is_recorded(tmp_path: Path) -> None:
-    first, second = RecordedRobot(tmp_path), RecordedRobot(tmp_path, name="r2")
-    wait_for(lambda: faults(first) + faults(second))
-    refused = first if faults(first) else second
-    used = second if refused is first else first
-    assert faults(refused) == [f"black box: nothing is recorded: {tmp_path}: another monitor writes into this folder"]
-    assert alert(refused) == ""
-    assert alert(used) == used.files()[0].name
+def test_a_folder_of_another_monitor_is_a_fault_until_that_one_ends(tmp_path: Path) -> None:
+    first = RecordedRobot(tmp_path)
+    alert(first)
+    (kept,) = first.files()
+    second = RecordedRobot(tmp_path, name="r2")
+    wait_for(lambda: faults(second))
+    assert faults(second) == [f"black box: {tmp_path}: another monitor writes into this folder"]
+    alert(second)
+    assert second.files() == [kept]
     first.close()
+    name = alert(second)
+    assert second.files() == [kept, tmp_path / name]
+    assert faults(second) == []
     second.close()
 
 
@@ -240,9 +244,7 @@ def test_a_folder_that_is_replaced_by_a_link_to_that_of_another_monitor_is_left_
     alert(robot)
     robot.files()
     assert list((tmp_path / "other").glob("*.mcap*")) == []
-    assert faults(robot) == [
-        f"black box: nothing is recorded: {tmp_path / 'box'}: another monitor writes into this folder"
-    ]
+    assert faults(robot) == [f"black box: {tmp_path / 'box'}: another monitor writes into this folder"]
     for each in (robot, other):
         each.close()
 

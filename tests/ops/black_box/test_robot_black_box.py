@@ -38,17 +38,20 @@ def test_an_alert_is_recorded_from_before_until_after_it(tmp_path: Path) -> None
     robot.close()
 
 
-def test_an_alert_is_announced_before_its_recording_begins_to_be_written(tmp_path: Path) -> None:
+def test_an_alert_is_announced_before_the_thread_that_writes_wakes_up(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The states of all signals, and the thread that writes, would delay it by tens of milliseconds."""
     robot = RecordedRobot(tmp_path)
     robot.feed(10.0, 50.0)
     box = robot.operations.black_box
     assert box is not None
-    at_log = []
-    robot.bus.add_log(lambda line: at_log.append(list(box._recordings)) if "battery WARN" in line.text else None)
+    order: list[str] = []
+    monkeypatch.setattr(box, "wake", lambda: order.append("wake"))
+    robot.bus.add_log(lambda line: order.append("alert") if "battery WARN" in line.text else None)
     robot.feed(1.0, 15.0)
-    assert at_log == [[]]
-    assert len(box._recordings) == 1
+    assert order == ["alert", "wake"]
+    monkeypatch.undo()
     robot.close()
 
 
