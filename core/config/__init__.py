@@ -17,9 +17,20 @@ from .monitor_config import (
     refuse_second_section,
     sections,
 )
-from .parameters import Parameter, flatten, read_parameters, require_mapping, unflatten
+from .parameters import Parameter, flatten, unflatten
 from .remarks import doubt_of, remarks_of
-from .schema import LATEST_S, REQUIRED, Time, declared, read_record, read_section, read_texts, row_reader
+from .schema import (
+    LATEST_S,
+    REQUIRED,
+    Time,
+    declared,
+    read_parameters,
+    read_record,
+    read_section,
+    read_texts,
+    require_mapping,
+    row_reader,
+)
 from .signal_config import (
     ACTIVE,
     BOUNDS,

@@ -15,8 +15,8 @@ from typing import Any, Dict, Iterator, List, Mapping, NamedTuple, Optional, Tup
 from ..messages.standard_messages import check_field
 from ..values import ConfigError, JsonObject, Path, Problems, describe, list_text, split_type_name
 from .causes import Causes, causes_of
-from .parameters import Parameter, read_parameters, require_mapping
-from .schema import declared, parameters
+from .parameters import Parameter
+from .schema import declared, parameters, read_parameters, require_mapping
 from .signal_config import (
     CONDITION_PARAMETERS,
     CONDITIONS,

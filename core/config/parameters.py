@@ -11,26 +11,27 @@ import datetime
 import math
 import sys
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Any, Callable, Iterable, Iterator, List, Mapping, Sequence, Union
+from functools import cached_property, partial
+from typing import Any, Callable, Iterable, Iterator, Mapping
 
-from ..values import ConfigError, JsonObject, Level, Path, Problems, describe, list_text
+from ..values import ConfigError, JsonObject, Level, Path, describe, list_text
 
-_Identifier = Union[str, int]
-_Datum = Union[float, str]
-_Container = Union[JsonObject, List[Any]]
-_ALLOWED: Mapping[Any, str] = {
+_NOUNS: Mapping[Any, str] = {
     bool: "true or false",
+    int: "a whole number",
+    float: "a number",
+    str: "printable text",
+    (int, str): "a whole number or a text",
+    (float, str): "a number or a text",
     list: "a list of numbers",
+    tuple: "a list of texts",
     dict: "a mapping",
+    (dict, list): "a mapping or a list",
     object: "a value",
-    _Container: "a mapping or a list",
-    _Datum: "a number or a text",
     datetime.datetime: "a time such as 2026-11-22T05:00:00Z",
 }
-_MOST_SHOWN = 12
+MOST_SHOWN = 12
 """Choices and keys that a message names."""
-_ELEMENT_KINDS: Mapping[type, type] = {list: float, tuple: str}
 
 Convert = Callable[[Any], Any]
 """Returns a value of a kind, None if it is given something else."""
@@ -46,8 +47,7 @@ class Parameter:
     """bool, int, float, str, `Level` (read from its name) or datetime (ISO 8601; UTC unless it has a time zone).
 
     list is a list of numbers, tuple one of texts; both are read as tuples. dict is any mapping, object anything. A text
-    or a whole number is `Union[str, int]`, a number or a text `Union[float, str]`, a mapping or a list
-    `Union[JsonObject, List[Any]]`."""
+    or a whole number is `(int, str)`, a number or a text `(float, str)`, a mapping or a list `(dict, list)`."""
     default: Any
     """Value if the key is left out; None if there is no value and the feature is disabled."""
     description: str
@@ -78,18 +78,13 @@ class Parameter:
         """The allowed values, in words."""
         choices = self.choices or (tuple(Level.__members__) if self.kind is Level else ())
         if choices:
-            return "one of " + list_text([choice or "nothing" for choice in choices], _MOST_SHOWN)
-        if self.kind in _ALLOWED:
-            return _ALLOWED[self.kind]
+            return "one of " + list_text([choice or "nothing" for choice in choices], MOST_SHOWN)
+        noun = "a text" if self.any_text and self.kind is str else _NOUNS[self.kind]
         low, high = (None if limit is None else f"{limit:.15g}" for limit in (self.minimum, self.maximum))
         if self.kind is tuple:
-            return "a list of texts that are not empty" if low else "a list of texts"
-        if self.kind in (str, _Identifier):
-            noun = (
-                "a whole number or a text" if self.kind is not str else "a text" if self.any_text else "printable text"
-            )
+            return f"{noun} that are not empty" if low else noun
+        if self.kind in (str, (int, str)):
             return f"{noun} of {low or 'at most'}{' to' if low else ''} {high} characters" if high else noun
-        noun = "a whole number" if self.kind is int else "a number"
         if low and high:
             return f"{noun} from {low} to {high}"
         return f"{noun} of at least {low}" if low else f"{noun} of at most {high}" if high else noun
@@ -112,7 +107,7 @@ class Parameter:
     @cached_property
     def convert(self) -> Convert:
         """Returns its argument as a value of this kind, None if it is not allowed."""
-        return CONVERTERS[self.kind](self)
+        return partial(_CONVERTERS.get(self.kind, _scalar), self)
 
     def _hint(self, given: object) -> str:
         if isinstance(given, str) and self.kind in (int, float) and len(given) < 40:
@@ -126,64 +121,39 @@ class Parameter:
         return ""
 
 
-def _number(parameter: Parameter) -> Convert:
-    largest = sys.float_info.max
-    low = -largest if parameter.minimum is None else parameter.minimum
-    high = largest if parameter.maximum is None else parameter.maximum
-    is_whole = parameter.kind is int
+def _scalar(parameter: Parameter, given: Any) -> Any:
+    """Returns a number or a text, of a kind that may be either of them; None if it is not allowed.
 
-    def convert(given: Any) -> float | None:
-        if isinstance(given, bool) or not isinstance(given, (int, float)) or not low <= given <= high:
-            return None
-        if not is_whole:
-            return float(given)
-        return int(given) if int(given) == given else None
-
-    return convert
-
-
-def _text(parameter: Parameter) -> Convert:
-    choices, any_text, may_be_blank = parameter.choices, parameter.any_text, not parameter.minimum
-    most = sys.maxsize if parameter.maximum is None else parameter.maximum
-    if choices:
-        return lambda given: given if isinstance(given, str) and given in choices else None
-
-    def convert(given: Any) -> str | None:
-        if not isinstance(given, str) or len(given) > most or not (any_text or given.isprintable()):
-            return None
-        return given if may_be_blank or (given and not given.isspace()) else None
-
-    return convert
+    The limits are those of the text if it may be one.
+    """
+    kinds = parameter.kind if isinstance(parameter.kind, tuple) else (parameter.kind,)
+    low, high = parameter.minimum, parameter.maximum
+    if isinstance(given, str):
+        is_printable = parameter.any_text or kinds != (str,) or given.isprintable()
+        is_allowed = is_printable and (high is None or len(given) <= high) and (not low or given.strip())
+        return given if str in kinds and (given in parameter.choices if parameter.choices else is_allowed) else None
+    if isinstance(given, bool) or not isinstance(given, (int, float)) or not abs(given) <= sys.float_info.max:
+        return None
+    if str not in kinds and ((low is not None and given < low) or (high is not None and given > high)):
+        return None
+    if float in kinds:
+        return float(given)
+    is_whole = isinstance(given, int) or (str not in kinds and int(given) == given)
+    return int(given) if int in kinds and is_whole else None
 
 
-def _identifier(parameter: Parameter) -> Convert:
-    text = replace(parameter, kind=str, any_text=True).convert
-    return lambda given: given if isinstance(given, int) and not isinstance(given, bool) else text(given)
+def _list(parameter: Parameter, given: Any) -> tuple[Any, ...] | None:
+    if isinstance(given, (str, bytes, Mapping)) or not isinstance(given, Iterable):
+        return None
+    items = tuple(map(replace(parameter, kind=str if parameter.kind is tuple else float).convert, given))
+    return None if None in items else items
 
 
-def _datum(parameter: Parameter) -> Convert:
-    number, text = (replace(parameter, kind=kind, any_text=True).convert for kind in (float, str))
-    return lambda given: text(given) if isinstance(given, str) else number(given)
+def _level(parameter: Parameter, given: Any) -> Level | None:
+    return Level[given] if isinstance(given, str) and given in (parameter.choices or Level.__members__) else None
 
 
-def _list(parameter: Parameter) -> Convert:
-    element = replace(parameter, kind=_ELEMENT_KINDS[parameter.kind]).convert
-
-    def convert(given: Any) -> tuple[Any, ...] | None:
-        if isinstance(given, (str, bytes, Mapping)) or not isinstance(given, Iterable):
-            return None
-        items = tuple(map(element, given))
-        return None if None in items else items
-
-    return convert
-
-
-def _level(parameter: Parameter) -> Convert:
-    names = parameter.choices or tuple(Level.__members__)
-    return lambda given: Level[given] if isinstance(given, str) and given in names else None
-
-
-def _time(given: Any) -> datetime.datetime | None:
+def _time(parameter: Parameter, given: Any) -> datetime.datetime | None:
     try:
         time = datetime.datetime.fromisoformat(given.replace("Z", "+00:00"))
         return time if time.tzinfo else time.replace(tzinfo=datetime.timezone.utc)
@@ -191,71 +161,21 @@ def _time(given: Any) -> datetime.datetime | None:
         return None
 
 
-CONVERTERS: Mapping[Any, Callable[[Parameter], Convert]] = {
-    bool: lambda parameter: lambda given: given if isinstance(given, bool) else None,
-    int: _number,
-    float: _number,
-    str: _text,
+def _instance(types: Any) -> Callable[[Parameter, Any], Any]:
+    return lambda parameter, given: given if isinstance(given, types) else None
+
+
+_CONVERTERS: Mapping[Any, Callable[[Parameter, Any], Any]] = {
+    bool: _instance(bool),
     list: _list,
     tuple: _list,
     Level: _level,
-    datetime.datetime: lambda parameter: _time,
-    dict: lambda parameter: lambda given: given if isinstance(given, (dict, Mapping)) else None,
-    _Identifier: _identifier,
-    _Datum: _datum,
-    _Container: lambda parameter: lambda given: given if isinstance(given, (dict, list, Mapping)) else None,
-    object: lambda parameter: lambda given: given,
+    datetime.datetime: _time,
+    dict: _instance((dict, Mapping)),
+    (dict, list): _instance((dict, list, Mapping)),
+    object: _instance(object),
 }
-"""What makes the function `convert` of a parameter, by its kind."""
-
-
-def require_mapping(given: object, path: Path = ()) -> JsonObject:
-    """Returns `given`, a mapping whose keys are all text; raises ConfigError if it is something else."""
-    if not isinstance(given, Mapping):
-        raise ConfigError(f"expected a mapping of keys to values, got {describe(given)}", path)
-    problems = Problems()
-    for key in given:
-        if not isinstance(key, str):
-            shown = describe(key)
-            problems.add(ConfigError(f"expected text as a key, got {shown}; quote it", (*path, shown)))
-    problems.raise_if_any()
-    return given
-
-
-def unknown_key(key: str, allowed: Sequence[str], path: Path = ()) -> ConfigError:
-    """Returns the error for a key of the mapping at `path` that is not one of `allowed`, which its `details` lists."""
-    import difflib  # only for mistakes: it takes memory in every node
-
-    close = difflib.get_close_matches(key[:60], allowed, n=1)
-    hint = f"did you mean {close[0]}?" if close else f"expected one of {list_text(list(allowed), _MOST_SHOWN)}"
-    return ConfigError(f"unknown key; {hint}", (*path, key), details=f"the keys here: {', '.join(allowed)}")
-
-
-def read_parameters(
-    tree: JsonObject,
-    parameters: Sequence[Parameter],
-    path: Path = (),
-    sections: Sequence[str] = (),
-    problems: Problems | None = None,
-) -> dict[str, Any]:
-    """Reads one level of a configuration: the mapping at `path`.
-
-    Returns a value per parameter; the default for a key that is left out. `sections` are keys of nested mappings, which
-    are left to the caller. Raises ConfigError with all unknown keys and values that are not allowed, or adds them to
-    `problems`, and returns the defaults for them.
-    """
-    known = {parameter.name: parameter for parameter in parameters}
-    values = {name: parameter.default for name, parameter in known.items()}
-    collected = Problems() if problems is None else problems
-    for key, value in tree.items():
-        if key in known:
-            with collected:
-                values[key] = known[key].read(value, (*path, key))
-        elif key not in sections:
-            collected.add(unknown_key(key, [*known, *sections], path))
-    if problems is None:
-        collected.raise_if_any()
-    return values
+"""What converts values of a kind; the others are scalars."""
 
 
 def flatten(tree: JsonObject, prefix: str = "") -> Iterator[tuple[str, Any]]:

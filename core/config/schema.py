@@ -34,7 +34,6 @@ from typing import (
     Callable,
     Dict,
     Iterable,
-    Iterator,
     List,
     Mapping,
     Optional,
@@ -47,8 +46,8 @@ from typing import (
     get_type_hints,
 )
 
-from ..values import ConfigError, JsonObject, Level, MessageError, Path, Problems, describe
-from .parameters import Convert, Parameter, read_parameters, require_mapping
+from ..values import ConfigError, JsonObject, Level, MessageError, Path, Problems, describe, list_text
+from .parameters import MOST_SHOWN, Convert, Parameter
 
 T = TypeVar("T")
 Time = datetime.datetime
@@ -56,7 +55,15 @@ Time = datetime.datetime
 REQUIRED: Any = dataclasses.MISSING
 """Default of a key that must be given."""
 
-_KINDS: Mapping[Any, type] = {Tuple[float, ...]: list, Tuple[str, ...]: tuple, JsonObject: dict, Any: object}
+_KINDS: Mapping[Any, Any] = {
+    Tuple[float, ...]: list,
+    Tuple[str, ...]: tuple,
+    JsonObject: dict,
+    Any: object,
+    Union[str, int]: (int, str),
+    Union[float, str]: (float, str),
+    Union[JsonObject, List[Any]]: (dict, list),
+}
 """Kind of parameter per type of field; of others, the type itself."""
 _LONGEST_NUMBER = 25
 
@@ -110,6 +117,58 @@ def sections(schema: Type[Any]) -> Mapping[str, Parameter]:
     return {each.name: each for each in _keys(schema) if dataclasses.is_dataclass(each.kind)}
 
 
+def require_mapping(given: object, path: Path = ()) -> JsonObject:
+    """Returns `given`, a mapping whose keys are all text; raises ConfigError if it is something else."""
+    if not isinstance(given, Mapping):
+        raise ConfigError(f"expected a mapping of keys to values, got {describe(given)}", path)
+    problems = Problems()
+    for key in given:
+        if not isinstance(key, str):
+            shown = describe(key)
+            problems.add(ConfigError(f"expected text as a key, got {shown}; quote it", (*path, shown)))
+    problems.raise_if_any()
+    return given
+
+
+def read_parameters(
+    tree: JsonObject,
+    parameters: Sequence[Parameter],
+    path: Path = (),
+    sections: Sequence[str] = (),
+    problems: Optional[Problems] = None,
+) -> Dict[str, Any]:
+    """Reads one level of a configuration: the mapping at `path`.
+
+    Returns a value per parameter; the default for a key that is left out. `sections` are keys of nested mappings, which
+    are left to the caller. Raises ConfigError with all unknown keys and values that are not allowed, or adds them to
+    `problems`, and returns the defaults for them.
+    """
+    known = {parameter.name: parameter for parameter in parameters}
+    values = {name: parameter.default for name, parameter in known.items()}
+    collected = Problems() if problems is None else problems
+    for key, value in tree.items():
+        below = (*path, key)
+        with collected:
+            if key in known:
+                kind = known[key].kind
+                is_section = dataclasses.is_dataclass(kind)
+                values[key] = read_section(kind, value, below) if is_section else known[key].read(value, below)
+            elif key not in sections:
+                raise _unknown_key(key, [*known, *sections], below)
+    if problems is None:
+        collected.raise_if_any()
+    return values
+
+
+def _unknown_key(key: str, allowed: Sequence[str], path: Path) -> ConfigError:
+    """Returns the error for a key that is not one of `allowed`, which its `details` lists."""
+    import difflib  # only for mistakes: it takes memory in every node
+
+    close = difflib.get_close_matches(key[:60], allowed, n=1)
+    hint = f"did you mean {close[0]}?" if close else f"expected one of {list_text(list(allowed), MOST_SHOWN)}"
+    return ConfigError(f"unknown key; {hint}", path, details=f"the keys here: {', '.join(allowed)}")
+
+
 def read_section(schema: Type[T], section: object, path: Path = (), folder: str = "", **given: Any) -> T:
     """Reads the mapping at `path` of a configuration.
 
@@ -120,31 +179,23 @@ def read_section(schema: Type[T], section: object, path: Path = (), folder: str 
     """
     tree = require_mapping(section, path)
     problems = Problems()
-    below = sections(schema)
-    values = {**dict.fromkeys(below), **read_parameters(tree, parameters(schema), path, tuple(below), problems)}
-    for key in _keys(schema):
-        if key.name in below and key.name in tree:
-            with problems:
-                values[key.name] = read_section(key.kind, tree[key.name], (*path, key.name), folder)
-        elif key.is_required and tree.get(key.name, "") == "":
+    keys = _keys(schema)
+    values = read_parameters(tree, keys, path, (), problems)
+    for key in keys:
+        if key.is_required and tree.get(key.name, "") == "":
             expected = key.allowed if key.choices else f"the {key.description}"
             problems.add(ConfigError(f"is missing; expected {expected}", (*path, key.name)))
         elif key.is_path and values[key.name]:
             values[key.name] = absolute_path(values[key.name], folder)
     if getattr(schema, "CHECKS_WHOLE", False):
         problems.raise_if_any()
-    result = schema(**given, **{key.field: values[key.name] for key in _keys(schema)})
-    mistakes: Callable[[JsonObject], Iterator[Tuple[str, str]]] = getattr(result, "mistakes", _no_mistakes)
+    result = schema(**given, **{key.field: values[key.name] for key in keys})
     wrong = {error.path for error in problems.errors}
-    for name, problem in mistakes(tree):
+    for name, problem in getattr(result, "mistakes", lambda given: ())(tree):
         if (*path, name) not in wrong:
             problems.add(ConfigError(problem, (*path, name) if name else path))
     problems.raise_if_any()
     return result
-
-
-def _no_mistakes(given: JsonObject) -> Iterator[Tuple[str, str]]:
-    return iter(())
 
 
 def absolute_path(file: str, folder: str) -> str:
@@ -166,14 +217,7 @@ def read_record(schema: Type[T], record: object) -> T:
                 raise MessageError(f"{key.name}: {key.refusal(value)}")
         elif key.is_required:
             raise MessageError(f"{key.name}: is missing; expected {key.allowed}")
-    return _instance(schema, values)
-
-
-def _instance(schema: Type[T], values: JsonObject) -> T:
-    """Returns a frozen dataclass, in a third of the time of its constructor."""
-    instance = object.__new__(schema)
-    instance.__dict__.update(values)
-    return instance
+    return schema(**values)
 
 
 def read_texts(schema: Type[T], texts: Mapping[str, str]) -> T:

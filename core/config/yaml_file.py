@@ -8,7 +8,7 @@ import stat
 from typing import Iterator, Mapping, NamedTuple, Union
 
 from ..values import ConfigError, JsonObject, Path, Problems
-from .parameters import require_mapping
+from .schema import require_mapping
 
 PathLike = Union[str, "os.PathLike[str]"]
 

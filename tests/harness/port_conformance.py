@@ -23,7 +23,8 @@ from typing import Any, Callable, Mapping, NamedTuple, Protocol, Sequence
 import pytest
 
 from robot_health_monitor.core.config.monitor_config import sections
-from robot_health_monitor.core.config.parameters import Parameter, flatten, read_parameters
+from robot_health_monitor.core.config.parameters import Parameter, flatten
+from robot_health_monitor.core.config.schema import read_parameters
 from robot_health_monitor.core.config.yaml_file import read_yaml
 from robot_health_monitor.core.judge.attachments import TICKS
 from robot_health_monitor.core.nodes import Aggregator, AlertSystem, BatterySensor

@@ -10,13 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robot_health_monitor.core.config.parameters import (
-    Parameter,
-    flatten,
-    read_parameters,
-    require_mapping,
-    unflatten,
-)
+from robot_health_monitor.core.config.parameters import Parameter, flatten, unflatten
+from robot_health_monitor.core.config.schema import read_parameters, require_mapping
 from robot_health_monitor.core.values.errors import ConfigError
 from robot_health_monitor.core.values.formatting import describe
 
