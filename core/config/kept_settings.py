@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from typing import Any
 
 from ..values import JsonObject
-from .signal_config import CONDITIONS, LINK, LINK_CONFIG, SIGNAL_PARAMETERS, SignalConfig, read_signal
-
-_DEFAULTS: JsonObject = {parameter.name: parameter.default for parameter in SIGNAL_PARAMETERS}
+from .signal_config import LINK, LINK_CONFIG, SignalConfig, read_signal
 
 
 def read_kept(kept: JsonObject) -> dict[str, SignalConfig]:
@@ -21,21 +20,12 @@ def read_kept(kept: JsonObject) -> dict[str, SignalConfig]:
 
 def settings_of(signal: SignalConfig) -> dict[str, Any]:
     """Returns the keys of a signal that differ from their defaults, as a thresholds.yaml has them."""
-    settings: dict[str, Any] = {}
-
-    def follows(key: str) -> bool:
-        """Whether the value of a key is the one that follows from the others if it is left out."""
-        left_out: dict[str, Any] = {key: None}
-        return bool(getattr(replace(signal, **left_out), key) == getattr(signal, key))
-
-    for key, default in _DEFAULTS.items():
-        value = getattr(signal, key)
-        if value not in (None, default) and not (default is None and follows(key)):
-            settings[key] = list(value) if isinstance(value, tuple) else value
-    for key in CONDITIONS:
-        condition = getattr(signal, key)
-        if condition is not None:
-            settings[key] = {
-                name: list(value) if isinstance(value, tuple) else value for name, value in condition.settings.items()
-            }
+    given: dict[str, Any] = {}
+    for key, value in vars(signal).items():
+        default = getattr(SignalConfig, key, None)
+        left_out: JsonObject = {key: default}
+        # A default may follow from other keys.
+        if key != "name" and value != default and getattr(replace(signal, **left_out), key) != value:
+            given[key] = value
+    settings: dict[str, Any] = json.loads(json.dumps(given, default=lambda condition: condition.settings))
     return settings

@@ -261,15 +261,9 @@ def _read_signals(tree: JsonObject, path: Path) -> Dict[str, SignalConfig]:
             read[name] = read_signal(name, settings, (*path, name))
     _share_types(read, path, problems)
     causes = causes_of(read, lambda topic: topic)
-    for name, signal in read.items():
-        for key in CONDITIONS:
-            condition = getattr(signal, key)
-            if condition is not None and not _may_refer_to(condition.signal, name, read, signals):
-                others = list_text([other for other in signals if other not in (name, LINK)] + [LINK], 20)
-                problem = f"expected the name of another signal ({others}), got {describe(condition.signal)}"
-                problems.add(ConfigError(problem, (*path, name, key, "signal")))
-        for problem in _mistakes_of_causes(name, read, signals, causes):
-            problems.add(ConfigError(problem, (*path, name, "depends_on")))
+    for name in read:
+        for key, problem in _mistakes_of_references(name, read, signals, causes):
+            problems.add(ConfigError(problem, (*path, name, *key)))
     problems.raise_if_any()
     return {name: _shared(signal) for name, signal in read.items()}
 
@@ -287,24 +281,26 @@ def _may_refer_to(other: str, name: str, read: Mapping[str, SignalConfig], given
     return template_name(other) != name and (is_element or other in given or other == LINK)
 
 
-def _mistakes_of_causes(
+def _mistakes_of_references(
     name: str, read: Mapping[str, SignalConfig], given: JsonObject, causes: Causes
-) -> Iterator[str]:
-    """Yields what is wrong with that on which a signal depends: unknown names, itself, its own topic, circles."""
+) -> Iterator[Tuple[Path, str]]:
+    """Yields key and problem where a signal refers to another: unknown names, itself, its own topic, circles."""
     signal = read[name]
-    topics = {each.topic.lstrip("/") for each in read.values() if each.topic}
+    others = list_text([other for other in given if other not in (name, LINK)] + [LINK], 20)
+    for key in CONDITIONS:
+        condition = getattr(signal, key)
+        if condition is not None and not _may_refer_to(condition.signal, name, read, given):
+            problem = f"expected the name of another signal ({others}), got {describe(condition.signal)}"
+            yield (key, "signal"), problem
+    topics = {each.topic.lstrip("/") for each in read.values()} - {"", signal.topic.lstrip("/")}
     for cause in signal.depends_on:
-        is_signal = cause in given or cause == LINK or is_element_name(cause)
-        if template_name(cause) == name:
-            yield f"expected other signals, got {describe(cause)}: it would depend on itself"
-        elif not is_signal and signal.topic and cause.lstrip("/") == signal.topic.lstrip("/"):
-            yield f"expected topics of other signals, got {describe(cause)}: its own silence is one alert already"
-        elif not _may_refer_to(cause, name, read, given) and cause.lstrip("/") not in topics:
-            others = list_text([other for other in given if other != name] + [LINK], 20)
-            yield f"expected names of other signals ({others}) or their topics, got {describe(cause)}"
+        is_topic = template_name(cause) != name and cause.lstrip("/") in topics
+        if not is_topic and not _may_refer_to(cause, name, read, given):
+            problem = f"expected names of other signals ({others}) or their topics, got {describe(cause)}"
+            yield ("depends_on",), problem
     circle = [cause for cause in causes.of(name) if name in causes.of(cause)]
-    if circle and name not in map(template_name, signal.depends_on):
-        yield f"expected no circle, but {' and '.join([*circle, name])} depend on one another"
+    if circle:
+        yield ("depends_on",), f"expected no circle, but {' and '.join([*circle, name])} depend on one another"
 
 
 def _share_types(signals: Dict[str, SignalConfig], path: Path, problems: Problems) -> None:

@@ -216,7 +216,9 @@ class SignalConfig:
     depends_on: Tuple[str, ...] = declared(
         (), "signals, elements or topics without which its own alerts have a known cause: they are not announced"
     )
-    what_to_do: str = declared("", "what to do when it alerts: one line, or the address of a page")
+    what_to_do: str = declared(
+        "", "what to do when it alerts: one line, or the address of a page", None, LONGEST_ADVICE
+    )
     only_if: Optional[Condition] = declared(
         None, "the bounds apply only while this holds or the other signal is unknown"
     )
@@ -252,15 +254,11 @@ class SignalConfig:
     def mistakes(self, given: JsonObject) -> Mistakes:
         """Yields key and problem of each value that cannot be used, or contradicts another; see `read_section`."""
         for keys, problem in _keys_to_remove(self):
-            defaults = {each.name: each.default for each in SIGNAL_PARAMETERS}
-            yield from ((key, problem) for key in keys if given.get(key) not in (None, defaults[key]))
+            yield from ((key, problem) for key in keys if given.get(key) not in (None, getattr(SignalConfig, key)))
         yield from _mistakes_of_names(self, given)
         yield from _mistakes_of_paths(self, given)
         if self.scale == 0.0:
             yield "scale", "expected a number other than 0, got 0"
-        if len(self.what_to_do) > LONGEST_ADVICE:
-            got = describe(self.what_to_do)
-            yield "what_to_do", f"expected one line of at most {LONGEST_ADVICE} characters, got {got}"
         if self.is_template and 0.0 < self.forget_after_s <= self.stale_after_s:
             expected = f"expected more than stale_after_s ({bound_text(self.stale_after_s)})"
             why = "an element would end before its silence is announced"
@@ -368,11 +366,11 @@ def _mistakes_of_names(signal: SignalConfig, given: JsonObject) -> Mistakes:
     if len(keys) > 1:
         yield keys[1], f"expected one of topic, action, {', '.join(GRAPH_KEYS)}, got {' and '.join(keys)}"
     for key in ("action", *GRAPH_KEYS):
-        is_one = key in ("action", "lifecycle")
-        if key in given and not re.fullmatch(r"[~/\w]+" if is_one else r"[~/\w*?]+", given[key], re.ASCII):
-            of_one = f"the name of one {'action' if key == 'action' else 'node'}"
-            expected = of_one if is_one else "a name such as /lidar_driver, in which * and ? match"
-            yield key, f"expected {expected}, got {describe(given[key])}"
+        letters, where = (
+            (r"[~/\w]+", "") if key in ("action", "lifecycle") else (r"[~/\w*?]+", ", in which * and ? match")
+        )
+        if key in given and not re.fullmatch(letters, given[key], re.ASCII):
+            yield key, f"expected one name such as /lidar_driver{where}, got {describe(given[key])}"
     if not signal.topic and signal.graph is None:
         yield "topic", "expected the name of a topic, got ''"
     if signal.type and split_type_name(signal.type) is None:
@@ -412,40 +410,34 @@ def _mistakes_of_forecast(signal: SignalConfig) -> Mistakes:
 
 def _mistakes_of_bounds(signal: SignalConfig, given: JsonObject) -> Mistakes:
     """Yields limits that are in the wrong order, and bounds whose alert would never clear."""
-    bounds, hysteresis = signal.bounds, bound_text(signal.hysteresis)
+    bounds = signal.bounds
     lows = [name for name in bounds if name.endswith("below")]
-    sides = list(product(lows, [name for name in bounds if name not in lows]))
-    in_range = bounds if signal.statistic in _IN_UNIT else ()
-    for low, high, why in (
-        ("valid_min", "valid_max", ": no value would be valid"),
-        ("flap_low", "flap_high", ""),
-        ("window_min_s", "window_s", ""),
-        ("error_below", "warn_below", ": a falling value crosses the WARN bound first"),
-        ("warn_above", "error_above", ": a rising value crosses the WARN bound first"),
-        *((low, high, ": no value would be OK") for low, high in sides),
-        *(("valid_min", name, "") for name in in_range),
-        *((name, "valid_max", "") for name in in_range),
-        *((name, "window_samples", "") for name in (bounds if signal.statistic == "count" else ())),
-    ):
+    highs = [name for name in bounds if name not in lows]
+    lowest, highest = (("valid_min",), ("valid_max",)) if signal.statistic in _IN_UNIT else ((), ())
+    sides = list(product((*lows, *lowest), (*highs, *highest)))
+    ordered = {
+        **dict.fromkeys(sides, ": no value would be OK"),
+        ("valid_min", "valid_max"): ": no value would be valid",
+        ("flap_low", "flap_high"): "",
+        ("window_min_s", "window_s"): "",
+        ("error_below", "warn_below"): ": a falling value crosses the WARN bound first",
+        ("warn_above", "error_above"): ": a rising value crosses the WARN bound first",
+        **dict.fromkeys((*product(lowest, lows), *product(highs, highest)), ""),
+        **dict.fromkeys(product(bounds if signal.statistic == "count" else (), ("window_samples",)), ""),
+    }
+    for (low, high), why in ordered.items():
         least, most = getattr(signal, low), getattr(signal, high)
-        if least is not None and most is not None and least > most:
-            is_low = low in given and (low, high) not in (("valid_min", name) for name in in_range)
+        if least is None or most is None:
+            continue
+        if least > most:
+            is_low = low in given and (low != "valid_min" or high == "valid_max")
             key, expected, got = (low, f"at most {high}", least) if is_low else (high, f"at least {low}", most)
             other = float(most if is_low else least)
             yield key, f"expected {expected} ({bound_text(other)}), got {bound_text(float(got))}{why}"
-    for low, high in sides:
-        room = bounds[high] - bounds[low]
-        if 0.0 <= room < signal.hysteresis:
-            why = f"{low} would clear above {high}"
-            yield "hysteresis", f"expected at most {number_text(room)}, got {hysteresis}: {why}"
-    for name in in_range:
-        bound, valid_min, valid_max = bounds[name], signal.valid_min, signal.valid_max
-        clears_at = bound + signal.hysteresis if name in lows else bound - signal.hysteresis
-        too_high = name in lows and valid_max is not None and bound <= valid_max < clears_at
-        too_low = name not in lows and valid_min is not None and clears_at < valid_min <= bound
-        if too_high or too_low:
-            why = f"{name} would clear at {number_text(clears_at)}, which is not a valid value"
-            yield "hysteresis", f"expected less, got {hysteresis}: {why}"
+        elif (low, high) in sides and most - least < signal.hysteresis and (low in bounds or high in bounds):
+            clears = f"{low} would clear above {high}" if low in bounds else f"{high} would clear below {low}"
+            got = bound_text(signal.hysteresis)
+            yield "hysteresis", f"expected at most {number_text(most - least)}, got {got}: {clears}"
 
 
 LINK_CONFIG = read_signal(

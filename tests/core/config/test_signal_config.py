@@ -190,11 +190,11 @@ def test_what_is_just_possible_loads(settings: dict[str, Any]) -> None:
         ({"valid_min": 0, "error_below": -5}, "error_below: expected at least valid_min (0), got -5"),
         (
             {"valid_max": 100, "warn_below": 99, "hysteresis": 2},
-            "hysteresis: expected less, got 2: warn_below would clear at 101, which is not a valid value",
+            "hysteresis: expected at most 1, got 2: warn_below would clear above valid_max",
         ),
         (
             {"valid_min": 0, "warn_above": 1, "hysteresis": 2},
-            "hysteresis: expected less, got 2: warn_above would clear at -1, which is not a valid value",
+            "hysteresis: expected at most 1, got 2: warn_above would clear below valid_min",
         ),
         ({"scale": 0}, "scale: expected a number other than 0, got 0"),
     ],

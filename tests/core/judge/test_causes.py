@@ -146,16 +146,19 @@ def test_an_element_may_be_a_cause_and_have_one() -> None:
     ("signals", "problem"),
     [
         ({"a": {"depends_on": ["b"]}}, "expected names of other signals (link) or their topics, got 'b'"),
-        ({"a": {"depends_on": ["a"]}}, "expected other signals, got 'a': it would depend on itself"),
+        ({"a": {"depends_on": ["a"]}}, "expected names of other signals (link) or their topics, got 'a'"),
         (
             {"a": {"topic": "/t", "depends_on": ["/t"]}},
-            "topics of other signals, got '/t': its own silence",
+            "expected names of other signals (link) or their topics, got '/t'",
         ),
         (
             {"a": {"depends_on": ["b"]}, "b": {"depends_on": ["a"]}},
             "no circle, but b and a depend on one another",
         ),
-        ({"a": {"topic": "/t", "field": "x[*]", "depends_on": ["a[1]"]}}, "got 'a[1]': it would depend on itself"),
+        (
+            {"a": {"topic": "/t", "field": "x[*]", "depends_on": ["a[1]"]}},
+            "names of other signals (link) or their topics, got 'a[1]'",
+        ),
     ],
 )
 def test_unknown_names_and_circles_are_configuration_errors(signals: dict[str, Any], problem: str) -> None:
@@ -165,7 +168,7 @@ def test_unknown_names_and_circles_are_configuration_errors(signals: dict[str, A
 
 
 @pytest.mark.parametrize(
-    ("text", "expected"), [("x" * 501, "one line of at most 500 characters"), ("two\nlines", "printable text")]
+    ("text", "expected"), [("x" * 501, "printable text of at most 500 characters"), ("two\nlines", "printable text")]
 )
 def test_advice_is_one_line(text: str, expected: str) -> None:
     with pytest.raises(ConfigError, match=f"what_to_do: expected {expected}"):
