@@ -121,7 +121,7 @@ class AlertSystem:
         """Subscribes, and continues from the saved states."""
         now_s, config = self._middleware.now_s(), self.configuration
         self.watched.follow(config, unknown)
-        self.watched.leave_out(unknown, now_s)
+        self.watched.change_to(config, unknown, now_s)
         if self._continuity is not None:
             self._continuity.record_configuration(config)
             self._begun = now_s, self._middleware.steady_s()

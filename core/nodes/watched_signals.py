@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from functools import partial
 from typing import Any, Callable, Mapping, Optional, Tuple
@@ -9,9 +10,11 @@ from typing import Any, Callable, Mapping, Optional, Tuple
 from ..config import DEFAULT_SIGNALS, LINK, MonitorConfig, SignalConfig, causes_first, load_config
 from ..judge.monitor import Monitor
 from ..port import Counts, Middleware, Subscription, Timer, Unread, Wanted
-from ..values import ABSENT, STATUS_TOPICS, ConfigError, Goals, JsonObject, ServiceError, resolve_name
+from ..values import ABSENT, ConfigError, Goals, JsonObject, ServiceError, resolve_name
 
 _MAX_LIST = 10_000  # characters
+_ACTION_TOPIC = re.compile(r"(/_action)?/status\Z")
+"""What is behind the name of an action in that of its topic of states, on ROS 2 and on ROS 1."""
 _NO_SENSOR = "battery_sensor reports that its host has no such sensor"
 
 _Source = Tuple[str, str, str, Optional[str]]
@@ -33,7 +36,7 @@ class WatchedSignals:
 
         Args:
             middleware: the node's connection.
-            monitor: judges the signals; all of its configuration is watched until `leave_out`.
+            monitor: judges the signals; all of its configuration is watched until `change_to`.
             take: receives a signal's name, a value (or `ABSENT`: a message without one) and the time in s.
             note_change: receives a text when a signal begins or ceases to be watched, and the time in s.
             apply: then receives the configuration with the signals that are watched.
@@ -86,7 +89,7 @@ class WatchedSignals:
             self._middleware.unsubscribe(self._subscriptions.pop(source))
         self._subscriptions.update(added)
         self.topics = {
-            name: _source_name(config.signals[name], subscription)
+            name: _ACTION_TOPIC.sub("", subscription.topic) if config.signals[name].action else subscription.topic
             for (name, *_), subscription in self._subscriptions.items()
         }
         self._monitor.expect_sources({config.signals[name].topic: topic for name, topic in self.topics.items()})
@@ -100,15 +103,9 @@ class WatchedSignals:
             self._graph_timer = None
 
     def change_to(self, config: MonitorConfig, unknown: Mapping[str, str], now_s: float) -> None:
-        """Watches another configuration, after `follow`."""
-        old, self.config = self.config.signals, config
+        """Watches another configuration, after `follow`, which gets the same `unknown`."""
+        old, self.config, self._unknown = self.config.signals, config, unknown
         self.without_sensor = {name for name in self.without_sensor if config.signals.get(name) == old[name]}
-        self.leave_out(unknown, now_s)
-        self._apply(self._watched(), now_s)
-
-    def leave_out(self, unknown: Mapping[str, str], now_s: float) -> None:
-        """Does not watch the signals of the graph that cannot be watched here."""
-        self._unknown = unknown
         self._update(now_s)
 
     def take_in(self, name: str, now_s: float) -> None:
@@ -126,16 +123,17 @@ class WatchedSignals:
         self._update(now_s)
 
     def _update(self, now_s: float) -> None:
-        """Names each signal that is now left out, or watched again, and applies that."""
+        """Names each signal that is now left out, or watched again, and applies a configuration that differs."""
         before = self.left_out
         unread = dict.fromkeys(self._of_graph, self._unread) if self._unread else {}
         self.left_out = {**self._unknown, **unread, **dict.fromkeys(self.without_sensor, _NO_SENSOR)}
-        for name in sorted(self.left_out.keys() - before.keys()):
-            self._note_change(f"{name} is not watched: {self.left_out[name]}", now_s)
-        for name in sorted(before.keys() - self.left_out.keys()):
-            self._note_change(f"{name} is watched again", now_s)
-        if self.left_out.keys() != before.keys():
-            self._apply(self._watched(), now_s)
+        for name in sorted(self.left_out.keys() ^ before.keys()):
+            is_watched = "watched again" if name in before else f"not watched: {self.left_out[name]}"
+            self._note_change(f"{name} is {is_watched}", now_s)
+        signals = {name: signal for name, signal in self.config.signals.items() if name not in self.left_out}
+        watched = replace(self.config, signals=signals)
+        if watched != self._monitor.config:
+            self._apply(watched, now_s)
 
     def note_simulated(self, topics: Any, now_s: float) -> None:
         """Applies the list from battery_sensor, which comes every second."""
@@ -186,11 +184,6 @@ class WatchedSignals:
         topics = {resolve_name(name, self._middleware.name) for name in given if name}
         return {name for name, topic in tuple(self.topics.items()) if topic in topics}
 
-    def _watched(self) -> MonitorConfig:
-        """Returns the configuration without the signals that are left out."""
-        signals = {name: signal for name, signal in self.config.signals.items() if name not in self.left_out}
-        return replace(self.config, signals=signals)
-
 
 def read_config(
     middleware: Middleware, tree: JsonObject, *, adds_defaults: bool
@@ -201,11 +194,11 @@ def read_config(
     """
     signals = tree.get("signals", {})
     if adds_defaults and isinstance(signals, Mapping):
-        merged = dict(DEFAULT_SIGNALS)
-        for name, given in signals.items():
-            changes_default = name in merged and isinstance(given, Mapping)
-            merged[name] = {**merged[name], **given} if changes_default else given
-        tree = {**tree, "signals": merged}
+        merged = {
+            name: {**DEFAULT_SIGNALS.get(name, {}), **given} if isinstance(given, Mapping) else given
+            for name, given in signals.items()
+        }
+        tree = {**tree, "signals": {**DEFAULT_SIGNALS, **merged}}
     config = load_config(tree)
     resolved: dict[str, SignalConfig] = {}
     unknown: dict[str, str] = {}
@@ -220,10 +213,3 @@ def read_config(
             except ConfigError as error:
                 raise ConfigError(error.problem, ("signals", name, key)) from None
     return replace(config, signals={**config.signals, **resolved}), unknown
-
-
-def _source_name(config: SignalConfig, subscription: Subscription) -> str:
-    ends = STATUS_TOPICS if config.action else ()
-    return next(
-        (subscription.topic[: -len(end)] for end in ends if subscription.topic.endswith(end)), subscription.topic
-    )
