@@ -9,10 +9,8 @@ from __future__ import annotations
 from typing import Any
 
 import yaml
-from yaml.composer import Composer
-from yaml.constructor import ConstructorError, SafeConstructor
+from yaml.constructor import ConstructorError
 from yaml.error import MarkedYAMLError
-from yaml.resolver import Resolver
 
 from ..values import ConfigError, Path, Problems, describe
 
@@ -40,6 +38,7 @@ def load(text: str, lines: dict[Path, int], problems: Problems) -> Any:
     Raises ConfigError, with the line but no file, for invalid YAML and aliases, and if it is too large.
     """
     try:
+        _check_size(text)
         loader = _Loader(text)
         root = loader.get_single_node()
         if root is None:
@@ -60,51 +59,34 @@ def load(text: str, lines: dict[Path, int], problems: Problems) -> Any:
         raise ConfigError(f"is not valid YAML: {_short(str(error))}") from None
 
 
-if yaml.__with_libyaml__:
-    from yaml.cyaml import CParser  # type: ignore[attr-defined]  # missing in its stub
-
-    class _Parser(Composer, CParser, SafeConstructor, Resolver):
-        """libyaml's scanner and parser, with PyYAML's composer: its C composer cannot be bounded."""
-
-        def __init__(self, text: str) -> None:
-            CParser.__init__(self, text)
-            Composer.__init__(self)
-            SafeConstructor.__init__(self)
-            Resolver.__init__(self)
-
-else:
-    _Parser = yaml.SafeLoader  # type: ignore[assignment,misc]
-
-
-class _Loader(_Parser):
-    """Bounds the depth and the number of nodes while composing, and gives every failed value its line."""
-
-    def __init__(self, text: str) -> None:
-        super().__init__(text)
-        self._depth = 0
-        self._nodes = 0
-
-    def compose_node(self, parent: Any, index: Any) -> Any:
-        self._depth += 1
-        self._nodes += 1
-        event: Any = self.peek_event()
+def _check_size(text: str) -> None:
+    """Raises MarkedYAMLError if a text has aliases, or is too deep or too large to be composed."""
+    depth = nodes = 0
+    events: Any = yaml.parse(text, _Parser)
+    for event in events:
+        nodes += isinstance(event, yaml.NodeEvent)
+        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
         problem = ""
-        if self._depth > DEEPEST_LEVEL:
+        if depth > DEEPEST_LEVEL:
             problem = _TOO_DEEP
-        elif self._nodes > MOST_VALUES:
+        elif nodes > MOST_VALUES:
             problem = f"expected at most {MOST_VALUES} keys and values"
         elif isinstance(event, yaml.AliasEvent):
             problem = "aliases such as *name are not supported, as in ROS 2"
         if problem:
             raise MarkedYAMLError(None, None, problem, event.start_mark)
-        node: Any = super().compose_node(parent, index)
-        self._depth -= 1
+
+
+_Parser: Any = yaml.CSafeLoader if yaml.__with_libyaml__ else yaml.SafeLoader
+
+
+class _Loader(_Parser):  # type: ignore[misc]  # one of two classes
+    """Gives every failed value its line."""
+
+    def construct_object(self, node: Any, deep: bool = False) -> Any:
         # YAML 1.1 reads 1:30:00 as 5400, ROS 2 and YAML 1.2 as text.
         if node.tag in _NUMBERS and (len(node.value) > LONGEST_NUMBER or ":" in node.value):
             node.tag = _TEXT
-        return node
-
-    def construct_object(self, node: Any, deep: bool = False) -> Any:
         try:
             return super().construct_object(node, deep)
         except (ValueError, TypeError, KeyError, IndexError, AttributeError, ArithmeticError):
