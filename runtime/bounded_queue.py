@@ -23,13 +23,16 @@ class BoundedQueue(Generic[Item]):
     def __len__(self) -> int:
         return len(self._items)
 
-    def put(self, item: Item, size: int) -> None:
-        """Adds an item, and drops the oldest ones if too much waits."""
+    def put(self, item: Item, size: int) -> int:
+        """Adds an item, and drops the oldest ones if too much waits; returns how many."""
         self._items.append((item, size))
         self.size += size
+        dropped = 0
         while self.size > self._bound and len(self._items) > 1:
             self.pop()
-            self.dropped += 1
+            dropped += 1
+        self.dropped += dropped
+        return dropped
 
     def pop(self) -> Item:
         """Removes and returns the oldest item; raises IndexError if there is none."""

@@ -65,15 +65,9 @@ class Access:
 
         Clients other than browsers send no Origin and are allowed.
         """
-        origins = (*_LOCAL_PAGES, *self.origins)
-        if not origin or "*" in origins or origin in origins or is_own_origin(origin, host):
-            return True
-        try:
-            parts = urlsplit(origin)
-            name = f"[{parts.hostname}]" if ":" in (parts.hostname or "") else parts.hostname
-        except ValueError:
-            return False
-        return f"{parts.scheme}://{name}" in origins
+        origins = {*_LOCAL_PAGES, *self.origins}
+        without_port = origin.rpartition(":")[0]
+        return not (origin and origins.isdisjoint(("*", origin, without_port))) or is_own_origin(origin, host)
 
 
 READ_ONLY = Access()

@@ -11,11 +11,10 @@ that is already counted, so that it can be replaced by others.
 from __future__ import annotations
 
 import asyncio
-import json
 import logging
 import resource
 import ssl
-from typing import Callable, Optional
+from typing import Any, Callable, Optional
 
 from aiohttp import web
 from aiohttp.http_exceptions import LineTooLong
@@ -28,14 +27,13 @@ _NO_LOG = logging.Logger("rosbridge", logging.CRITICAL + 1)
 """aiohttp's own lines, which have tracebacks and quote what clients send."""
 
 Tls = Optional[ssl.SSLContext]
-CallLater = Callable[[float, Callable[[], None]], asyncio.TimerHandle]
 
 
 class Connections:
     """The open connections. Those that wait have presented nothing yet, or wait for the next request."""
 
     def __init__(
-        self, limit: int, timeout_s: float, log: Callable[[str], None], call_later: CallLater, tls: Tls = None
+        self, limit: int, timeout_s: float, log: Callable[[str], None], call_later: Callable[..., Any], tls: Tls = None
     ) -> None:
         """Starts without connections.
 
@@ -50,17 +48,14 @@ class Connections:
         self._timeouts: dict[HttpConnection, asyncio.TimerHandle | None] = {}
         """What closes each; None for those in use. Those that have been waiting for the longest time come first."""
 
-    def __len__(self) -> int:
-        return len(self._timeouts)
-
     def add(self, connection: HttpConnection) -> bool:
         """Adds a connection that waits; returns False if there is no room for it."""
-        if len(self) >= self._limit:
+        if len(self._timeouts) >= self._limit:
             self.log(f"connection limit reached; closing the oldest idle one (limit {self._limit})")
-            oldest = next((one for one in self._timeouts if self.waits(one)), None)
+            oldest = next(filter(self.waits, self._timeouts), None)
             if oldest is None:
                 return False
-            self.abort(oldest)
+            oldest.abort()
         self._timeouts[connection] = self._timeout(connection)
         return True
 
@@ -79,15 +74,10 @@ class Connections:
         """Returns whether a connection is open and not in use."""
         return self._timeouts.get(connection) is not None
 
-    def abort(self, connection: HttpConnection) -> None:
-        """Closes a connection at once."""
-        self.remove(connection)
-        connection.abort()
-
     def abort_all(self) -> None:
         """Closes every connection at once."""
         for connection in tuple(self._timeouts):
-            self.abort(connection)
+            connection.abort()
 
     def remove(self, connection: HttpConnection) -> None:
         """Removes a connection that is closed."""
@@ -96,7 +86,8 @@ class Connections:
             timeout.cancel()
 
     def _timeout(self, connection: HttpConnection) -> asyncio.TimerHandle:
-        return self._call_later(self.timeout_s, lambda: self.abort(connection))
+        timeout: asyncio.TimerHandle = self._call_later(self.timeout_s, connection.abort)
+        return timeout
 
 
 def connection_limit(requested: int) -> int:
@@ -113,7 +104,6 @@ class HttpConnection(web.RequestHandler):
         loop = asyncio.get_event_loop()
         super().__init__(create, loop=loop, access_log=None, logger=_NO_LOG)  # type: ignore[arg-type]  # no access log
         self._connections = connections
-        self._tcp: asyncio.Transport | None = None
         self._early: list[bytes] | None = []
         """What came before aiohttp knew of the connection; None once it does."""
         self._received = 0
@@ -133,19 +123,16 @@ class HttpConnection(web.RequestHandler):
 
     def abort(self) -> None:
         """Closes the connection at once, at any stage."""
-        if self._tcp is not None:
-            self._tcp.abort()
+        self._connections.remove(self)
+        self._tcp.abort()
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Counts the connection, and begins TLS."""
+        """Counts the connection, and begins TLS; closes it if there is no room."""
         assert isinstance(transport, asyncio.Transport)
-        if not self._connections.add(self):
-            if self._connections.tls is None:
-                transport.write(_plain_error(503, "Service Unavailable", "too many clients"))
-            transport.close()
-            return
         self._tcp = transport
-        if self._connections.tls is None:
+        if not self._connections.add(self):
+            transport.abort()
+        elif self._connections.tls is None:
             self._begin(transport)
         else:
             self._tls_start = asyncio.ensure_future(self._start_tls(transport, self._connections.tls))
@@ -158,8 +145,7 @@ class HttpConnection(web.RequestHandler):
             transport = None
         # The connection may have ended during the handshake, which Python 3.8 reports as success.
         if transport is None or tcp.is_closing():
-            self._connections.remove(self)
-            tcp.abort()
+            self.abort()
         else:
             self._begin(transport)
 
@@ -183,11 +169,8 @@ class HttpConnection(web.RequestHandler):
         if self._connections.waits(self):
             self._received += len(data)
             if self._received > MOST_REQUEST_BYTES:
-                text = f"request is larger than {MOST_REQUEST_BYTES} bytes"
-                self._connections.log(f"disconnected a client: its {text}")
-                if self.transport is not None:
-                    self.transport.write(_plain_error(413, "Request Entity Too Large", f"the {text}"))
-                    self.transport.close()
+                self._connections.log(f"disconnected a client: its request is larger than {MOST_REQUEST_BYTES} bytes")
+                self.abort()
                 return
         super().data_received(data)
 
@@ -206,10 +189,3 @@ class HttpConnection(web.RequestHandler):
         response = json_error(status, "address or header too long" if isinstance(exc, LineTooLong) else text)
         response.force_close()
         return response
-
-
-def _plain_error(status: int, phrase: str, text: str) -> bytes:
-    """Returns the same as `json_error`, for a connection whose request is not read."""
-    body = json.dumps({"error": text})
-    head = f"HTTP/1.1 {status} {phrase}\r\nConnection: close\r\nContent-Type: application/json"
-    return f"{head}\r\nContent-Length: {len(body)}\r\n\r\n{body}".encode("ascii")

@@ -66,13 +66,11 @@ class ServedNode:
         # Separate: services that do not respond must not block subscriptions.
         self._callers = ThreadPool("rosbridge-call", _MOST_CALLS, _MOST_CALLS)
         self._lock = threading.Lock()
-        self._messages: BoundedQueue[tuple[Callable[[Any], None], Any]] = BoundedQueue(limits.waiting_bytes)
+        self.messages: BoundedQueue[tuple[Callable[[Any], None], Any]] = BoundedQueue(limits.waiting_bytes)
+        """Those that wait for the loop, used with the lock; it counts what was dropped because the loop was busy."""
         self._waking = False
-
-    @property
-    def dropped(self) -> int:
-        """Messages that were dropped because the loop was busy."""
-        return self._messages.dropped
+        self.dropped = 0
+        """Messages that were dropped since, in the loop."""
 
     async def call(self, function: Callable[..., T], *arguments: Any) -> T:
         """Calls a method of the node, in a thread if it may block; raises ServiceError if too many are pending."""
@@ -103,7 +101,7 @@ class ServedNode:
         def callback(value: Any, now_s: float) -> None:
             size = estimated_bytes(value)
             with self._lock:
-                self._messages.put((function, value), size)
+                self.messages.put((function, value), size)
                 wake = not self._waking
                 self._waking = True
             if wake:
@@ -111,7 +109,7 @@ class ServedNode:
                     loop.call_soon_threadsafe(self._deliver)
                 except RuntimeError:  # the loop has ended
                     with self._lock:
-                        self._messages.clear()
+                        self.messages.clear()
 
         return callback
 
@@ -157,9 +155,9 @@ class ServedNode:
         end_s = time.monotonic() + _SLICE_S
         while time.monotonic() <= end_s:
             with self._lock:
-                if not self._messages:
+                if not self.messages:
                     self._waking = False
                     return
-                function, value = self._messages.pop()
+                function, value = self.messages.pop()
             function(value)
         asyncio.get_event_loop().call_soon(self._deliver)  # other tasks of the loop run before

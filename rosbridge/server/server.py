@@ -64,7 +64,7 @@ class Server:
 
         Args:
             middleware: a node for the server; not closed here.
-            host: address to listen on. All except loopback require a token or client certificates.
+            host: address to listen on. All except loopback require a token.
             port: 0 picks a free one.
             access: what clients may do; they may only read if it is None.
             limits: limits for one client and for all of them.
@@ -76,13 +76,11 @@ class Server:
             on_close: called in the loop before connections are closed, to end the long answers of `routes`.
 
         Raises:
-            ConfigError: `host` is reachable from other machines, but neither a token nor client certificates are
-                required.
+            ConfigError: `host` is reachable from other machines, but no token is required.
         """
         self.access = access or READ_ONLY
         self.port = port
         """The port; after `start` the real one."""
-        self._has_certificates = ssl_context is not None and ssl_context.verify_mode == ssl.CERT_REQUIRED
         self._host = host
         self._require_protection(self.access.token)
         self._tokens = TokenCheck(self.access.token)
@@ -94,7 +92,6 @@ class Server:
         self._log_prefix = "rosbridge: " if threads else ""
         self._client_log = LimitedLog(middleware.log, time.monotonic, _LOG_LINES_PER_MINUTE)
         self._sessions: dict[Session, web.WebSocketResponse] = {}
-        self._dropped = 0
         self._runner: web.AppRunner | None = None
         self._node = ServedNode(
             middleware, threads=threads, access=self.access, limits=limits, parameters=parameters, log=self.log
@@ -158,7 +155,7 @@ class Server:
     def dropped(self) -> int:
         """Messages that were dropped, because a client reads too slowly or a message is too large or too frequent."""
         sessions = sum(session.queue.dropped for session in self._sessions)
-        return self._dropped + sessions + self._topics.dropped
+        return self._node.dropped + self._node.messages.dropped + sessions
 
     def publish_log(self, line: LogLine) -> None:
         """Publishes a log line on `/rosout`, for a middleware without this topic. Called in the loop's thread."""
@@ -174,10 +171,8 @@ class Server:
         return HttpConnection(runner.server, self._connections)
 
     def _require_protection(self, token: str) -> None:
-        if not is_loopback(self._host) and not token and not self._has_certificates:
-            raise ConfigError(
-                f"address {self._host} is reachable from other machines: expected a token or TLS client certificates"
-            )
+        if not is_loopback(self._host) and not token:
+            raise ConfigError(f"address {self._host} is reachable from other machines: expected a token")
 
     @web.middleware
     async def _check(
@@ -187,8 +182,7 @@ class Server:
 
         The cookie does not open a WebSocket: pages of other origins may connect.
         """
-        check_host = not self._tokens.required and not self._has_certificates
-        problem = refusal_of(request, self.access, check_host=check_host)
+        problem = refusal_of(request, self.access, check_host=not self._tokens.required)
         client = self._tokens.client(request)
         is_socket = request.method == "GET" and bool(web.WebSocketResponse().can_prepare(request))
         if problem:
@@ -204,7 +198,7 @@ class Server:
         try:
             return await (self._serve(request, connection) if is_socket else handler(request))
         except (web.HTTPException, ConfigError, MessageError, ServiceError) as error:
-            return _refuse(request, error)
+            return _refuse(error)
         finally:
             connection.set_in_use(False)
 
@@ -238,7 +232,7 @@ class Server:
             transport.abort()
         finally:
             del self._sessions[session]
-            self._dropped += session.queue.dropped
+            self._node.dropped += session.queue.dropped
             await asyncio.shield(session.close())
         return socket
 
@@ -271,12 +265,8 @@ class ServerThread:
         self.server.log(f"{context.get('message', 'unexpected error')}{cause}")
 
 
-def _refuse(request: web.Request, error: Exception) -> web.Response:
+def _refuse(error: Exception) -> web.Response:
     """Answers a request for which there is no route, or whose handler failed."""
-    if isinstance(error, web.HTTPMethodNotAllowed):
-        allowed = ",".join(sorted(error.allowed_methods))
-        return json_error(405, f"expected the method {allowed}", {"Allow": allowed})
-    if isinstance(error, web.HTTPNotFound):
-        return json_error(404, f"there is no path {request.path}")
     status = 503 if isinstance(error, ServiceError) else getattr(error, "status", 400)
-    return json_error(status, error.problem if isinstance(error, ConfigError) else str(error))
+    headers = {"Allow": error.headers["Allow"]} if isinstance(error, web.HTTPMethodNotAllowed) else {}
+    return json_error(status, error.problem if isinstance(error, ConfigError) else str(error), headers)

@@ -73,13 +73,7 @@ class Topic:
         """Large messages, until a thread has encoded them, and those that came after: their order stays. The newest
         win."""
         self._is_encoding = False
-        self._failed = 0
         self._clock = asyncio.get_event_loop().time
-
-    @property
-    def dropped(self) -> int:
-        """Messages that were not sent because they were too large or the encoder was busy."""
-        return self._failed + self._waiting.dropped
 
     def needs(self) -> set[bool]:
         """Returns which subscriptions of the middleware the clients need, by the keys of `sources`."""
@@ -115,7 +109,7 @@ class Topic:
 
     def _send(self, message: EncodedMessage, compression: str, receivers: Sequence[Receiver]) -> None:
         if message.is_large or self._is_encoding:
-            self._waiting.put((message, compression, receivers), message.size)
+            self._node.dropped += self._waiting.put((message, compression, receivers), message.size)
             if not self._is_encoding:
                 self._is_encoding = True
                 self._encoder = asyncio.ensure_future(self._encode_waiting())
@@ -142,7 +136,7 @@ class Topic:
                 receiver.put(frame)
 
     def _fail(self, reason: str) -> None:
-        self._failed += 1
+        self._node.dropped += 1
         self._node.log(f"{self.name} ({self.type_name}): {reason}")
 
 
@@ -157,12 +151,6 @@ class Topics:
         """Type of each topic that clients publish on."""
         self._lock = asyncio.Lock()
         """Held while clients and subscriptions change."""
-        self._dropped = 0
-
-    @property
-    def dropped(self) -> int:
-        """Messages that were not sent to any client."""
-        return self._dropped + self._node.dropped + sum(topic.dropped for topic in self._topics.values())
 
     def publish_log(self, line: LogLine) -> None:
         """Publishes a log line on `/rosout`, for a middleware without this topic."""
@@ -196,7 +184,6 @@ class Topics:
                 raise
             finally:
                 if not topic.clients:
-                    self._dropped += topic.dropped
                     del self._topics[name]
 
     async def _update(self, topic: Topic) -> None:

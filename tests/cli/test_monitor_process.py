@@ -265,7 +265,7 @@ class FakeServer:
 
     def use_token(self, token: str) -> None:
         if not token:
-            raise ConfigError("expected a token or TLS client certificates")
+            raise ConfigError("expected a token")
         self.tokens.append(token)
 
 

@@ -347,7 +347,7 @@ async def test_idle_connections_lock_no_client_out_and_are_reported_a_few_times(
         idle = [await loop.run_in_executor(None, raw_socket, robot) for _ in range(200)]
         async with robot.peer() as peer:
             await peer.settle()
-            assert len(robot.server._connections) <= 40
+            assert len(robot.server._connections._timeouts) <= 40
     assert robot.log == ["connection limit reached; closing the oldest idle one (limit 40)"] * 10
     for connection in idle:
         connection.close()
@@ -422,7 +422,7 @@ def test_clients_without_the_token_never_keep_out_those_with_it(tls: bool) -> No
                 session = aiohttp.ClientSession(headers={"Authorization": "Bearer s3cret"})
                 async with session, session.get(f"{url}state", ssl=trust) as response:
                     assert response.status == 200
-                assert len(robot.server._connections) <= 40
+                assert len(robot.server._connections._timeouts) <= 40
         finally:
             for attacker in attackers:
                 attacker.cancel()

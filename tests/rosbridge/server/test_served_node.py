@@ -93,7 +93,7 @@ def test_messages_beyond_the_bound_are_dropped_oldest_first_and_counted() -> Non
         while not heard:
             await asyncio.sleep(0)
         assert [text[:4] for text in heard] == [f"{number:04d}" for number in range(91, 100)]
-        assert node.dropped == 91
+        assert node.messages.dropped == 91
         node.close()
 
     asyncio.run(scenario())

@@ -379,9 +379,6 @@ class TestWhoMayConnect:
         with pytest.raises(ConfigError, match="reachable from other machines"):
             Server(node, host=host, ssl_context=ssl.create_default_context(ssl.Purpose.CLIENT_AUTH))
         Server(node, host=host, access=Access(token="s3cret"))
-        clients = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
-        clients.verify_mode = ssl.CERT_REQUIRED
-        Server(node, host=host, ssl_context=clients)
 
     @staticmethod
     @with_robot(clients=2)
@@ -389,10 +386,9 @@ class TestWhoMayConnect:
         async with robot.peer() as first, robot.peer() as second:
             await first.settle()
             await second.settle()
-            with pytest.raises(aiohttp.WSServerHandshakeError) as refusal:
+            with pytest.raises(aiohttp.ClientConnectionError):
                 async with robot.peer():
                     pass
-            assert refusal.value.status == 503
             await first.settle()
 
 
@@ -414,7 +410,7 @@ async def test_another_token_disconnects_every_client_and_is_required_from_then_
 
 def test_a_server_that_other_machines_reach_does_not_give_up_its_token() -> None:
     server = Server(LocalBus().node("rosbridge"), host="0.0.0.0", access=Access(token="s3cret"))
-    with pytest.raises(ConfigError, match="expected a token or TLS client certificates"):
+    with pytest.raises(ConfigError, match="reachable from other machines: expected a token"):
         server.use_token("")
 
 

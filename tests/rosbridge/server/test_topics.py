@@ -37,7 +37,7 @@ def run(scenario: Callable[[Topic, list[str]], Awaitable[None]], **options: Any)
     async def start() -> None:
         pool = ThreadPool("encode", 1, 100)
         problems: list[str] = []
-        node: Any = SimpleNamespace(codec=pool, log=problems.append, limits=Limits(**options), threads=False)
+        node: Any = SimpleNamespace(dropped=0, codec=pool, log=problems.append, limits=Limits(**options), threads=False)
         topic = Topic("/a", node)
         topic.type_name = "std_msgs/String"
         await asyncio.wait_for(scenario(topic, problems), 60.0)
@@ -111,7 +111,7 @@ def test_while_the_encoder_is_busy_the_newest_wait_within_the_bound() -> None:
         while len(client.frames) < 4:
             await asyncio.sleep(0)
         assert [value[:4] for value in client.values] == ["0000", "0097", "0098", "0099"]
-        assert (topic._waiting.size, topic.dropped) == (0, 96)
+        assert (topic._waiting.size, topic._node.dropped) == (0, 96)
 
     run(scenario, encoding_bytes=350_000)
 
@@ -163,7 +163,7 @@ def test_a_message_that_cannot_be_sent_is_counted_and_reported() -> None:
         topic.set_flow(client, Flow(compression="cbor-raw"))
         topic.deliver({"data": "a"})
         topic.deliver({"data": "x" * 20_000})
-        assert (client.frames, topic.dropped) == ([], 2)
+        assert (client.frames, topic._node.dropped) == ([], 2)
         assert problems[0] == (
             "/a (std_msgs/String): cannot be sent as cbor-raw: the definition of its type is not known"
         )
