@@ -11,7 +11,7 @@ from typing import Any, Callable, Mapping
 from ..core.messages.serialized import SerializedType
 from ..core.messages.standard_messages import check_field
 from ..core.port import Answer, Callback, Severity
-from ..core.values import ABSENT, ConfigError, MessageError, canonical_type, printable
+from ..core.values import ABSENT, ConfigError, canonical_type, printable
 from ..runtime.bridge.node import BridgeClient, BridgeNode, KnownTopic
 from ..runtime.bridge.receivers import BridgeReceiver
 from .channels import Channels
@@ -120,7 +120,7 @@ class _Receiver(BridgeReceiver):
                 self.note_readable()
                 try:
                     value = get(data)
-                except (ValueError, MessageError) as error:
+                except ValueError as error:
                     self.note_mismatch(error)
             self._node.call_back(self, value)
 

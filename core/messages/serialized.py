@@ -1,9 +1,9 @@
 """Values of fields from serialized messages, ROS 1, CDR and JSON, by the definitions that come with them.
 
-Where fixed_fields.py can read a number from the bytes, the message is not deserialized: that is ten times as fast.
-Else it becomes a mapping, whose arrays of numbers are views of the bytes. Work and memory are bounded by the size of
-the bytes, whatever these and the definition say: a length is compared with the bytes that are left, and an element of
-an array takes at least one byte.
+The number of a std_msgs message, and the statuses of a DiagnosticArray, are read without making a message. Any other
+message becomes a mapping, up to the last field that is needed, whose arrays of numbers are views of the bytes. Work and
+memory are bounded by the size of the bytes, whatever these and the definition say: a length is compared with the bytes
+that are left, and an element of an array takes at least one byte.
 
 Sources: wiki.ros.org/roscpp/Overview/MessagesSerializationAndAdaptingTypes; OMG DDS-XTypes, XCDR version 1.
 """
@@ -17,13 +17,27 @@ import sys
 from array import array
 from typing import Any, Callable, Literal, NamedTuple, Sequence, Tuple, cast
 
-from ..values import ConfigError, printable
-from .definitions import NUMBERS, SEQUENCE, Definitions, Field, parse_definition
-from .fixed_fields import Getter
+from ..values import (
+    ABSENT,
+    ARRAY_TYPE,
+    MOST_ELEMENTS,
+    STATUS_TYPE,
+    ConfigError,
+    DriverStatus,
+    Elements,
+    Getter,
+    every_step,
+    is_own_status,
+    leading_path,
+    matches_pattern,
+    parse_field_path,
+    printable,
+    too_many,
+)
+from .definitions import NUMBERS, SEQUENCE, Definition, Definitions, Field, parse_definition
 from .mapping_field import MISSING, MappingField
 from .native_messages import bytes_as_text
 from .raw_messages import RawFormat
-from .serialized_statuses import serialized_getter
 from .typed_field import typed_getter
 
 _LONGEST_PROBLEM = 300
@@ -32,6 +46,7 @@ _DEEPEST = 32
 """Types in one another."""
 _MOST_ELEMENTS = 500_000
 """Strings and messages in the arrays of one message: each takes a few hundred bytes of memory."""
+_STATUS_FIELDS = ["level", "name", "message", "hardware_id", "values"]
 _EMPTY = Field("structure_needs_at_least_one_member", "uint8", None)
 """What an empty message consists of in ROS 2."""
 
@@ -60,6 +75,8 @@ class SerializedType:
         self._is_cdr = raw_format.message_encoding == "cdr"
         self._data: bytes | None = None
         self._message: Any = None
+        self._needed = 0
+        """How many fields of a message are read, from the first one on."""
 
     @functools.cached_property
     def definitions(self) -> Definitions:
@@ -69,10 +86,6 @@ class SerializedType:
             return parse_definition(raw.type_name, raw.schema, raw.schema_encoding, is_ros1=not self._is_cdr)
         except ValueError as error:
             raise self._unusable(error) from None
-
-    @functools.cached_property
-    def _deserialize(self) -> Callable[[bytes], Any]:
-        return Deserializer(self.definitions, self._is_cdr).bind(self.raw_format.type_name)
 
     def field_getter(self, field: str) -> Getter:
         """Returns a function that reads `field`, a path as in values/field_path.py, from messages.
@@ -84,18 +97,23 @@ class SerializedType:
         if self.raw_format.message_encoding == "json":
             return json_getter(self._topic, type_name, field)
         read = typed_getter(self._topic, type_name, self.definitions, field)
+        fields = self.definitions[type_name].fields
+        self._needed = max(self._needed, _fields_needed(fields, field))
+        needed = {**self.definitions, type_name: Definition(fields[: self._needed])}
         try:
-            direct = serialized_getter(self.definitions, type_name, field, is_cdr=self._is_cdr)
-            if direct is not None:
-                return direct
-            deserialize = self._deserialize
+            deserializer = Deserializer(needed, self._is_cdr)
+            self._deserialize = deserializer.bind(type_name)
+            direct = deserializer.bind_directly(type_name, field)
         except ValueError as error:
             raise self._unusable(error) from None
+        if direct is not None:
+            return direct
+        self._data = None
 
         def get(data: bytes) -> Any:
             if data is not self._data:  # several fields are read from one message
                 try:
-                    self._message = deserialize(data)
+                    self._message = self._deserialize(data)
                 except ValueError as error:
                     raise ValueError(f"not a {type_name}: {error}") from None
                 self._data = data
@@ -106,6 +124,14 @@ class SerializedType:
     def _unusable(self, error: Exception) -> ConfigError:
         text = f"{self._topic}: cannot use the definition of {self.raw_format.type_name}: {error}"
         return ConfigError(printable(" ".join(text.split()))[:_LONGEST_PROBLEM])
+
+
+def _fields_needed(fields: Sequence[Field], path: str) -> int:
+    """Returns how many fields of a message, from the first one on, are read for a path."""
+    steps, condition = leading_path(path)
+    names = [field.name for field in fields]
+    is_simple = not condition and all(isinstance(step, (str, int)) for step in steps)
+    return names.index(str(steps[0])) + 1 if is_simple and steps and steps[0] in names else len(names)
 
 
 class _JsonField(MappingField):
@@ -160,22 +186,42 @@ class Deserializer:
     def bind(self, name: str) -> Callable[[bytes], Any]:
         """Returns a function that deserializes messages of a type; it raises ValueError if they do not match it.
 
-        Raises ValueError if the type contains itself, is too large, or contains a type that is not known.
+        Bytes behind the message are ignored. Raises ValueError if the type contains itself, is too large, or contains a
+        type that is not known.
         """
         self._measure(name, set())
-        readers = [self._message_reader(name, order) for order in "><"]
+        return self._getter([self._message_reader(name, order) for order in "><"])
+
+    def bind_directly(self, name: str, field: str) -> Callable[[bytes], Any] | None:
+        """Returns a function that reads a field without making a message, raising as that of `bind`, which comes first.
+
+        None if the field is not the number of a message of one number, nor several statuses of a DiagnosticArray.
+        """
+        fields = self._fields(name)
+        if len(fields) == 1 and fields[0].name == field and fields[0].kind in NUMBERS and fields[0].size is None:
+            return self._getter([self._field_reader(fields[0], order) for order in "><"])
+        every = every_step(field)
+        pattern = every and every.pattern
+        if name != ARRAY_TYPE or pattern is None or parse_field_path(field) != ("status", every):
+            return None
+        if [each.name for each in self._fields(STATUS_TYPE)] != _STATUS_FIELDS:
+            return None
+        return self._getter([self._statuses_reader(pattern, order) for order in "><"])
+
+    def _getter(self, readers: Sequence[_Read]) -> Callable[[bytes], Any]:
+        """Returns what reads a value behind the header; `readers` are for both byte orders."""
         is_cdr = self._is_cdr
         start = _CDR_HEADER if is_cdr else 0
 
         def get(data: bytes) -> Any:
             self._elements_left = _MOST_ELEMENTS
             try:
-                message, end = readers[data[1] if is_cdr else 1](data, start)
+                value, end = readers[data[1] if is_cdr else 1](data, start)
             except (struct.error, IndexError) as error:
                 raise ValueError(f"too short, or of another format: {error}") from None
-            if end > len(data) or (end < len(data) and not is_cdr):  # rclpy's serialize_message leaves bytes behind
-                raise ValueError(f"{len(data)} bytes, expected {end}")
-            return message
+            if end > len(data):
+                raise ValueError(f"too short: {len(data)} bytes, expected {end}")
+            return value
 
         return get
 
@@ -292,5 +338,38 @@ class Deserializer:
                 element, at = one(data, at)
                 elements.append(element)
             return elements, at
+
+        return read
+
+    def _statuses_reader(self, pattern: str, order: str) -> _Read:
+        """Returns a reader of the statuses whose names match, in a DiagnosticArray.
+
+        Robots have hundreds with several values each. Messages of them are a thousand objects, which cost several times
+        what level and message of each status do.
+        """
+        header, *_ = (self._field_reader(field, order) for field in self._fields(ARRAY_TYPE))
+        level_at, text = self._field_reader(self._fields(STATUS_TYPE)[0], order), self._string_reader(order)
+        count_at = self._count_reader(SEQUENCE, order)
+
+        def read(data: bytes, at: int) -> tuple[Any, int]:
+            _, at = header(data, at)
+            count, at = count_at(data, at)
+            if count > MOST_ELEMENTS:
+                return too_many(count), at
+            statuses = Elements()
+            for _ in range(count):
+                level, at = level_at(data, at)
+                name, at = text(data, at)
+                message, at = text(data, at)
+                _, at = text(data, at)
+                values, at = count_at(data, at)
+                keys = []
+                for _ in range(values):
+                    key, at = text(data, at)
+                    keys.append(key)
+                    _, at = text(data, at)
+                if matches_pattern(name, pattern) and not is_own_status(name, keys):
+                    statuses.append((name, DriverStatus(level, message)))
+            return statuses or ABSENT, at
 
         return read
