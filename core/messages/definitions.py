@@ -49,12 +49,21 @@ _IDL_LEFT_OUT = re.compile(
 )
 """Comments and directives; texts, which may contain anything."""
 _IDL_ANNOTATION = re.compile(r"@[\w:]+\s*(?:\((?:[^()]|\((?:[^()]|\([^()]*\))*\))*\))?")
+_IDL_STATEMENT = re.compile(
+    r"(?:module\s+(?P<module>\w{1,200})\s*\{"
+    r"|struct\s+(?P<struct>\w{1,200})\s*\{(?P<fields>(?:[^{};]*;)*)\s*\}"
+    r"|enum\s+(?P<enum>\w{1,200})\s*\{[^{}]*\}"
+    r"|typedef\s(?P<typedef>[^{};]*);"
+    r"|const\s+(?P<constant>[^{};=]*\w)\s*=(?P<value>[^{};]*);"
+    r"|(?P<end>\}))[\s;]*"
+)
+"""Of a text without annotations, texts and comments."""
+_IDL_DECLARATOR = r"(\w{1,200})(?:\[(?:\w+::)*(\w+)\])?"
 _IDL_DECLARATION = re.compile(
-    r"(?:sequence<(?P<element>w?string<[^<>]*>|[\w: ]+)(?:,[^<>]*)?>|(?P<one>w?string<[^<>]*>|[\w: ]+ ))"
-    r"(?P<names>[^ ]+)"
+    r"(?:sequence<(?P<element>w?string<[^<>]*>|[\w: ]{1,200})(?:,[^<>]*)?>|(?P<one>w?string<[^<>]*>|[\w: ]{1,200} ))"
+    rf"(?P<names>{_IDL_DECLARATOR}(?:,{_IDL_DECLARATOR})*)"
 )
 """Of a text without spaces but between words."""
-_IDL_DECLARATOR = re.compile(r"(\w{1,200})(?:\[(?:\w+::)*(\w+)\])?")
 _IDL_NUMBERS = {
     "boolean": "bool", "octet": "uint8", "char": "uint8", "float": "float32", "double": "float64", "short": "int16",
     "unsigned short": "uint16", "long": "int32", "unsigned long": "uint32", "long long": "int64",
@@ -196,11 +205,10 @@ def _with_kinds(types: Definitions, kind_of: Callable[[str], str]) -> Definition
     }
 
 
-def _size(digits: str) -> int:
-    number = int(digits)
-    if number > LARGEST_SIZE:
-        raise ValueError(f"an array of {number} elements, expected at most {LARGEST_SIZE}")
-    return number
+def _size(text: str) -> int:
+    if not text.isdecimal() or len(text) > 10 or int(text) > LARGEST_SIZE:
+        raise ValueError(f"an array of {text[:80]} elements, expected a number up to {LARGEST_SIZE}")
+    return int(text)
 
 
 class _Idl:
@@ -208,101 +216,63 @@ class _Idl:
 
     def __init__(self, text: str) -> None:
         self.types: Definitions = {}
-        self._aliases: Dict[Tuple[str, ...], Tuple[str, Optional[int]]] = {}
+        self._aliases: dict[tuple[str, ...], tuple[str, int | None]] = {}
         """Kind and size of each typedef and enum, by its full name."""
-        self._constants: Dict[str, int] = {}
-        self._constants_of: Dict[str, List[Tuple[str, str]]] = {}
+        self._constants: dict[str, str] = {}
+        self._scopes: list[str] = []
+        constants_of: dict[str, list[tuple[str, str]]] = {}
         """Constants by the module that they are in: those of a struct `Log` are in `Log_Constants`."""
-        self._scopes: List[str] = []
-        self._fields: Optional[List[Field]] = None
-        """Those of the struct that is read."""
-        plain = _IDL_ANNOTATION.sub(" ", _IDL_LEFT_OUT.sub(lambda match: '""' if match["text"] else " ", text))
-        *parts, rest = re.split("([{};])", plain)
-        for statement, end in zip(parts[::2], parts[1::2]):
-            words = statement.split()
-            if end == "{":
-                self._begin(words)
-            elif end == "}":
-                self._end(words)
-            elif words and self._fields is not None:
-                self._fields += self._declared(words)
-            elif words:
-                self._define(words)
-        if self._scopes or rest.strip():
+        plain = _IDL_ANNOTATION.sub(" ", _IDL_LEFT_OUT.sub(lambda match: '""' if match["text"] else " ", text)).strip()
+        at = 0
+        while at < len(plain):
+            match = _IDL_STATEMENT.match(plain, at)
+            if match is None or len(self._scopes) > _DEEPEST:
+                raise ValueError(f"expected a module, struct, enum, typedef or const, got {plain[at : at + 80]!r}")
+            at, what = match.end(), match.lastgroup
+            if what == "module":
+                self._scopes.append(match[what])
+            elif what == "fields":
+                name = match["struct"]
+                constants = constants_of.get(f"{name}_Constants", ())
+                self.types[f"{(*self._scopes, name)[0]}/{name}"] = Definition(self._declared(match[what]), constants)
+            elif what == "enum":
+                self._aliases[(*self._scopes, match[what])] = "uint32", None
+            elif what == "typedef":
+                fields = self._declared(match[what])
+                self._aliases.update({(*self._scopes, name): (kind, size) for name, kind, size, _ in fields})
+            elif what == "value":
+                constant = match["constant"].split()[-1], re.sub(r"\s", "", match[what])
+                self._constants.update([constant])
+                constants_of.setdefault("".join(self._scopes[-1:]), []).append(constant)
+            else:
+                del self._scopes[-1:]
+        if self._scopes:
             raise ValueError("the definition ends early")
 
-    def _begin(self, words: List[str]) -> None:
-        kind, name = words if len(words) == 2 and len(self._scopes) < _DEEPEST else ("", "")
-        if kind not in ("module", "struct", "enum") or not name.isidentifier() or self._fields is not None:
-            raise ValueError(f"expected a module, struct or enum, got {' '.join(words)[:80]!r}")
-        if kind == "enum":
-            self._aliases.update({(*self._scopes, name): ("uint32", None)})
-        self._fields = [] if kind == "struct" else None
-        self._scopes.append(name)
-
-    def _end(self, words: List[str]) -> None:
-        if not self._scopes or (words and self._fields is not None):
-            raise ValueError(f"expected ';', got {' '.join([*words, '}'])[:80]!r}")
-        name = self._scopes.pop()
-        if self._fields is not None:
-            constants = self._constants_of.get(f"{name}_Constants", ())
-            self.types[f"{(*self._scopes, name)[0]}/{name}"] = Definition(self._fields, constants)
-            self._fields = None
-
-    def _define(self, words: List[str]) -> None:
-        if words[0] == "typedef":
-            self._aliases.update(
-                {(*self._scopes, name): (kind, size) for name, kind, size, _ in self._declared(words[1:])}
-            )
-        elif words[0] == "const" and self._scopes and "=" in words[1:]:
-            left, _, value = " ".join(words).partition("=")
-            name, value = left.split()[-1], value.replace(" ", "")
-            self._constants_of.setdefault(self._scopes[-1], []).append((name, value))
-            if value.isdecimal():
-                self._constants[name] = _size(value)
-        else:
-            raise ValueError(f"expected a const or typedef, got {' '.join(words)[:80]!r}")
-
-    def _declared(self, words: List[str]) -> List[Field]:
-        text = re.sub(r" ?(::|[\[\],<>]) ?", r"\1", " ".join(words))
-        match = _IDL_DECLARATION.fullmatch(text)
-        if match is None:
-            raise ValueError(f"expected a field, got {text[:80]!r}")
-        kind, size = self._kind_and_size(match["element"] or match["one"].strip())
-        size = _only_one(size, SEQUENCE) if match["element"] else size
-        fields: List[Field] = []
-        for text in match["names"].split(","):
-            declarator = _IDL_DECLARATOR.fullmatch(text)
-            if declarator is None:
-                raise ValueError(f"expected a name, got {text[:80]!r}")
-            name, own = declarator.groups()
-            fields.append(Field(name, kind, size if own is None else _only_one(size, self._number(own))))
+    def _declared(self, text: str) -> list[Field]:
+        """Returns what statements declare, each a type with the names that have it."""
+        fields: list[Field] = []
+        for statement in filter(str.strip, text.split(";")):
+            statement = re.sub(r" ?(::|[\[\],<>]) ?", r"\1", " ".join(statement.split()))
+            match = _IDL_DECLARATION.fullmatch(statement)
+            if match is None:
+                raise ValueError(f"expected a field, got {statement[:80]!r}")
+            kind, size = self._kind_and_size(match["element"] or match["one"].strip())
+            for name, length in re.findall(_IDL_DECLARATOR, match["names"]):
+                own = _size(self._constants.get(length, length)) if length else None
+                sizes = [each for each in (size, SEQUENCE if match["element"] else None, own) if each is not None]
+                if len(sizes) > 1:
+                    raise ValueError("expected an array with one dimension")
+                fields.append(Field(name, kind, *sizes))
         return fields
 
-    def _kind_and_size(self, text: str) -> Tuple[str, Optional[int]]:
-        if text.partition("<")[0] in TEXTS:
-            return text.partition("<")[0], None
-        if text in _IDL_NUMBERS:
-            return _IDL_NUMBERS[text], None
-        words = text[2:].split("::") if text.startswith("::") else text.split("::")
-        if not all(word.isidentifier() for word in words):
-            raise ValueError(f"expected a type, got {text[:80]!r}")
+    def _kind_and_size(self, text: str) -> tuple[str, int | None]:
+        kind = text.partition("<")[0]
+        if kind in TEXTS or kind in _IDL_NUMBERS:
+            return _IDL_NUMBERS.get(kind, kind), None
+        words = text.lstrip(":").split("::")
         for depth in range(len(self._scopes), -1, -1):
             alias = self._aliases.get((*self._scopes[:depth], *words))
             if alias is not None:
                 return alias
         return f"{[*self._scopes, *words][0] if len(words) == 1 else words[0]}/{words[-1]}", None
-
-    def _number(self, word: str) -> int:
-        if word.isdecimal():
-            return _size(word)
-        if word not in self._constants:
-            raise ValueError(f"expected a number or a constant that is one, got {word[:80]!r}")
-        return self._constants[word]
-
-
-def _only_one(size: Optional[int], own: int) -> int:
-    """Returns the size of a declarator, whose type may have one already: that would be an array of arrays."""
-    if size is not None:
-        raise ValueError("expected an array with one dimension")
-    return own
