@@ -1,19 +1,23 @@
 """Forecast of a signal: least-squares lines through the window and its halves, O(1) per sample, without drift.
 
-Theory of operation. Each half of the window has the sums of least_squares.py: a sample joins the newer half, moves to
-the older one when it is more than half a window old, and leaves. The line through all samples comes from the sums of
-both halves.
+Theory of operation. Each of the three ranges of samples is a queue: samples join it at its end and leave it at its
+begin. So that nothing is ever subtracted from a sum, a queue has two parts: a sample joins the back and leaves the
+front, which knows the sums of each of its samples and all newer ones of the front. When the front is used up, one pass
+makes all samples the front, so that the cost per sample is constant on average. Sums are those of the distances to a
+reference, a sample of the queue, so that they lose few digits.
 """
 
 from __future__ import annotations
 
 import math
-from operator import itemgetter
-from typing import Callable, Mapping, Tuple
+from array import array
+from bisect import bisect_left, bisect_right
+from itertools import accumulate
+from operator import itemgetter, mul
+from typing import Callable, Mapping, Sequence, Tuple
 
 from ..config import SignalConfig
 from ..values import Forecast
-from .least_squares import LineSums, Moments, merged
 from .window import CountWindow, GapWindow, Window
 
 __all__ = ["LEAST_SAMPLES", "ForecastWindow", "window_for"]
@@ -26,14 +30,68 @@ _LONGEST = 10.0
 
 _Line = Tuple[float, float]
 """A prediction, and the slope per s."""
-_Lines = Tuple[_Line, _Line, _Line]
-"""Through all samples, the older half and the newer half."""
+
+
+class LineOfRange:
+    """The least-squares line through a range of samples whose begin and end only move on."""
+
+    __slots__ = (
+        "_end", "_front_end", "_product", "_products", "_reference", "_reference_s", "_square", "_squares", "_sum_s",
+        "_sums_s", "_times", "_total", "_totals", "_values",
+    )  # fmt: skip
+
+    def __init__(self, times: Sequence[float], values: Sequence[float]) -> None:
+        """Knows no sample of these yet, to which more may be appended."""
+        self._times, self._values = times, values
+        self._front_end = self._end = 0
+        """Where the front ends and the back begins, and where the back ends."""
+
+    def _flip(self, begin: int, end: int) -> None:
+        """Makes all samples the front; the newest is the reference."""
+        times, values = self._times[begin:end], self._values[begin:end]
+        self._front_end = end
+        self._sum_s = self._total = self._square = self._product = 0.0
+        self._reference_s, self._reference = times[-1], values[-1]
+        distances_s = [at_s - self._reference_s for at_s in reversed(times)]
+        distances = [value - self._reference for value in reversed(values)]
+        self._sums_s = array("d", accumulate(distances_s))
+        self._totals = array("d", accumulate(distances))
+        self._squares = array("d", accumulate(map(mul, distances_s, distances_s)))
+        self._products = array("d", accumulate(map(mul, distances_s, distances)))
+
+    def line(self, begin: int, end: int, horizon_s: float) -> _Line | None:
+        """Returns the line of a range that lies not before the last one; None if it has too few samples.
+
+        The prediction is that for `horizon_s` after the newest of all samples: Prometheus's `predict_linear`
+        (promql/functions.go).
+        """
+        count, times, values = end - begin, self._times, self._values
+        if count < LEAST_SAMPLES:
+            return None
+        if begin >= self._front_end:  # at once, since the reference has left
+            self._flip(begin, end)
+        else:
+            for at in range(self._end, end):
+                distance_s, distance = times[at] - self._reference_s, values[at] - self._reference
+                self._sum_s += distance_s
+                self._total += distance
+                self._square += distance_s * distance_s
+                self._product += distance_s * distance
+        self._end = end
+        at = self._front_end - begin - 1
+        sum_s = self._sum_s + self._sums_s[at]
+        mean_s, mean = sum_s / count, (self._total + self._totals[at]) / count
+        squares = self._square + self._squares[at] - sum_s * mean_s
+        if squares <= 0.0:
+            return None
+        slope = (self._product + self._products[at] - sum_s * mean) / squares
+        return self._reference + mean + slope * (times[-1] - self._reference_s - mean_s + horizon_s), slope
 
 
 class ForecastWindow(Window):
     """A window that also forecasts its values. Both halves hold a sample that is exactly half a window old."""
 
-    __slots__ = ("_bounds", "_choose", "_middle", "_newer", "_older", "_older_count", "forecast_s")
+    __slots__ = ("_bounds", "_choose", "_ranges", "forecast_s")
 
     def __init__(
         self,
@@ -55,44 +113,14 @@ class ForecastWindow(Window):
         self.forecast_s = forecast_s
         self._bounds = tuple(bounds.values())
         # Where low values are bad, the largest is the most cautious. Without bounds, the line of the window counts.
-        self._choose: Callable[[_Lines], _Line] = itemgetter(0)
+        self._choose: Callable[[Sequence[_Line]], _Line] = itemgetter(0)
         if bounds:
             self._choose = max if any(name.endswith("below") for name in bounds) else min
         super().__init__(window_s, window_samples, window_min_s)
 
-    def clear(self) -> None:
-        """Removes every sample."""
-        self._older, self._newer = LineSums(), LineSums()
-        self._middle = self._first = 0
-        """Index of the oldest sample of the newer half."""
-        super().clear()
-        self._older_count = 0
-
-    def add(self, value: float, now_s: float) -> None:
-        """Adds a sample, as `Window.add`."""
-        super().add(value, now_s)
-        times, values, older, newer, middle = self._times, self._values, self._older, self._newer, self._middle
-        newer.add(value, now_s)
-        middle_s = now_s - self.window_s / 2.0
-        first, last_middle = self._first, middle
-        while times[middle] < middle_s or middle < first:
-            older.add(values[middle], times[middle])
-            middle += 1
-        self._middle = middle
-        # A half whose front is used up is flipped at once, since its reference has left.
-        moved = middle - last_middle
-        if moved:
-            if moved < newer.front:
-                newer.front -= moved
-            else:
-                newer.flip(times[middle:], values[middle:])
-        left = self._older_count + moved - (middle - first)
-        if left:
-            if left < older.front:
-                older.front -= left
-            else:
-                older.flip(times[first:middle], values[first:middle])
-        self._older_count = middle - first
+    def _discard(self) -> None:
+        super()._discard()
+        self._ranges = [LineOfRange(self._times, self._values) for _ in range(3)]
 
     def statistic(self, name: str) -> float | None:
         """Returns a statistic to judge, as `Window.statistic`; the forecast is the most cautious prediction."""
@@ -129,46 +157,21 @@ class ForecastWindow(Window):
             contradicts = self._choose is max and slope_per_s < 0.0 and line[0] > latest
         return (latest, 0.0) if contradicts else line
 
-    def lines(self) -> _Lines | None:
-        """Returns prediction and slope through all samples, the older half and the newer half; None if undefined.
-
-        Each prediction is Prometheus's `predict_linear` (promql/functions.go).
-        """
-        times, older, newer = self._times, self._older, self._newer
-        n, m, middle = self._older_count, len(times) - self._middle, self._middle
-        if m < LEAST_SAMPLES or not n:
+    def lines(self) -> Sequence[_Line] | None:
+        """Returns the lines through all samples, the older half and the newer half; None if they are undefined."""
+        times, first, end, horizon_s = self._times, self._first, len(self._times), self.forecast_s
+        if not len(self):
             return None
-        now_s = times[-1]
-        old, new = older.moments(n, now_s), newer.moments(m, now_s)
-        both = merged(old, n, new, m)
-        cut_s = now_s - self.window_s / 2.0
-        if times[middle] == cut_s:
-            count, cut_mean = self._samples_at(cut_s)
-            old = merged(old, n, (cut_s - now_s, cut_mean, 0.0, 0.0), count)
-            n += count
-        if n < LEAST_SAMPLES or old[2] <= 0.0 or new[2] <= 0.0:
-            return None
-        lines = self._line_of(both), self._line_of(old), self._line_of(new)
+        cut_s = times[-1] - self.window_s / 2.0
+        middle = bisect_left(times, cut_s, first)
+        all_samples, older, newer = self._ranges
+        new = newer.line(middle, end, horizon_s)
+        old = older.line(first, bisect_right(times, cut_s, middle), horizon_s)
+        both = all_samples.line(first, end, horizon_s)
         # Where one overflows, none is a prediction.
-        return lines if math.isfinite(lines[0][0] + lines[1][0] + lines[2][0]) else None
-
-    def _line_of(self, moments: Moments) -> _Line:
-        mean_s, mean, squares, products = moments
-        slope = products / squares
-        return mean + slope * (self.forecast_s - mean_s), slope
-
-    def _samples_at(self, at_s: float) -> tuple[int, float]:
-        """Returns how many samples of the newer half have the time of its oldest, and their mean."""
-        times, middle = self._times, self._middle
-        end = middle
-        while end < len(times) and times[end] == at_s:
-            end += 1
-        values = self._values[middle:end]
-        return len(values), sum(values) / len(values)
-
-    def _discard(self) -> None:
-        self._middle -= self._first
-        super()._discard()
+        if both is None or old is None or new is None or not math.isfinite(both[0] + old[0] + new[0]):
+            return None
+        return both, old, new
 
 
 def window_for(config: SignalConfig) -> Window:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 import random
+from fractions import Fraction
 from typing import Mapping, Sequence
 
 import pytest
 from harness.seeds import examples, fixed_seed
 
-from robot_health_monitor.core.judge.forecast import ForecastWindow
+from robot_health_monitor.core.judge.forecast import ForecastWindow, LineOfRange
 from robot_health_monitor.core.values.model import Forecast
 
 NONE: Mapping[str, float] = {}
@@ -141,6 +142,29 @@ def test_the_time_to_a_bound_is_that_of_the_line(bounds: dict[str, float], expec
 def test_a_flat_line_reaches_no_bound() -> None:
     found = forecast_of([(float(second), 30.0) for second in range(21)], 20.0, 30.0, BELOW)
     assert found == Forecast(30.0, 0.0, 30.0, None, None)
+
+
+def exact_line(samples: Sequence[tuple[float, float]], at_s: float) -> tuple[float, float]:
+    """Returns prediction and slope of a line in exact arithmetic."""
+    times, values = [Fraction(at) for at, _ in samples], [Fraction(value) for _, value in samples]
+    mean_s, mean = sum(times) / len(times), sum(values) / len(values)
+    products = sum((at - mean_s) * (value - mean) for at, value in zip(times, values))
+    slope = products / sum((at - mean_s) ** 2 for at in times)
+    return float(mean + slope * (Fraction(at_s) - mean_s)), float(slope)
+
+
+def test_a_range_whose_samples_come_and_leave_has_the_line_of_those_that_are_left() -> None:
+    samples = [(1000.0 + 0.5 * step, 1e9 + (7 * step) % 5 - 0.25 * step) for step in range(30)]
+    for step in (1, 2, 7):
+        for length in (5, 8, 20):
+            line = LineOfRange(*zip(*samples))
+            for begin in range(0, 30 - length, step):
+                end = begin + length
+                expected = exact_line(samples[begin:end], samples[-1][0] + 10.0)
+                assert line.line(begin, end, 10.0) == (
+                    pytest.approx(expected[0], rel=1e-15),
+                    pytest.approx(expected[1]),
+                )
 
 
 @pytest.mark.newest_python
