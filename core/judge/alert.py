@@ -238,14 +238,14 @@ class Alert(Announcer):
         super().exchange(state)
         # A silence that is announced as its source's is known again after a restart, by itself or with its source.
         is_open = self.announced.severity >= _STALE.severity
-        is_stale = state.flag("stale", self.staleness.stale and is_open)
+        is_stale = state.value("stale", self.staleness.stale and is_open, False)
         if state.is_saved:
             if is_stale:
                 self.staleness.fall_silent()
             self._level = self._true_level()
         self._level_since_s = state.since_s("level", self._level_since_s)
         held = self.held or Held()
-        cause = state.text("cause", "" if held.caused_s is None else held.last_cause)
+        cause = state.value("cause", "" if held.caused_s is None else held.last_cause, "")
         caused_s = state.since_s("caused", held.caused_s)
         if cause and state.is_saved:
             self._get_held().begin(cause, caused_s)

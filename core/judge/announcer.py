@@ -17,7 +17,7 @@ from ..config import SignalConfig
 from ..values import Level, Transition
 from . import wording
 from .rule import TIME_TOLERANCE_S, Rule
-from .saved_state import SavedState, UnusableStateError
+from .saved_state import SavedState
 from .wording import Judgement
 
 CHANGES = 20
@@ -67,14 +67,10 @@ class FlapDetector:
 
     def exchange(self, state: SavedState) -> None:
         """Writes the state, or continues from one; raises UnusableStateError."""
-        changes = state.number("changes", self._changes) or 0.0
-        if not 0.0 <= changes <= _KEPT:
-            raise UnusableStateError(f"changes of level: expected a number of {CHANGES} bits, got {changes:g}")
-        self._changes = int(changes)
-        self._last = state.member("last", Level, self._last) or Level.OK
-        self.flapping = state.flag("flapping", self.flapping)
-        worst = state.member("worst", Level, self._worst)
-        self._worst = worst if self.flapping else None
+        state.fields(self, _changes=0.0, _last=Level.OK, flapping=False, _worst=Level)
+        self._changes = int(self._changes) & _KEPT
+        if not self.flapping:
+            self._worst = None
 
     def add(self, level: Level, *, is_storm: bool = False) -> None:
         """Processes the level after a good sample. During a storm, flapping does not end."""
@@ -223,10 +219,10 @@ class Announcer:
         """
         rules = self._explaining_rules
         announced = state.section("announced")
-        rule = announced.number("rule", None if self.announced_rule is None else rules.index(self.announced_rule))
-        self.announced_rule = rules[int(rule)] if rule is not None and rule in range(len(rules)) else None
-        self.announced = announced.member("level", Level, self.announced) or Level.OK
-        self._was_known = not announced.flag("never_known", not self._was_known)
+        rule = announced.value("rule", None if self.announced_rule is None else rules.index(self.announced_rule), float)
+        self.announced_rule = rules[int(rule)] if rule in range(len(rules)) else None
+        self.announced = announced.value("level", self.announced, Level.OK)
+        self._was_known = not announced.value("never_known", not self._was_known, False)
         self.announced_since_s = state.since_s("announced", self.announced_since_s)
         unknown_since_s = state.since_s("unknown", self._unknown_since_s)
         repeats = self.config.repeat_s > 0.0 and self.announced is not Level.OK

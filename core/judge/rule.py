@@ -177,18 +177,14 @@ class Rule:
 
     def exchange(self, state: SavedState) -> None:
         """Writes the state, or continues from one, frozen."""
-        condition = state.flag("condition", self.condition)
-        bound = state.number("bound", self.bound)
-        is_below, crossed = state.flag("is_below", self.is_below), state.flag("crossed", self._crossed)
-        forbidden = state.flag("forbidden", not self.allowed)
-        word = state.member("state", State, None if self.state is _INACTIVE else self.state) or _INACTIVE
+        state.fields(self, condition=False, bound=float, is_below=False, _crossed=False, allowed=True, state=_INACTIVE)
         waited_s = state.waited_s("waited_s", self.waited_s(state.now_s) if self.state in _AFTER_WAIT else 0.0)
         if state.is_saved:
             self.freeze(state.now_s)
-            self.bound, self.is_below, self.allowed = bound, is_below, not forbidden
-            self._crossed = crossed and bound == (self._below if is_below else self._above)  # else it was changed
-            self.condition = condition if bound is None else self._crossed and self.allowed
-            self._enter(word, state.now_s - waited_s)
+            if self.bound is not None:  # which may have been changed
+                self._crossed = self._crossed and self.bound == (self._below if self.is_below else self._above)
+                self.condition = self._crossed and self.allowed
+            self._enter(self.state, state.now_s - waited_s)
 
     def waited_s(self, now_s: float) -> float:
         """Returns for how long the state has lasted, without frozen time, in seconds."""
@@ -341,12 +337,12 @@ class SignalRules:
 
     def exchange(self, state: SavedState) -> None:
         """Writes the state of the signal, or continues from one, frozen; raises UnusableStateError."""
-        if state.flag("reports_level", not self.of_bounds) and self.of_bounds and not self._config.bounds:
+        if not state.value("of_bounds", self.of_bounds, True) and self.of_bounds and not self._config.bounds:
             self.expect_levels()
         for name, rule in zip(("warn", "error", "reported_stale"), self.bounds):
             if rule.has_bounds or not self.of_bounds:
                 rule.exchange(state.section(name))
         self.invalid.exchange(state.section("invalid"))
-        latched = state.member("latched", Level, self._latched or None)
-        if self._config.latch and latched is not None and (latched is not _STALE or not self.of_bounds):
+        latched = state.value("latched", self._latched, _OK)
+        if self._config.latch and (latched is not _STALE or not self.of_bounds):
             self._latched = latched

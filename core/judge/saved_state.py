@@ -8,11 +8,9 @@ from __future__ import annotations
 import copy
 import enum
 import sys
-from typing import Any, Callable, Mapping, NamedTuple, TypeVar
+from typing import Any, Mapping, NamedTuple
 
 from ..values import JsonObject, MessageError, datum_text
-
-Kind = TypeVar("Kind", bound=enum.Enum)
 
 SavedSignal = JsonObject
 """State of one signal: numbers, texts, booleans, None and mappings of them. Empty if the signal is not
@@ -42,7 +40,7 @@ class SavedState:
     """A mapping of a state that is being written, or was saved.
 
     Whatever has a state passes it through these methods, in one function for both directions: each takes a value and
-    returns the one that counts from then on, which is the same, or what was saved. False and None are not written.
+    returns the one that counts from then on, which is the same, or what was saved.
     """
 
     def __init__(self, now_s: float, values: object, downtime: Downtime | None = None, ahead_s: float = 0.0) -> None:
@@ -73,52 +71,47 @@ class SavedState:
         below.values = _mapping(nested, self._path + key)
         return below
 
-    def _pass(self, key: str, value: Any, is_allowed: Callable[[Any], bool], expected: str) -> Any:
+    def value(self, key: str, value: Any, default: Any) -> Any:
+        """Passes a value of the kind of its default, which is not written, and returned if it is missing.
+
+        A type as the default allows values of this type, and None if it is missing. Raises UnusableStateError.
+        """
+        is_optional = isinstance(default, type)
+        kind, missing = (default, None) if is_optional else (type(default), default)
+        is_member = issubclass(kind, enum.Enum)
         if not self.is_saved:
-            if value is not None:
-                self.values[key] = value
+            if value != missing:
+                self.values[key] = value.name if is_member else value
             return value
         saved = self.values.get(key)
-        if saved is not None and not is_allowed(saved):
-            raise UnusableStateError(f"{self._path}{key}: expected {expected}, got {datum_text(saved)}")
-        return saved
+        if saved is None:
+            return missing
+        if is_member and saved in list(kind.__members__):
+            return kind[saved]
+        if _is_finite(saved) if kind is float else type(saved) is kind:
+            return kind(saved)
+        raise UnusableStateError(f"{self._path}{key}: expected a {kind.__name__.lower()}, got {datum_text(saved)}")
 
-    def flag(self, key: str, value: bool = False) -> bool:
-        """Passes true or false; false if it is missing."""
-        return bool(self._pass(key, value or None, lambda saved: isinstance(saved, bool), "true or false"))
-
-    def text(self, key: str, value: str = "") -> str:
-        """Passes a text; empty if it is missing."""
-        return self._pass(key, value or None, lambda saved: isinstance(saved, str), "a text") or ""
-
-    def number(self, key: str, value: float | None = None) -> float | None:
-        """Passes a finite number; None if it is missing."""
-        passed = self._pass(key, value, _is_finite, "a finite number")
-        return None if passed is None else float(passed)
+    def fields(self, owner: object, **defaults: Any) -> None:
+        """Passes attributes of an object, each as `value` with its default."""
+        for name, default in defaults.items():
+            setattr(owner, name, self.value(name.lstrip("_"), getattr(owner, name), default))
 
     def waited_s(self, key: str, value_s: float = 0.0) -> float:
         """Passes a duration in which nothing counts while nothing watches; 0 if it is missing or negative."""
-        return min(max(0.0, self.number(key, value_s or None) or 0.0), LONGEST_S)
-
-    def member(self, key: str, kind: type[Kind], value: Kind | None = None) -> Kind | None:
-        """Passes a member of an enumeration, by its name; None if it is missing."""
-        names = kind.__members__
-        name = None if value is None else value.name
-        name = self._pass(key, name, lambda saved: saved in list(names), f"one of {', '.join(names)}")
-        return None if name is None else kind[name]
+        return min(max(0.0, float(self.value(key, value_s, 0.0))), LONGEST_S)
 
     def since_s(self, key: str, value_s: float | None = None) -> float:
         """Passes when something began, by the time of the calls; now if it is missing, or lies ahead."""
-        saved_s = self.section("since").number(key, None if value_s is None else value_s + self._ahead_s)
+        saved_s = self.section("since").value(key, None if value_s is None else value_s + self._ahead_s, float)
         if self._downtime is not None:
             value_s = None if saved_s is None else self._at_s(saved_s)
         return self.now_s if value_s is None else value_s
 
     def times_s(self, key: str, values_s: list[float], most: int) -> list[float]:
         """Passes times of the calls in their order, at most so many; none if they are missing."""
-        ahead_s = [time_s + self._ahead_s for time_s in values_s]
-        saved_s = self._pass(key, ahead_s or None, _are_finite, "a list of finite numbers") or ()
-        return sorted(map(self._at_s, saved_s[:most])) if self.is_saved else values_s
+        saved_s = self.value(key, [time_s + self._ahead_s for time_s in values_s], [])
+        return sorted(map(self._at_s, filter(_is_finite, saved_s[:most]))) if self.is_saved else values_s
 
     @property
     def unwatched_since_s(self) -> float:
@@ -138,7 +131,3 @@ def _mapping(values: object, path: str) -> Any:
 
 def _is_finite(value: object) -> bool:
     return isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
-
-
-def _are_finite(value: object) -> bool:
-    return isinstance(value, list) and all(map(_is_finite, value))

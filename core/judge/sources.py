@@ -156,9 +156,9 @@ class Source(Alert):
         super().exchange(state)
         self.was_silent = self.was_silent or state.is_saved
         silence = state.section("silence")
-        self.speaks = silence.flag("speaks", self.is_silent and self.speaks)
-        silence.text("head", "" if self.head is None else self.head.name)
-        is_silent = silence.flag("is_silent", self.is_silent)
+        self.speaks = silence.value("speaks", self.is_silent and self.speaks, False)
+        silence.value("head", "" if self.head is None else self.head.name, "")
+        is_silent = silence.value("is_silent", self.is_silent, False)
         silent_since_s = state.since_s("silent", self.staleness.counts_from_s if self.is_silent else None)
         if is_silent and state.is_saved:
             self.staleness.silent_since_s = silent_since_s

@@ -219,10 +219,10 @@ def _known_s(state: object, now_s: float) -> float:
     """Returns how long the announced level in a saved state has been known, in s; infinity if it does not say."""
     try:
         saved = SavedState(now_s, json.loads(state), Downtime(now_s, now_s))  # type: ignore[arg-type]
-        if saved.section("announced").flag("never_known"):
+        if saved.section("announced").value("never_known", False, False):
             return 0.0
         since = saved.section("since")
-        announced, unknown = since.number("announced"), since.number("unknown")
+        announced, unknown = since.value("announced", None, float), since.value("unknown", None, float)
     except (TypeError, ValueError, RecursionError):  # also UnusableStateError
         return math.inf
     return math.inf if announced is None else max(0.0, (now_s if unknown is None else unknown) - announced)
