@@ -26,7 +26,7 @@ from ..runtime.tokens import TokenFiles
 from .exit_codes import ExitCode
 from .operations import Operations, read_config
 from .output.events import Events, LibraryLog
-from .output.lines import JsonLines, Monitors, Output, OutputError, PlainLines, is_terminal
+from .output.lines import JsonLines, Monitors, Output, OutputError, is_terminal
 from .service_manager import ServiceManager
 from .serving import ServerSettings, serve, server_settings, stop_serving
 
@@ -228,13 +228,13 @@ def choose_output(as_json: bool, name_robots: bool = False) -> Output:
     `name_robots` puts the robot's name before each transition.
     """
     if as_json:
-        return JsonLines(sys.stdout, sys.stderr)
+        return JsonLines()
     if is_terminal(sys.stdout):
         try:
             from .output.live import LiveView
 
-            return LiveView(sys.stdout, name_robots)
+            return LiveView(name_robots)
         except ModuleNotFoundError as error:
             missing = missing_text(missing_libraries(error, "rich"))
             sys.stderr.write(f"{missing} (plain lines instead of the live table)\n")
-    return PlainLines(sys.stdout, name_robots)
+    return Output(name_robots)

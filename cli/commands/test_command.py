@@ -115,7 +115,7 @@ def _run_file(file: str) -> ExitCode:
     failed = 0
     lines: list[str] = []
     for test in tests:
-        differences = compare(test.expected, run_test(config, test))
+        differences = compare(test.alerts, run_test(config, test))
         if any(mark != " " for mark, _ in differences):
             failed += 1
             lines += [f"{file}: FAILED: {test.name}", *_diff(differences)]

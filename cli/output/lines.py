@@ -4,21 +4,28 @@ from __future__ import annotations
 
 import os
 import sys
+import threading
 import time
 from typing import TYPE_CHECKING, Sequence, TextIO, Union
 
 from ...core.nodes.outlets import json_line
-from ...core.port import LogLine, Severity
 from ...core.values import ServiceError, Transition, printable, with_degree_sign, with_hint
+from ...runtime.bounded_queue import BoundedQueue
 from ...runtime.times import DATE_TIME, local_time
+from ..standard_streams import StandardStreams
 from .events import Entry
-from .stream_writer import StreamWriter
 
 if TYPE_CHECKING:
     from ..embedded import EmbeddedMonitor
     from ..fleet import Fleet
 
-
+MOST_EVENTS = 2_000
+"""Events that wait while stdout is not read."""
+_AT_ONCE = 50
+_MOST_UNREAD_BYTES = 30_000
+"""In the pipe to stdout, which then has room for so many events."""
+_CLOSE_S = 0.5
+_POLL_S = 0.01
 _REFRESH_S = 0.1
 
 
@@ -30,52 +37,84 @@ Monitors = Union["EmbeddedMonitor", "Fleet"]
 """What a process runs, shows and serves: one robot in it, or several over their bridges."""
 
 
-class Output(StreamWriter[Entry]):
-    """Shows monitors. Writing has its own thread: no method waits for a reader, except `close`, for 1 s."""
+class Output:
+    """Shows monitors, as plain lines, one per event. Only `close` waits for a reader, for 1 s at most.
 
-    def show(self, shown: Monitors) -> None:
-        """Shows the current state; called several times a second, in the loop's thread. Lines show only events."""
+    What is written goes through `StandardStreams`. While that is not read, events wait here, and the oldest of too many
+    are dropped.
+    """
 
+    _last = ""
+    """Written at the end."""
 
-class PlainLines(Output):
-    """Plain lines for pipes, files and simple terminals, one per event."""
-
-    def __init__(self, stream: TextIO, name_robots: bool = False) -> None:
+    def __init__(self, name_robots: bool = False) -> None:
         """Prepares the output; `name_robots` puts the robot's name before each transition."""
-        super().__init__(stream, lambda entries, dropped: readable(_plain_lines(entries, dropped, name_robots), stream))
+        self._name_robots = name_robots
+        self._streams = StandardStreams()
+        self._is_open = False
+        self._lock = threading.Lock()
+        self._events: BoundedQueue[Entry] = BoundedQueue(MOST_EVENTS)
+        self.problem = ""
+        """Why stdout is not written at present; empty if it is."""
 
-
-class JsonLines(Output):
-    """JSON for programs: one object per transition on one stream, the log in plain lines on another."""
-
-    def __init__(self, stream: TextIO, log: TextIO) -> None:
-        """Prepares the output."""
-        super().__init__(stream, self._render_transitions)
-        self._log: StreamWriter[Entry] = StreamWriter(log, _plain_lines)
+    @property
+    def reader_is_gone(self) -> bool:
+        """Whether nothing reads stdout any more."""
+        return self._streams.stdout.reader_is_gone
 
     def start(self) -> None:
         """Begins writing."""
-        super().start()
-        self._log.start()
+        self._streams.on_change(self._note_change)
+        self._streams.__enter__()
+        self._is_open = True
 
-    def put(self, item: Entry) -> None:
-        """Writes an event soon; never blocks."""
-        if isinstance(item.event, Transition):
-            super().put(item)
-        else:
-            self._log.put(item)
+    def put(self, entry: Entry) -> None:
+        """Writes an event, now or when earlier ones have been read. May be called in any thread."""
+        with self._lock:
+            self._events.put(entry, 1)
+            self._write_events()
 
-    def close(self) -> bool:
-        """Writes what is left; returns False if the transitions are not read."""
-        is_read = super().close()
-        self._log.close()
-        return is_read
+    def show(self, shown: Monitors) -> None:
+        """Shows the current state; called several times a second, in the loop's thread. Lines show only events."""
+        with self._lock:
+            self._write_events()
 
-    def _render_transitions(self, entries: Sequence[Entry], dropped: int) -> str:
-        if dropped and entries:
-            line = LogLine(0.0, "output", Severity.ERROR, dropped_line(dropped))
-            self._log.put(Entry(entries[0].wall_s, line))
-        return "".join(f"{json_line(entry.event)}\n" for entry in entries if isinstance(entry.event, Transition))
+    def close(self) -> None:
+        """Writes what is left, as far as it is read."""
+        if self._is_open:
+            end_s = time.monotonic() + _CLOSE_S
+            while self._events and time.monotonic() < end_s:
+                with self._lock:
+                    self._write_events()
+                time.sleep(_POLL_S)
+            sys.stdout.write(self._last)
+            self._streams.__exit__()
+
+    def _write_events(self) -> None:
+        while self._is_open and self._events and self._streams.stdout.unread_bytes < _MOST_UNREAD_BYTES:
+            dropped, self._events.dropped = self._events.dropped, 0
+            entries = [self._events.pop() for _ in range(min(len(self._events), _AT_ONCE))]
+            self._write(entries, [dropped_line(dropped)] if dropped else [])
+
+    def _write(self, entries: Sequence[Entry], before: Sequence[str]) -> None:
+        """Writes events, after other lines."""
+        sys.stdout.write(readable(_plain_lines(entries, before, self._name_robots), sys.stdout))
+
+    def _note_change(self, name: str, problem: str) -> None:
+        if name == "stdout" and not self.reader_is_gone:
+            self.problem = f"{name} {problem}" if problem else ""
+            if problem.startswith("cannot"):
+                sys.stderr.write(f"robot-health: {self.problem}; monitoring continues\n")
+
+
+class JsonLines(Output):
+    """JSON for programs: one object per transition on stdout, the log in plain lines on stderr."""
+
+    def _write(self, entries: Sequence[Entry], before: Sequence[str]) -> None:
+        log = [entry for entry in entries if not isinstance(entry.event, Transition)]
+        sys.stderr.write(_plain_lines(log, before))
+        lines = (f"{json_line(entry.event)}\n" for entry in entries if isinstance(entry.event, Transition))
+        sys.stdout.write("".join(lines))
 
 
 def plain_line(entry: Entry, time_format: str = DATE_TIME, *, name_robots: bool = False, prefix: str = "") -> str:
@@ -93,9 +132,8 @@ def plain_line(entry: Entry, time_format: str = DATE_TIME, *, name_robots: bool 
     return printable(f"{time_text} {robot}{with_hint(event.text, event.hint)}{silenced}")
 
 
-def _plain_lines(entries: Sequence[Entry], dropped: int, name_robots: bool = False) -> str:
-    lines = [dropped_line(dropped)] if dropped else []
-    lines += [plain_line(entry, name_robots=name_robots) for entry in entries]
+def _plain_lines(entries: Sequence[Entry], before: Sequence[str], name_robots: bool = False) -> str:
+    lines = [*before, *(plain_line(entry, name_robots=name_robots) for entry in entries)]
     return "".join(f"{line}\n" for line in lines)
 
 

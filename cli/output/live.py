@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import sys
 import time
-from typing import Sequence, TextIO
+from contextlib import suppress
+from typing import Sequence
 
 from rich.console import Console
 from rich.live import Live
@@ -12,8 +15,8 @@ from rich.text import Text
 from ...core.port import Severity
 from ...core.values import Level, Transition, printable
 from .events import Entry
-from .lines import Monitors, Output, dropped_line, plain_line, readable
-from .tables import STYLE_OF_LEVEL, View, drawn, fleet_view, robot_view
+from .lines import Monitors, Output, plain_line, readable
+from .tables import STYLE_OF_LEVEL, drawn, fleet_view, robot_view
 
 _STYLE_OF_SEVERITY = {Severity.WARN: STYLE_OF_LEVEL[Level.WARN], Severity.ERROR: "red", Severity.FATAL: "bold red"}
 _REDRAW_S = 0.9
@@ -21,26 +24,28 @@ _REDRAW_S = 0.9
 
 
 class LiveView(Output):
-    """Draws monitors on a terminal.
+    """Draws monitors on a terminal."""
 
-    The state is read in the loop's thread; layout and writing happen in the writer's.
-    """
+    _last = "\n"  # leaves the cursor below the table
+    _drawn_s = float("-inf")
 
-    def __init__(self, stream: TextIO, name_robots: bool = False) -> None:
-        """Prepares the view; `name_robots` puts the robot's name before each transition."""
-        super().__init__(stream, self._draw, last="\n")
-        self._name_robots = name_robots
-        self._console = Console(file=stream, highlight=False)
+    def start(self) -> None:
+        """Begins drawing."""
+        super().start()
+        self._console = Console(file=sys.stdout, highlight=False)
         self._live = Live(console=self._console, auto_refresh=False, redirect_stdout=False, redirect_stderr=False)
-        self._view: View | None = None
+        self._live.start()
+        self._console.show_cursor(True)  # a process that is stopped or killed does not bring it back
         self._started_s = time.monotonic()
-        self._drawn_s = float("-inf")
 
     def show(self, shown: Monitors) -> None:
-        """Redraws the table once a second."""
-        if time.monotonic() - self._drawn_s < _REDRAW_S:
-            return
+        """Writes events, and redraws the table once a second, fitted to the terminal's present size."""
+        super().show(shown)
+        if time.monotonic() - self._drawn_s < _REDRAW_S or self._streams.stdout.unread_bytes:
+            return  # an unread table would be an old one when it is read
         self._drawn_s = time.monotonic()
+        with suppress(OSError):  # closed
+            self._console.size = os.get_terminal_size(self._streams.stdout.original)
         if len(shown.robots) == 1:
             (robot,) = shown.robots
             system = robot.alert_system
@@ -48,33 +53,21 @@ class LiveView(Output):
             statuses = [each for each in known if each is not None]
             # Before the first call there are none, but the report says that they are waiting.
             statuses = statuses or list(system.monitor.report(robot.now_s).statuses.values())
-            self._view = robot_view(system.robot, statuses, system.monitor.configs(), self._shown)
+            view = robot_view(system.robot, statuses, system.monitor.configs(), self._shown)
         else:
-            self._view = fleet_view(shown, self._console.size.height, self._shown)
-        self.wake()
+            view = fleet_view(shown, self._console.size.height, self._shown)
+        minutes, seconds = divmod(int(time.monotonic() - self._started_s), 60)
+        view.title.append(f"   {minutes // 60}:{minutes % 60:02}:{seconds:02}   Ctrl-C ends", style="not bold dim")
+        with self._lock:
+            self._live.update(drawn(view, self._console, self._shown), refresh=True)
 
-    # In the writer's thread
-
-    def _draw(self, entries: Sequence[Entry], dropped: int) -> str:
-        """Returns what writes events above the table and draws the table, fitted to the terminal's present size."""
-        with self._console.capture() as written:
-            if not self._live.is_started:
-                self._live.start()
-                self._console.show_cursor(True)  # a process that is stopped or killed does not bring it back
-            lines = [Text(dropped_line(dropped), style="bold red")] if dropped else []
-            lines += map(self._entry_text, entries)
-            if lines:
-                self._console.print(Text("\n").join(lines))
-            if self._view is not None:
-                minutes, seconds = divmod(int(time.monotonic() - self._started_s), 60)
-                lasted = f"   {minutes // 60}:{minutes % 60:02}:{seconds:02}   Ctrl-C ends"
-                title = self._view.title.copy().append(lasted, style="not bold dim")
-                self._live.update(drawn(self._view._replace(title=title), self._console, self._shown), refresh=True)
-        return written.get()
+    def _write(self, entries: Sequence[Entry], before: Sequence[str]) -> None:
+        lines = [*(Text(line, style="bold red") for line in before), *map(self._entry_text, entries)]
+        self._console.print(Text("\n").join(lines))
 
     def _shown(self, text: str) -> str:
         """Returns a text from outside as it is written."""
-        return printable(readable(text, self._stream))
+        return printable(readable(text, sys.stdout))
 
     def _entry_text(self, entry: Entry) -> Text:
         """Returns the line of an event, with the word of its level in colour."""

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 import os
 import sqlite3
+from dataclasses import replace
 from itertools import groupby
 from statistics import median
 from typing import Any, Mapping, NamedTuple, Sequence, Tuple
@@ -143,9 +144,7 @@ def alert_test(alert: PastAlert, thresholds: str | None = None, *, exact: bool =
         raise ConfigError(f"{FROM_ALERT}: {alert.title} does not occur again: {alert.missing}")
     text = _text_of(alert, test, thresholds)
     config, (written,) = parse_tests(text, "the test")
-    differences = [
-        f"{mark} {each}" for mark, each in compare(written.expected, run_test(config, written)) if mark != " "
-    ]
+    differences = [f"{mark} {each}" for mark, each in compare(written.alerts, run_test(config, written)) if mark != " "]
     if not differences:
         return AlertTest(text, f"the test of {alert.title} passes", True)
     what = f"{count_text(len(differences), 'difference')}, first {differences[0]}"
@@ -182,7 +181,7 @@ def _occurring(config: MonitorConfig, alert: PastAlert, *, exact: bool) -> Thres
         steps = range(math.ceil((span_s + TICK_PERIOD_S) / interval_s) + 1)
         if timed or name == alert.signal:
             series[name] = list(map((places if exact else _rounded(places)).get, steps))
-    test = ThresholdTest(f"{alert.title}: {alert.signal} {alert.transition.to_level.name}", interval_s, series, ())
+    test = ThresholdTest(f"{alert.title}: {alert.signal} {alert.transition.to_level.name}", series, [], interval_s)
     occurred = run_test(config, test)
     wanted = alert.signal, alert.transition.to_level
     tolerance_s = TICK_PERIOD_S + interval_s + TIME_TOLERANCE_S
@@ -191,9 +190,10 @@ def _occurring(config: MonitorConfig, alert: PastAlert, *, exact: bool) -> Thres
     if end_s is None:
         return None
     count = math.ceil(end_s / interval_s - TIME_TOLERANCE_S) + 1
-    return test._replace(
-        series={name: values[:count] for name, values in series.items()},
-        expected=[each for each in occurred if each.at_s <= end_s],
+    return replace(
+        test,
+        input={name: values[:count] for name, values in series.items()},
+        alerts=[each for each in occurred if each.at_s <= end_s],
     )
 
 
@@ -226,10 +226,9 @@ def _text_of(alert: PastAlert, test: ThresholdTest, thresholds: str | None) -> s
             {
                 "name": test.name,
                 "interval_s": test.interval_s,
-                "input": {name: series_text(series) for name, series in test.series.items()},
+                "input": {name: series_text(series) for name, series in test.input.items()},
                 "alerts": [
-                    {"at_s": round(each.at_s, 6), "signal": each.signal, "level": each.level.name}
-                    for each in test.expected
+                    {"at_s": each.at_s, "signal": each.signal, "level": each.level.name} for each in test.alerts
                 ],
             }
         ],

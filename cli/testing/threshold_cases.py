@@ -15,8 +15,8 @@ from __future__ import annotations
 
 import os
 import re
-from dataclasses import dataclass, replace
-from typing import Any, Dict, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+from dataclasses import dataclass, field, replace
+from typing import Any, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
 
 from ...core.config import (
     LINK,
@@ -50,7 +50,8 @@ from ...core.values import (
     number_text,
 )
 
-TIME_TOLERANCE_S = 1e-6  # two times closer than this are the same: `3 * 0.1` is not 0.3
+DECIMALS = 6  # of times in s, which are rounded: `3 * 0.1` is not 0.3
+TIME_TOLERANCE_S = 1e-6
 LONGEST_TEST_S = 1e6
 MOST_SAMPLES = 1_000_000  # longest series
 
@@ -69,36 +70,28 @@ class _File:
 
 
 @dataclass(frozen=True)
-class _Test:
-    """The keys of a test."""
-
-    name: str = declared(REQUIRED, "text that says what the test shows")
-    input: Any = declared(REQUIRED, "series of each signal")
-    alerts: Any = declared(REQUIRED, "list of alerts, [] for none")
-    interval_s: float = declared(1.0, "time between the samples of a series, in s", 0.0001, LONGEST_TEST_S)
-
-
-@dataclass(frozen=True)
 class Alert:
     """A transition that a test expects, or that occurred."""
 
     at_s: float = declared(REQUIRED, "time since the first sample, in s", 0.0)
     signal: str = declared(REQUIRED, "name of the signal")
     level: Level = declared(REQUIRED, "new level")
-    text: str = ""  # the alert line; empty for an expected alert
+    text: str = field(default="", compare=False)  # the alert line; empty for an expected alert
 
     def __str__(self) -> str:
         return f"at_s: {number_text(self.at_s)}, signal: {self.signal}, level: {self.level.name}"
 
 
-class ThresholdTest(NamedTuple):
-    """One test."""
+@dataclass(frozen=True)
+class ThresholdTest:
+    """One test; its fields are the keys in a file."""
 
-    name: str
-    interval_s: float  # between the samples of a series
-    series: Mapping[str, Sequence[Optional[float]]]
+    name: str = declared(REQUIRED, "text that says what the test shows")
+    input: Any = declared(REQUIRED, "series of each signal")
     """Samples by signal, as in its messages: before `scale`; None where one is missing. Of a status its level."""
-    expected: Sequence[Alert]  # every one, in the order of their times
+    alerts: Any = declared(REQUIRED, "list of alerts, [] for none")
+    """Every `Alert`, in the order of their times, which are rounded to `DECIMALS`."""
+    interval_s: float = declared(1.0, "time between the samples of a series, in s", 0.0001, LONGEST_TEST_S)
 
 
 Difference = Tuple[str, Alert]
@@ -146,9 +139,9 @@ def _read_thresholds(given: object, folder: str) -> MonitorConfig:
 def _read_test(given: object, path: Path, config: MonitorConfig) -> ThresholdTest:
     tree = require_mapping(given, path)
     problems = Problems()
-    test = _Test("", {}, [])
+    test = ThresholdTest("", {}, [])
     with problems:
-        test = read_section(_Test, tree, path)
+        test = read_section(ThresholdTest, tree, path)
     series: Dict[str, List[Optional[float]]] = {}
     with problems:
         for name, value in require_mapping(tree.get("input", {}), (*path, "input")).items():
@@ -156,12 +149,13 @@ def _read_test(given: object, path: Path, config: MonitorConfig) -> ThresholdTes
                 series[name] = _read_series(name, value, (*path, "input", name), test.interval_s, config)
         if tree.get("input") == {}:
             raise ConfigError("expected a series for at least one signal, got none", (*path, "input"))
-    expected: List[Alert] = []
+    alerts: List[Alert] = []
     for number, each in enumerate(_list(tree, (*path, "alerts"))):
         with problems:
-            expected.append(read_section(Alert, each, (*path, "alerts", str(number))))
+            alert = read_section(Alert, each, (*path, "alerts", str(number)))
+            alerts.append(replace(alert, at_s=round(alert.at_s, DECIMALS)))
     problems.raise_if_any()
-    return ThresholdTest(test.name, test.interval_s, series, sorted(expected, key=lambda each: each.at_s))
+    return replace(test, input=series, alerts=sorted(alerts, key=lambda alert: alert.at_s))
 
 
 def _read_series(
@@ -225,7 +219,7 @@ def run_test(config: MonitorConfig, test: ThresholdTest) -> List[Alert]:
 
     Signals without a series are not judged. Repeated announcements (`repeat_s`) are no transitions.
     """
-    given = set(map(template_name, test.series))
+    given = set(map(template_name, test.input))
     signals = {name: signal for name, signal in config.signals.items() if name in given}
     statuses = {name for name, signal in signals.items() if signal.is_status}
     monitor = Monitor(replace(config, signals=signals))
@@ -238,7 +232,11 @@ def run_test(config: MonitorConfig, test: ThresholdTest) -> List[Alert]:
             transitions += monitor.observe(Sample(name, datum, now_s))
         if not samples:
             transitions += monitor.tick(now_s)
-    return [Alert(each.now_s, each.signal, each.to_level, each.text) for each in transitions if not each.repeat]
+    return [
+        Alert(round(each.now_s, DECIMALS), each.signal, each.to_level, each.text)
+        for each in transitions
+        if not each.repeat
+    ]
 
 
 def _with_reductions(
@@ -257,14 +255,14 @@ def _with_reductions(
 
 def _steps(test: ThresholdTest) -> Iterator[Tuple[float, List[Tuple[str, float]]]]:
     """Yields each time with its samples; without samples it is a tick."""
-    end_s = (max(map(len, test.series.values())) - 1) * test.interval_s + TIME_TOLERANCE_S
+    end_s = (max(map(len, test.input.values())) - 1) * test.interval_s + TIME_TOLERANCE_S
     steps: Dict[Tuple[float, bool], List[Tuple[str, float]]] = {
         (count * TICK_PERIOD_S, True): [] for count in range(1, int(end_s / TICK_PERIOD_S) + 1)
     }
-    for name, series in test.series.items():
+    for name, series in test.input.items():
         for number, value in enumerate(series):
             if value is not None:
-                steps.setdefault((round(number * test.interval_s, 6), False), []).append((name, value))
+                steps.setdefault((round(number * test.interval_s, DECIMALS), False), []).append((name, value))
     for (now_s, _), samples in sorted(steps.items()):
         yield now_s, samples
 
@@ -274,10 +272,8 @@ def compare(expected: Sequence[Alert], actual: Sequence[Alert]) -> List[Differen
     missing = list(expected)
     result: List[Difference] = []
     for alert in actual:
-        same = (each for each in missing if (each.signal, each.level) == (alert.signal, alert.level))
-        match = next((each for each in same if abs(each.at_s - alert.at_s) <= TIME_TOLERANCE_S), None)
-        if match is not None:
-            missing.remove(match)
-        result.append(("+" if match is None else " ", alert))
-    result.extend(("-", alert) for alert in missing)
+        result.append((" " if alert in missing else "+", alert))
+        if alert in missing:
+            missing.remove(alert)
+    result += [("-", alert) for alert in missing]
     return sorted(result, key=lambda each: (each[1].at_s, "- +".index(each[0])))

@@ -15,7 +15,8 @@ from harness.virtual_loop import run_in_virtual_time
 
 from robot_health_monitor.cli.exit_codes import ExitCode
 from robot_health_monitor.cli.monitor_process import MonitorProcess, Reload, choose_output, reload_all
-from robot_health_monitor.cli.output.lines import JsonLines, OutputError, PlainLines
+from robot_health_monitor.cli.output import lines
+from robot_health_monitor.cli.output.lines import JsonLines, OutputError
 from robot_health_monitor.cli.serving import ServerSettings
 from robot_health_monitor.core.port.middleware import Severity
 from robot_health_monitor.core.values.errors import ConfigError
@@ -349,7 +350,7 @@ def test_json_on_request_also_on_a_terminal(monkeypatch: pytest.MonkeyPatch) -> 
 def test_plain_lines_in_a_pipe(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "stdout", io.StringIO())
     monkeypatch.setenv("TERM", "xterm")
-    assert isinstance(choose_output(as_json=False), PlainLines)
+    assert type(choose_output(as_json=False)) is lines.Output
 
 
 @pytest.mark.parametrize("term", ["", "dumb", "unknown", None])
@@ -359,7 +360,7 @@ def test_plain_lines_on_a_terminal_that_cannot_move_its_cursor(term: str, monkey
         monkeypatch.delenv("TERM", raising=False)
     else:
         monkeypatch.setenv("TERM", term)
-    assert isinstance(choose_output(as_json=False), PlainLines)
+    assert type(choose_output(as_json=False)) is lines.Output
 
 
 def test_a_live_table_on_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -378,7 +379,7 @@ def test_plain_lines_and_one_line_on_stderr_without_rich(
     monkeypatch.setitem(sys.modules, "rich", None)
     for name in [name for name in sys.modules if name.startswith("rich.")]:
         monkeypatch.setitem(sys.modules, name, None)
-    assert isinstance(choose_output(as_json=False), PlainLines)
+    assert type(choose_output(as_json=False)) is lines.Output
     written = capsys.readouterr().err
     assert "rich is not installed" in written and written.count("\n") == 1
 

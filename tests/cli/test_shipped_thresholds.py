@@ -34,7 +34,7 @@ def test_each_of_its_signals_is_in_a_test(file: Path) -> None:
     config = load_config(ROOT / "config" / file.name.replace(".test.yaml", ".yaml"))
     tested: set[str] = set()
     for test in read_tests(str(file))[1]:
-        tested.update(map(template_name, test.series))
+        tested.update(map(template_name, test.input))
     assert set(config.signals) <= tested
 
 

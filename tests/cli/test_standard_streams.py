@@ -68,15 +68,33 @@ for number in range(100_000): print("lost too")
     process = run(tmp_path, body, stdout=write_end)
     os.close(write_end)
     assert process.wait(60) == 0
-    assert result(tmp_path) == ["stdout: cannot be written (Broken pipe): log lines are lost"]
+    assert result(tmp_path) == ["stdout: cannot be written (Broken pipe): lines may be lost"]
 
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="this system has no /dev/full")
-def test_a_full_disk_is_a_problem_that_is_reported(tmp_path: Path) -> None:
+def test_a_full_disk_is_reported_once_and_tried_again_without_losing_a_line(tmp_path: Path) -> None:
+    body = """
+standard_streams._RETRY_S = 0.01
+print("one")
+problems.wait(30)
+print("two")
+problems.clear()
+os.dup2(os.open(sys.argv[1] + ".space", os.O_CREAT | os.O_WRONLY), streams.stdout.original)  # there is space again
+problems.wait(30)
+"""
+    with open("/dev/full", "w", encoding="utf-8") as full:
+        process = run(tmp_path, body, stdout=full)
+    assert process.wait(60) == 0
+    assert result(tmp_path) == ["stdout: cannot be written (No space left on device): lines may be lost", "stdout: "]
+    assert (tmp_path / "result.space").read_text() == "one\ntwo\n"
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="this system has no /dev/full")
+def test_the_end_does_not_wait_for_a_full_disk(tmp_path: Path) -> None:
     with open("/dev/full", "w", encoding="utf-8") as full:
         process = run(tmp_path, 'print("lost")\nproblems.wait(30)', stdout=full)
     assert process.wait(60) == 0
-    assert result(tmp_path) == ["stdout: cannot be written (No space left on device): log lines are lost"]
+    assert result(tmp_path) == ["stdout: cannot be written (No space left on device): lines may be lost"]
 
 
 def test_a_reader_that_hangs_stops_nothing(tmp_path: Path) -> None:
@@ -88,7 +106,7 @@ problems.wait(30)
 """
     process = run(tmp_path, body, stdout=subprocess.PIPE)
     assert process.wait(60) == 0
-    assert result(tmp_path) == ["stdout: is not being read: log lines are lost"]
+    assert result(tmp_path) == ["stdout: is not being read: lines may be lost"]
     assert process.stdout is not None
     process.stdout.close()
 

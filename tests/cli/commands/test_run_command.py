@@ -244,9 +244,8 @@ def test_a_full_disk_below_stdout_does_not_stop_the_monitoring(
         process.send_signal(signal.SIGTERM)
         assert process.wait(30.0) == 0
         assert process.stderr is not None
-        assert process.stderr.read().decode() == (
-            "robot-health: the output cannot be written: No space left on device; monitoring continues\n"
-        )
+        problem = "stdout cannot be written (No space left on device): lines may be lost"
+        assert process.stderr.read().decode() == f"robot-health: {problem}; monitoring continues\n"
 
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="this system has no /dev/full")
@@ -258,7 +257,7 @@ def test_a_judgement_that_could_not_be_written_is_code_3(
         done = subprocess.run(run, stdout=full, stderr=subprocess.PIPE, env=environment, timeout=30.0, check=False)
     assert done.returncode == 3
     assert done.stderr.decode().splitlines()[-1] == (
-        "robot-health: the output cannot be written: No space left on device"
+        "robot-health: stdout cannot be written (No space left on device): lines may be lost"
     )
 
 

@@ -136,7 +136,7 @@ def test_the_test_of_every_transition_passes(case: str, tmp_path: Path, capsys: 
         text = written(capsys, file, number)
         passes(capsys, tmp_path, text)
         _, (test,) = read_tests(str(tmp_path / "alert.test.yaml"))
-        assert test.expected[-1].level is Level(level)
+        assert test.alerts[-1].level is Level(level)
 
 
 @pytest.mark.parametrize(

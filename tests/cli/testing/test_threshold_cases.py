@@ -139,7 +139,7 @@ def alerts(
     signals: Mapping[str, Any], series: Mapping[str, str], interval_s: float = 1.0
 ) -> list[tuple[float, str, Level]]:
     parsed = {name: parse_series(text) for name, text in series.items()}
-    found = run_test(load_config({"signals": signals}), ThresholdTest("", interval_s, parsed, []))
+    found = run_test(load_config({"signals": signals}), ThresholdTest("", parsed, [], interval_s))
     return [(round(alert.at_s, 9), alert.signal, alert.level) for alert in found]
 
 
@@ -194,13 +194,14 @@ DRIVERS = {"topic": "/diagnostics", "field": 'status["*"]'}
 
 
 def test_an_element_has_a_series_under_its_full_name() -> None:
-    test = ThresholdTest("", 1.0, {"cells[3]": [3.9, 3.1], "cells[4]": [3.9, 3.9]}, [])
+    test = ThresholdTest("", {"cells[3]": [3.9, 3.1], "cells[4]": [3.9, 3.9]}, [])
     alerts = run_test(load_config({"signals": {"cells": CELLS}}), test)
-    assert alerts == [Alert(1.0, "cells[3]", Level.WARN, "cells[3] WARN: 3.1 is below 3.2 (was OK for 1 s)")]
+    assert alerts == [Alert(1.0, "cells[3]", Level.WARN)]
+    assert alerts[0].text == "cells[3] WARN: 3.1 is below 3.2 (was OK for 1 s)"
 
 
 def test_the_series_of_a_status_are_its_levels() -> None:
-    test = ThresholdTest("", 1.0, {"drivers[motor: left]": [0.0, 2.0, 3.0, 7.0, 0.0]}, [])
+    test = ThresholdTest("", {"drivers[motor: left]": [0.0, 2.0, 3.0, 7.0, 0.0]}, [])
     alerts = run_test(load_config({"signals": {"drivers": DRIVERS}}), test)
     assert [(each.at_s, each.text.partition(" (")[0]) for each in alerts] == [
         (1.0, "drivers[motor: left] ERROR: reported as error"),
@@ -211,7 +212,7 @@ def test_the_series_of_a_status_are_its_levels() -> None:
 
 
 def test_a_template_without_elements_can_be_expected_to_be_stale() -> None:
-    test = ThresholdTest("", 1.0, {"cells[3]": [None] * 5 + [3.9]}, [])
+    test = ThresholdTest("", {"cells[3]": [None] * 5 + [3.9]}, [])
     alerts = run_test(load_config({"signals": {"cells": CELLS}}), test)
     assert [(each.at_s, each.signal, each.level.name) for each in alerts] == [
         (4.0, "cells", "STALE"), (5.0, "cells", "OK"),
@@ -303,9 +304,9 @@ def test_a_file_is_read(folder: Path) -> None:
     assert tests == [
         ThresholdTest(
             "low",
-            0.5,
             {"battery": [25.0, 15.0, 15.0], "arm": [7.0]},
             [Alert(1.0, "battery", WARN), Alert(9.0, "battery", OK)],
+            0.5,
         )
     ]
 
