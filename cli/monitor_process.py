@@ -25,7 +25,7 @@ from ..runtime.libraries import missing_libraries, missing_text
 from ..runtime.tokens import TokenFiles
 from .exit_codes import ExitCode
 from .operations import Operations, read_config
-from .output.events import Events, LibraryLog
+from .output.events import Events
 from .output.lines import JsonLines, Monitors, Output, OutputError, is_terminal
 from .service_manager import ServiceManager
 from .serving import ServerSettings, serve, server_settings, stop_serving
@@ -111,8 +111,7 @@ class MonitorProcess:
         Raises ConfigError before any output if the server cannot be started as configured (also if its port is taken,
         where the command line names it), and OutputError if the duration has passed and the output is incomplete.
         """
-        library_log = LibraryLog(self.events)
-        logging.getLogger().addHandler(library_log)
+        logging.getLogger().addHandler(self.events)
         logging.captureWarnings(True)
         try:
             settings = self.read_settings(monitors, self.operations.config.server)
@@ -121,7 +120,7 @@ class MonitorProcess:
             monitors.close()
             self._output.close()
             logging.captureWarnings(False)
-            logging.getLogger().removeHandler(library_log)
+            logging.getLogger().removeHandler(self.events)
         if completed and self._output.problem:
             raise OutputError(self._output.problem)
         return ExitCode.ALERTS if completed and self.events.alerts else ExitCode.SUCCESS
@@ -202,21 +201,20 @@ async def reload_all(parts: Sequence[Reload], log: Callable[[Severity, str], obj
     texts: list[str] = []
     failed = False
     for reload in parts:
-        task = asyncio.ensure_future(reload())
+        kept = ", the old configuration stays in force"
+        problem = f"{kept}: a file could not be read within {_RELOAD_S:g} s"
         try:
-            await asyncio.wait({task}, timeout=_RELOAD_S)
-            if not task.done():
-                raise ConfigError(f"a file could not be read within {_RELOAD_S:g} s")
-            texts.append(task.result())
+            texts.append(await asyncio.wait_for(reload(), _RELOAD_S))
+            continue
+        except asyncio.TimeoutError:
+            pass
         except ConfigError as error:
-            failed = True
             more = f" ({len(error.all) - 1} more: robot-health check)" if len(error.all) > 1 else ""
-            log(Severity.ERROR, f"not reloaded, the old configuration stays in force: {error}{more}")
+            problem = f"{kept}: {error}{more}"
         except Exception as error:
-            failed = True
-            log(Severity.ERROR, printable(f"not reloaded: internal error: {type(error).__name__}: {error}"))
-        finally:
-            task.cancel()
+            problem = f": internal error: {type(error).__name__}: {error}"
+        failed = True
+        log(Severity.ERROR, printable(f"not reloaded{problem}"))
     changes = [text for text in texts if text != NOTHING_CHANGED]
     if changes or not failed:
         log(Severity.INFO, f"reloaded: {'; '.join(changes) or NOTHING_CHANGED}")

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
-from typing import Iterable, Iterator, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Sequence
 
 from ..core.values import ConfigError
 from ..ops.report.report import MARK
@@ -13,7 +14,6 @@ from .output.lines import OutputError
 _MARKED_BYTES = 1000  # bytes at the start of a report that contain `MARK`
 
 
-@dataclass
 class ReportFile:
     """Where to write a report.
 
@@ -21,62 +21,47 @@ class ReportFile:
     replaces a file that is not a report only if that was asked for.
     """
 
-    path: str
-    inputs: Sequence[str]
-    """Files and folders that the command reads."""
-    force: bool
-    """Replace a file that is not a report, too."""
+    def __init__(self, path: str, inputs: Sequence[str], force: bool) -> None:
+        """Checks the path, of which a link is followed, before a long replay. Raises ConfigError.
 
-    def __post_init__(self) -> None:
-        """Checks the path, of which a link is followed, before a long replay. Raises ConfigError."""
-        self._real_path = os.path.realpath(self.path)
+        `inputs` are the files and folders that the command reads. With `force`, a file that is not a report is
+        replaced, too.
+        """
+        self._given, self._path = path, Path(os.path.realpath(path))
+        self._inputs = inputs
+        self._force = force
         self._check()
 
     def write(self, page: str) -> None:
         """Writes the page as a whole or not at all. Raises ConfigError, as at first, or OutputError."""
         self._check()
-        part = f"{self._real_path}.{os.getpid()}.part"
+        part = Path(f"{self._path}.{os.getpid()}.part")
         try:
             with open(part, "x", encoding="utf-8") as stream:
-                try:
-                    stream.write(page)
-                    stream.flush()
-                    os.replace(part, self._real_path)
-                except BaseException:
-                    os.unlink(part)
-                    raise
+                stream.write(page)
+            os.replace(part, self._path)
         except OSError as error:
-            raise OutputError(f"{self.path}: cannot be written: {error.strerror or error}") from None
+            raise OutputError(f"{self._given}: cannot be written: {error.strerror or error}") from None
+        finally:
+            with suppress(OSError):  # it has replaced the file
+                part.unlink()
 
     def _check(self) -> None:
-        folder, exists = os.path.dirname(self._real_path), os.path.lexists(self._real_path)
-        if not os.path.isdir(folder):
-            problem = "there is no such folder"
-        elif not os.access(folder, os.W_OK):
-            problem = "the folder cannot be written"
-        elif exists and not os.path.isfile(self._real_path):
+        path, exists, problem = self._path, self._path.exists(), ""
+        read = [file for each in self._inputs for file in (Path(each), *Path(each).glob("*")) if file.exists()]
+        if not os.access(path.parent, os.W_OK):
+            problem = "there is no such folder that can be written"
+        elif exists and not path.is_file():
             problem = "is not a file"
-        elif exists and any(os.path.samefile(self._real_path, each) for each in _files(self.inputs)):
+        elif exists and any(map(path.samefile, read)):
             problem = "is one of the files that this command reads"
-        elif exists and not self.force and not _is_report(self._real_path):
+        elif exists and not self._force and not _is_report(path):
             problem = "exists and is not a report of robot-health; --force replaces it"
-        else:
-            return
-        raise ConfigError(f"--report: {problem}", file=self.path)
+        if problem:
+            raise ConfigError(f"--report: {problem}", file=self._given)
 
 
-def _files(paths: Iterable[str]) -> Iterator[str]:
-    """Yields the files of files and folders, as far as they exist."""
-    for path in paths:
-        names = [path]
-        if os.path.isdir(path) and os.access(path, os.R_OK):
-            names = [os.path.join(path, name) for name in os.listdir(path)]
-        yield from filter(os.path.exists, names)
-
-
-def _is_report(path: str) -> bool:
-    try:
-        with open(path, "rb") as stream:
-            return MARK.encode("ascii") in stream.read(_MARKED_BYTES)
-    except OSError:
-        return False
+def _is_report(path: Path) -> bool:
+    with suppress(OSError), open(path, "rb") as stream:
+        return MARK.encode() in stream.read(_MARKED_BYTES)
+    return False

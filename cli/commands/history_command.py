@@ -12,7 +12,7 @@ import time
 from datetime import datetime
 from typing import Any, Iterable, Iterator
 
-from ...core.values import ConfigError, Level, ServiceError, count_text, duration_text, number_text, printable
+from ...core.values import ConfigError, Level, ServiceError, printable
 from ...ops.report.summaries import SHARES, table
 from ...ops.store import queries
 from ...ops.store import samples as stored_samples
@@ -22,7 +22,6 @@ from ...ops.store.samples import SAMPLES_FIELDS, StoredSamples, samples_fields
 from ...ops.store.silences import parse_duration_s, silence_events
 from ...ops.store.summary import SignalSummary, summarize
 from ...runtime.interrupts import Interrupts
-from ...runtime.times import DATE_TIME, local_time
 from ..arguments import Parser, add, alert_id, checked
 from ..history.history_entries import (  # fmt: skip
     CSV_HEAD,
@@ -183,20 +182,11 @@ def _samples(connection: sqlite3.Connection, arguments: argparse.Namespace) -> L
         json=map(samples_fields, chosen),
         head=SAMPLES_FIELDS,
         rows=map(samples_fields, chosen),
-        lines=_samples_lines(chosen),
+        lines=map(_samples_line, chosen),
         nothing="no samples",
     )
 
 
-def _samples_lines(chosen: Iterable[StoredSamples]) -> Iterator[str]:
-    for (robot, signal), each in itertools.groupby(chosen, key=lambda sample: (sample.robot, sample.signal)):
-        yield printable(f"{robot}: {signal}")
-        yield from (f"  {_samples_line(sample)}" for sample in each)
-
-
 def _samples_line(samples: StoredSamples) -> str:
-    numbers = [("min", samples.least), ("max", samples.most), ("mean", samples.mean), ("last", samples.last)]
-    values = " ".join(f"{label} {number_text(value)}" for label, value in numbers if value is not None)
-    counts = count_text(samples.good, "sample") + (f", {samples.bad} bad" if samples.bad else "")
-    begin = local_time(samples.start_s, DATE_TIME)
-    return f"{begin} {samples.level.name:5} {duration_text(samples.seconds)}: {values or 'no value'} ({counts})"
+    values = (f"{name} {value}" for name, value in samples_fields(samples).items() if name != "start")
+    return printable(f"{time_text(samples.start_s)} {', '.join(values)}")

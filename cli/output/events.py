@@ -25,8 +25,12 @@ class Entry(NamedTuple):
     """Reason and end of the silence of the transition's signal; None if it is not silenced."""
 
 
-class Events:
-    """Passes log lines and transitions to the output, and counts the alerts among them."""
+class Events(logging.Handler):
+    """Passes log lines and transitions to the output, and counts the alerts among them.
+
+    As a handler of `logging` it turns the records of libraries into log lines, without tracebacks: on stderr they would
+    break the live table.
+    """
 
     def __init__(
         self,
@@ -40,6 +44,7 @@ class Events:
 
         `silence_of` returns the text of the silence of a robot's signal, None without one; `wall_time_s` s since 1970.
         """
+        super().__init__(logging.WARNING)
         self._output = output
         self._least = least
         self._wall_time_s = wall_time_s
@@ -70,23 +75,11 @@ class Events:
         if transition.to_level is not Level.OK:
             self.alerts += 1
 
-
-class LibraryLog(logging.Handler):
-    """Turns the log records of libraries into log lines, without tracebacks.
-
-    On stderr they would break the live table, and block the process while the terminal is not read.
-    """
-
-    def __init__(self, events: Events) -> None:
-        """Passes records to `events`."""
-        super().__init__(logging.WARNING)
-        self._events = events
-
     def emit(self, record: logging.LogRecord) -> None:
-        """Receives a record."""
+        """Receives the record of a library."""
         text = record.getMessage().partition("\n")[0]
         error = record.exc_info[1] if record.exc_info else None
         if error is not None:
             text += f": {type(error).__name__}: {error}"
         severity = Severity.ERROR if record.levelno >= logging.ERROR else Severity.WARN
-        self._events.on_log(LogLine(record.created, record.name, severity, text))
+        self.on_log(LogLine(record.created, record.name, severity, text))

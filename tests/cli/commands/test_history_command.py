@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import io
 import json
 import os
+import sqlite3
 import subprocess
 import sys
 import tempfile
@@ -21,6 +23,7 @@ from robot_health_monitor.__main__ import main
 from robot_health_monitor.core import Level
 from robot_health_monitor.ops.configuration import HistorySettings
 from robot_health_monitor.ops.store.history import History
+from robot_health_monitor.ops.store.samples import StoredSamples, store
 
 pytestmark = pytest.mark.usefixtures("utc")
 
@@ -48,6 +51,16 @@ def test_alerts_and_events_of_the_monitor_in_their_order(file: Path, capsys: pyt
         "2023-11-14 22:14:50 +0000 #3 r1: =cpu?[31m [no publisher on /cpu?]",
         "2023-11-14 22:15:00 +0000 monitor stopped",
     ]
+
+
+def test_samples_have_a_line_each(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with contextlib.closing(sqlite3.connect(file)) as connection, connection:
+        store(connection, [StoredSamples("r1", "cpu", START_S, 10.0, 1.0, 3.5, 2.0, 3.0, 9, 1, Level.WARN)])
+    assert output(capsys, file, "--samples") == (
+        "2023-11-14 22:13:20 +0000 robot r1, signal cpu, seconds 10.0, min 1.0, max 3.5, mean 2.0, last 3.0, "
+        "good 9, bad 1, level WARN\n"
+    )
+    assert output(capsys, file, "--samples", "--signal", "gpu") == ""
 
 
 @pytest.mark.parametrize(

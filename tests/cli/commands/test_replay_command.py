@@ -387,7 +387,7 @@ def test_messages_that_cannot_be_decoded_are_reported(
         (["{bag}", "--from", "100"], "no signal was judged: battery (/battery has no samples)"),
         (["{bag}", "--from", "2", "--to", "1"], "no signal was judged: battery (/battery has no samples)"),
         (["{bag}", "--from", "soon"], "expected a number of seconds, 0 or more, got 'soon'"),
-        (["{bag}", "--report", "/nowhere/report.html"], "there is no such folder"),
+        (["{bag}", "--report", "/nowhere/report.html"], "there is no such folder that can be written"),
         (["{bag}", "--report", "/dev/null"], "is not a file"),
         (["{bag}", "--thresholds", "missing.yaml"], "missing.yaml"),
         (["{bag}", "--use-sim-time"], "/clock"),

@@ -6,7 +6,7 @@ import logging
 
 from harness.transitions import transition
 
-from robot_health_monitor.cli.output.events import Entry, Events, LibraryLog
+from robot_health_monitor.cli.output.events import Entry, Events
 from robot_health_monitor.core import Level
 from robot_health_monitor.core.nodes.outlets import Notice
 from robot_health_monitor.core.port.local import LogLine
@@ -58,7 +58,7 @@ def test_each_entry_has_the_wall_time_of_its_moment_even_after_the_clock_was_set
 
 def test_what_a_library_logs_is_one_line_without_a_traceback() -> None:
     entries: list[Entry] = []
-    handler = LibraryLog(Events(entries.append))
+    handler = Events(entries.append)
     try:
         raise ValueError("bad frame")
     except ValueError:
