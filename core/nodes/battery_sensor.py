@@ -58,8 +58,7 @@ class BatterySensor:
     def _use(self, tree: JsonObject, sources: dict[str, Source]) -> None:
         """Takes over a configuration; announces which topics are simulated before their first value."""
         self._tree, self._sources = tree, sources
-        metrics = dict.fromkeys([*configuration.METRICS, *sources])
-        self._settings = {metric: configuration.settings_of(tree, metric) for metric in metrics}
+        self._settings = metrics = configuration.settings_of(tree)
         self._kinds = {
             metric: str(settings["source"]) if metric in configuration.METRICS else "host"
             for metric, settings in self._settings.items()
@@ -125,10 +124,13 @@ class BatterySensor:
         values, sources = _read_sensor(tree, self._computer)
         old, old_settings = self._values, self._settings
         node.refuse_changes(old, values, except_for=("sensors",))
-        for metric in sources.keys() & self._sources.keys():
-            same_settings = configuration.settings_of(tree, metric) == old_settings[metric]
-            if same_settings and tree.get("seed") == self._tree.get("seed"):
-                sources[metric] = self._sources[metric]
+        if tree.get("seed") == self._tree.get("seed"):
+            same = {
+                metric
+                for metric, settings in configuration.settings_of(tree).items()
+                if settings == old_settings.get(metric)
+            }
+            sources.update((metric, source) for metric, source in self._sources.items() if metric in same)
         self._values = values
         self._failed = {metric: error for metric, error in self._failed.items() if metric in sources}
         self._use(tree, sources)

@@ -16,7 +16,6 @@ from ..config import Parameter
 from ..values import JsonObject
 from . import daemons, disks, gpu, host, network, operating_system, processes
 from .computer import Computer, Growth, HostPaths, HostReading, load_psutil
-from .processes import ProcessSource
 from .source import Source
 
 Options = JsonObject
@@ -82,7 +81,7 @@ def _process(metric: str, unit: str, description: str, *options: Parameter) -> t
         Parameter("command", str, "", "pattern of the whole command line, with * and ?"),
         Parameter("node", str, "", "name of a ROS node: of __node:= or __name:=, or the executable"),
     )
-    make = partial(ProcessSource, metric)
+    make = partial(processes.make_source, metric)
     return metric, unit, description, make, (*selecting, *options), _nodes, _COMMAND
 
 

@@ -174,8 +174,11 @@ class Growth:
             for name, last in self._counters.items()
             if name in counters
         ]
-        value = self._value_of(grown, elapsed_s) if grown and elapsed_s > 0.0 else None
-        self._value = self._value if value is None else value
+        if not grown:
+            self._value = None
+        elif elapsed_s > 0.0:
+            value = self._value_of(grown, elapsed_s)
+            self._value = self._value if value is None else value
         self._counters, self._at_s = counters, now_s
         if self._value is None:
             raise NotMeasuredYet("not measured yet: it takes two reads")

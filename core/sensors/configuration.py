@@ -9,7 +9,7 @@ from __future__ import annotations
 import random
 import re
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Dict, Mapping, Sequence, Tuple
 
 from ..config import Parameter, read_parameters, require_mapping
 from ..config.schema import parameters
@@ -80,14 +80,15 @@ SECTION_NAMES = (*METRIC_PARAMETERS, HOST_SECTION)
 
 _HOST_METRICS = {"battery_level": "battery_percent", "temperature": "temperature", "cpu_usage": "cpu_percent"}
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*\Z")
+_Section = Tuple[Tuple[str, ...], Sequence[Parameter], Dict[str, Any]]
+"""Where the settings of a metric are, the parameters that it can have, and what is given of them."""
 
 
-def read_sources(tree: JsonObject, path: Path = (), computer: Computer | None = None) -> dict[str, Source]:
+def read_sources(tree: JsonObject, computer: Computer | None = None) -> dict[str, Source]:
     """Creates a source per metric, in the order of `METRICS` and then of the section `host`; none for `source: none`.
 
     Reads `seed`, `sensors`, `host_preset` and the sections of a node's whole configuration; the sources share
-    `computer`. `path` has the keys above it, for errors: a ConfigError with all unknown keys and values that are not
-    allowed.
+    `computer`. Raises a ConfigError with all unknown keys and values that are not allowed.
     """
     computer = computer or Computer()
     sources: dict[str, Source] = {}
@@ -95,89 +96,77 @@ def read_sources(tree: JsonObject, path: Path = (), computer: Computer | None = 
     seed = random.getrandbits(32)
     with problems:
         if tree.get("seed") is not None:
-            seed = SEED.read(tree["seed"], (*path, "seed"))
-    metrics = list(METRICS)
-    with problems:
-        metrics += _host_sections(tree, path)
-    for metric in metrics:
+            seed = SEED.read(tree["seed"], ("seed",))
+    for metric, (where, table, given) in _sections(tree, problems).items():
         with problems:
-            where, table, given = _section(tree, metric, path)
             values = read_parameters(given, table, where)
-            source = _source(metric, values, f"{seed}/{metric}", where, computer)
-            if source is not None:
-                sources[metric] = source
+            kind = values.pop("source")
+            if kind == "simulated":
+                sources[metric] = _SIMULATED[metric](**values, seed=f"{seed}/{metric}")
+            elif kind != "none":
+                source = _host_sources()[_HOST_METRICS[metric] if metric in METRICS else kind]
+                values = {} if metric in METRICS else values
+                if source.example and not any(values[name] for name in source.example):
+                    raise ConfigError(f"expected {' or '.join(source.example)}, to select processes", where)
+                sources[metric] = source.make(computer, **values)
     problems.raise_if_any()
     return sources
 
 
-def settings_of(tree: JsonObject, metric: str) -> JsonObject:
-    """Returns the settings of one metric in a valid configuration, defaults included."""
-    _, table, given = _section(tree, metric, ())
-    return {**{parameter.name: parameter.default for parameter in table}, **given}
+def settings_of(tree: JsonObject) -> dict[str, JsonObject]:
+    """Returns the settings of each metric in a valid configuration, defaults included."""
+    return {
+        metric: {**{parameter.name: parameter.default for parameter in table}, **given}
+        for metric, (_, table, given) in _sections(tree).items()
+    }
 
 
 def declared_parameters(tree: JsonObject) -> tuple[Parameter, ...]:
     """Returns the parameters of every metric in a valid configuration, by their dotted names."""
     declared: list[Parameter] = []
-    for metric in [*METRICS, *_host_sections(tree, ())]:
-        where, (source, *options), given = _section(tree, metric, ())
+    for where, (source, *options), given in _sections(tree).values():
         # A middleware that fills in defaults must not fill in another source than `sensors` does.
         table = (replace(source, default=given["source"]), *options)
         declared += [parameter.below(".".join(where)) for parameter in table]
     return tuple(declared)
 
 
-def _section(tree: JsonObject, metric: str, path: Path) -> tuple[tuple[str, ...], Sequence[Parameter], dict[str, Any]]:
-    """Returns where the settings of a metric are, the parameters that it can have, and what is given of them."""
+def _sections(tree: JsonObject, problems: Problems | None = None) -> dict[str, _Section]:
+    """Returns what is configured of each metric; mistakes, which a valid configuration has none of, are added."""
+    problems = problems or Problems()
+    sections: dict[str, _Section] = {}
+    for metric in METRICS:
+        with problems:
+            where: tuple[str, ...] = (metric,)
+            given = {"source": tree.get("sensors") or _SOURCE.default, **require_mapping(tree.get(metric, {}), where)}
+            if given["source"] is False:  # YAML reads a plain `off` or `no` as false
+                given["source"] = "none"
+            sections[metric] = where, METRIC_PARAMETERS[metric], given
+    with problems:
+        preset = HOST_PRESET.read(tree.get("host_preset") or "none", ("host_preset",))
+        host = require_mapping(tree.get(HOST_SECTION, {}), (HOST_SECTION,))
+        for metric, settings in {**{name: {"source": name} for name in PRESETS[preset]}, **host}.items():
+            with problems:
+                where = (HOST_SECTION, metric)
+                sections[metric] = where, *_host_settings(metric, settings, where)
+    return sections
+
+
+def _host_settings(metric: str, settings: Any, where: Path) -> tuple[Sequence[Parameter], dict[str, Any]]:
+    """Returns the parameters that a metric of the section `host` can have, and what is given of them."""
     if metric in METRICS:
-        where = (*path, metric)
-        given = {"source": tree.get("sensors") or _SOURCE.default, **require_mapping(tree.get(metric, {}), where)}
-        if given["source"] is False:  # YAML reads a plain `off` or `no` as false
-            given["source"] = "none"
-        return where, METRIC_PARAMETERS[metric], given
-    where = (*path, HOST_SECTION, metric)
-    given = dict(_host_sections(tree, path)[metric])
+        raise ConfigError("is the name of a standard metric; expected another name", where)
+    if not _NAME.match(metric):
+        raise ConfigError("expected a name of letters, digits and _, starting with a letter", where)
+    given = dict(require_mapping(settings, where))
     source = Parameter("source", str, None, "metric of this machine", choices=tuple(_host_sources()))
     if given.get("source") is None:
         raise ConfigError(f"is missing; expected {source.allowed} (see `robot-health sources`)", (*where, "source"))
     options = _host_sources()[source.read(given["source"], (*where, "source"))].options
-    return where, (source, *options), given
-
-
-def _host_sections(tree: JsonObject, path: Path) -> Mapping[str, JsonObject]:
-    sections = require_mapping(tree.get(HOST_SECTION, {}), (*path, HOST_SECTION))
-    preset = HOST_PRESET.read(tree.get("host_preset") or "none", (*path, "host_preset"))
-    problems = Problems()
-    for metric, settings in sections.items():
-        where = (*path, HOST_SECTION, metric)
-        with problems:
-            if metric in METRICS:
-                raise ConfigError("is the name of a standard metric; expected another name", where)
-            if not _NAME.match(metric):
-                raise ConfigError("expected a name of letters, digits and _, starting with a letter", where)
-            require_mapping(settings, where)
-    problems.raise_if_any()
-    return {**{name: {"source": name} for name in PRESETS[preset]}, **sections}
+    return (source, *options), given
 
 
 def _host_sources() -> Mapping[str, HostSource]:
     from .catalogue import HOST_SOURCES
 
     return HOST_SOURCES
-
-
-def _source(metric: str, values: dict[str, Any], seed: str, path: Path, computer: Computer) -> Source | None:
-    """Returns the source of a metric with these settings; None if it has none."""
-    kind = values.pop("source")
-    if kind == "none":
-        return None
-    if metric not in METRICS:
-        source = _host_sources()[kind]
-        if source.example and not any(values[name] for name in source.example):
-            raise ConfigError(f"expected {' or '.join(source.example)}, to select processes", path)
-        return source.make(computer, **values)
-    if kind == "host":
-        return _host_sources()[_HOST_METRICS[metric]].make(computer)
-    seeds = {} if metric == "battery_level" else {"seed": seed}
-    simulated: Source = _SIMULATED[metric](**values, **seeds)
-    return simulated

@@ -3,25 +3,25 @@
 Theory of operation. `Processes` lists the numbers of all processes once per period for all sources. The command line of
 a process is read when it is first seen and, since a process replaces it by exec, again while it is young; those of old
 processes are checked in turn, a few per period. What a process uses is read of selected ones only. So the cost follows
-the number of selected processes, not that of all.
+the number of selected processes, not that of all. Sources that select the same processes share their `Selection`.
 
-A process is its number and its start: numbers are used again. One that ends while it is read, and a zombie, is gone.
-Time is the kernel's (/proc/uptime), since the counters are, whatever the clock of the node does.
+A process is its number and its start: numbers are used again. One that ends while it is read, and a zombie, is gone; a
+new process of its number is found in the next period. Time is the kernel's (/proc/uptime), since the counters are,
+whatever the clock of the node does.
 """
 
 from __future__ import annotations
 
 import os
 from contextlib import suppress
-from dataclasses import dataclass
-from functools import lru_cache
+from dataclasses import dataclass, field
 from statistics import fmean
-from typing import Any, Callable, Mapping, NamedTuple
-from weakref import WeakSet
+from typing import Any, Callable, Mapping
+from weakref import WeakValueDictionary
 
 from ..values import matches_pattern
-from .computer import Computer, HostPaths, load_psutil, read_bytes
-from .source import NotMeasuredYet, SensorError
+from .computer import Computer, Growth, HostPaths, HostReading, load_psutil, read_bytes
+from .source import NotMeasuredYet, SensorError, Source
 
 MOST_MATCHES = 200
 """Processes that one source may select."""
@@ -34,12 +34,7 @@ OLD_SCANS = 60
 
 _TICKS_PER_S = os.sysconf("SC_CLK_TCK")
 
-REDUCTIONS: Mapping[str, Callable[[list[float]], float]] = {
-    "sum": sum,
-    "max": max,
-    "min": min,
-    "mean": fmean,
-}
+REDUCTIONS: Mapping[str, Callable[[list[float]], float]] = {"sum": sum, "max": max, "min": min, "mean": fmean}
 """What several processes are reduced by, by the names of the option `reduce`."""
 
 
@@ -52,73 +47,43 @@ class Known:
     since_s: float
     """When it was first seen, in s since the computer started; those of the first scan are not young."""
     start: int
-    """As of `Stat`."""
+    """As `read_stat` returns it."""
     command: str = ""
     """Empty for a zombie, a part of the kernel, or what another user hides."""
     names: frozenset[str] = frozenset()
 
 
-class ProcessSource:
-    """One metric of the processes that a command line, the name of a node or both select."""
+@dataclass(eq=False)
+class Selection:
+    """The processes that a pattern of the command line, the name of a ROS node or both select."""
 
-    def __init__(self, metric: str, computer: Computer, command: str = "", node: str = "", reduce: str = "sum") -> None:
-        """Selects by what is given of `command` and `node`; `metric` is a key of `METRICS`.
+    command: str
+    """Pattern of the whole command line, arguments separated by spaces; empty: any."""
+    node: str
+    """Name of a ROS node, with or without its namespace; empty: any."""
+    pids: set[int] = field(default_factory=set)
+    """The numbers of those that are selected."""
+    readings: dict[Any, tuple[float, float]] | None = None
+    """By psutil's process: its CPU time, and the time of the reading since the computer started, in s.
 
-        `command` is a pattern of the whole command line, arguments separated by spaces; `node` is the name of a ROS
-        node, with or without its namespace.
-        """
-        self._computer = computer
-        self._command, self._node = command, node
-        self._metric = metric
-        self._reduce = REDUCTIONS[reduce]
-        self.pids: set[int] = set()
-        """The numbers of those that are selected."""
-        self.at_s = 0.0
-        """Time of the readings, in s since the computer started."""
-        self.cpu_s: dict[Any, float] = {}
-        """CPU time of each process of psutil that is selected."""
-        self.last_s = 0.0
-        self.last_cpu_s: dict[Any, float] = {}
-        """The readings before."""
-        self.starts = 0
-        """Processes that were seen since the monitor began."""
-        self.most_at_once = 0
-        self._processes: Processes = computer.shared.setdefault(Processes, Processes())
-        self._processes.add(self)
+    None before the first scan."""
+    starts: int = 0
+    """Processes that were seen since the monitor began."""
+    most_at_once: int = 0
 
     def check(self, pid: int, process: Known) -> None:
         """Selects a process whose command line is new, or does not select it any more."""
-        is_selected = _is_selected(self._command, self._node, process.command, process.names)
-        (self.pids.add if is_selected else self.pids.discard)(pid)
+        self.pids.discard(pid)
+        # A pattern such as `*/amcl *` also means an amcl without arguments.
+        texts = (process.command, f"{process.command} ") if process.command else ()
+        if self.node in ("", *process.names) and any(matches_pattern(each, self.command or "*") for each in texts):
+            self.pids.add(pid)
 
-    def use(self, at_s: float, cpu_s: dict[Any, float]) -> None:
+    def use(self, readings: dict[Any, tuple[float, float]]) -> None:
         """Takes over the readings of a period."""
-        self.starts += len(cpu_s.keys() - self.cpu_s.keys())
-        self.most_at_once = max(self.most_at_once, len(cpu_s))
-        if at_s > self.at_s:  # the kernel's time has a resolution of 10 ms
-            self.last_s, self.last_cpu_s, self.at_s = self.at_s, self.cpu_s, at_s
-        self.cpu_s = cpu_s
-
-    def read(self, now_s: float) -> float:
-        """Returns the value; raises SensorError if no process matches, or if it may not be read."""
-        self._computer.ask(now_s, 0.0, "the processes", self._processes.scan)
-        given = [("command", self._command), ("node", self._node)]
-        selection = " and ".join(f"{name} {value}" for name, value in given if value)
-        is_running = self._metric == "process_running"
-        if not self.at_s:
-            raise NotMeasuredYet("the processes have been listed before this source was made")
-        if len(self.pids) > MOST_MATCHES and not is_running:
-            raise SensorError(f"{len(self.pids)} processes match {selection} (limit {MOST_MATCHES})")
-        if not self.pids and self._processes.are_hidden:
-            raise SensorError(f"no visible process matches {selection}: /proc hides those of other users")
-        if is_running:
-            return float(bool(self.pids))
-        if not self.cpu_s:
-            raise SensorError(f"no process matches {selection}")
-        values = METRICS[self._metric](self)
-        if not values:
-            raise NotMeasuredYet("not measured yet: the CPU time takes two reads")
-        return float(self._reduce(values))
+        self.starts += len(readings.keys() - (self.readings or {}).keys())
+        self.most_at_once = max(self.most_at_once, len(readings))
+        self.readings = readings
 
 
 class Processes:
@@ -128,41 +93,44 @@ class Processes:
         """Reads nothing yet."""
         self._known: dict[int, Known] = {}
         self._scans = 0
-        self._sources: WeakSet[ProcessSource] = WeakSet()
+        self._selections: WeakValueDictionary[tuple[str, str], Selection] = WeakValueDictionary()
 
-    def add(self, source: ProcessSource) -> None:
-        """Keeps what a source selects up to date by `scan`, as long as there is the source."""
-        for pid, process in list(self._known.items()):
-            source.check(pid, process)
-        self._sources.add(source)
+    def select(self, command: str, node: str) -> Selection:
+        """Returns a selection, which `scan` keeps up to date as long as it is used."""
+        selection = self._selections.get((command, node))
+        if selection is None:
+            self._selections[command, node] = selection = Selection(command, node)
+            for pid, process in list(self._known.items()):
+                selection.check(pid, process)
+        return selection
 
     def scan(self, paths: HostPaths) -> Processes:
-        """Lists the processes, and reads those that sources have selected."""
+        """Lists the processes, and reads those that are selected."""
         psutil = load_psutil(paths)
         now_s = float(read_bytes(f"{paths.proc}/uptime").split()[0])
-        pids = set(psutil.pids())
-        stats = {pid: read_stat(paths, pid) for pid in self._selected()}
         since_s = now_s if self._known else now_s - 2.0 * YOUNG_S
-        for pid, known in list(self._known.items()):
-            stat = stats.get(pid)
-            if pid not in pids or (pid in stats and (stat is None or stat.start != known.start)):
-                self._forget(pid)  # it has ended; its number may be that of a new one
+        pids = set(psutil.pids())
+        for pid in self._known.keys() - pids:
+            self._forget(pid)
         new = pids - self._known.keys()
         for pid in sorted(new):
             with suppress(Exception):  # it has ended; psutil raises anything when a file is cut off
-                stat = read_stat(paths, pid)
-                self._known[pid] = Known(psutil.Process(pid), since_s, stat.start if stat else 0)
+                self._known[pid] = Known(psutil.Process(pid), since_s, read_stat(paths, pid)[0])
         self._scans += 1
         for pid, known in list(self._known.items()):
             is_in_turn = pid % OLD_SCANS == self._scans % OLD_SCANS
             if is_in_turn or pid in new or now_s - known.since_s <= YOUNG_S:
                 self._identify(pid)
-        stats.update((pid, read_stat(paths, pid)) for pid in self._selected() - stats.keys())
-        cpu_s = {
-            pid: (self._known[pid].process, stat.cpu_s) for pid, stat in stats.items() if stat and pid in self._known
-        }
-        for source in list(self._sources):
-            source.use(now_s, dict(cpu_s[pid] for pid in source.pids if pid in cpu_s))
+        selections = list(self._selections.values())
+        readings = {}
+        for pid in set().union(*(each.pids for each in selections if len(each.pids) <= MOST_MATCHES)):
+            known, (start, cpu_s) = self._known[pid], read_stat(paths, pid)
+            if start == known.start:
+                readings[pid] = known.process, (cpu_s, now_s)
+            else:
+                self._forget(pid)
+        for selection in selections:
+            selection.use(dict(readings[pid] for pid in selection.pids if pid in readings))
         return self
 
     def nodes(self) -> list[str]:
@@ -175,9 +143,6 @@ class Processes:
         """Whether those of other users are not listed (`hidepid`)."""
         return 1 not in self._known or not self._known[1].command
 
-    def _selected(self) -> set[int]:
-        return set().union(*(each.pids for each in list(self._sources) if len(each.pids) <= MOST_MATCHES))
-
     def _identify(self, pid: int) -> None:
         """Reads the command line of a process."""
         known = self._known[pid]
@@ -187,40 +152,26 @@ class Processes:
         command = " ".join(words)[:MOST_LETTERS]
         if command != known.command:
             known.command, known.names = command, node_names(words)
-            for each in list(self._sources):
+            for each in list(self._selections.values()):
                 each.check(pid, known)
 
     def _forget(self, pid: int) -> None:
         del self._known[pid]
-        for each in list(self._sources):
+        for each in list(self._selections.values()):
             each.pids.discard(pid)
 
 
-class Stat(NamedTuple):
-    """What the kernel counts of a process."""
+def read_stat(paths: HostPaths, pid: int) -> tuple[int, float]:
+    """Returns when a process started, in ticks since the computer did, and its CPU time in s, as in proc(5).
 
-    start: int
-    """In ticks since the computer started: with its number, which process it is."""
-    cpu_s: float
-
-
-def read_stat(paths: HostPaths, pid: int) -> Stat | None:
-    """Returns what proc(5) has in `stat`, None of a process that has ended. Psutil takes several times as long."""
+    With its number, the start says which process it is: -1 for one that has ended. Psutil takes several times as long.
+    """
     with suppress(Exception):  # as above
         # The name, in parentheses, may contain anything.
         fields = read_bytes(f"{paths.proc}/{pid}/stat").rpartition(b")")[2].split()
         if fields[0] not in (b"Z", b"X"):
-            return Stat(int(fields[19]), (int(fields[11]) + int(fields[12])) / _TICKS_PER_S)
-    return None
-
-
-@lru_cache(maxsize=256)
-def _is_selected(pattern: str, node: str, command: str, names: frozenset[str]) -> bool:
-    """Returns whether a process is selected; most sources are one of several with the same selection."""
-    if not command or (node and node not in names):
-        return False
-    # A pattern such as `*/amcl *` also means an amcl without arguments.
-    return any(matches_pattern(text, pattern or "*") for text in (command, f"{command} "))
+            return int(fields[19]), (int(fields[11]) + int(fields[12])) / _TICKS_PER_S
+    return -1, 0.0
 
 
 def node_names(words: list[str]) -> frozenset[str]:
@@ -245,40 +196,61 @@ def node_names(words: list[str]) -> frozenset[str]:
     return frozenset([*names, *(prefix + name for name in names)])
 
 
-def _cpu_percent(source: ProcessSource) -> list[float]:
-    period_s = source.at_s - source.last_s
-    return [
-        100.0 * max(0.0, cpu_s - source.last_cpu_s[process]) / period_s
-        for process, cpu_s in source.cpu_s.items()
-        if process in source.last_cpu_s
-    ]
+def make_source(metric: str, computer: Computer, command: str = "", node: str = "", reduce: str = "sum") -> Source:
+    """Returns one metric, a key of `METRICS`, of the processes that are selected (see `Selection`)."""
+    processes: Processes = computer.shared.setdefault(Processes, Processes())
+    selection, reduction = processes.select(command, node), REDUCTIONS[reduce]
+    name = " and ".join(f"{key} {value}" for key, value in (("command", command), ("node", node)) if value)
+
+    def ask(now_s: float) -> dict[Any, tuple[float, float]]:
+        """Returns the readings; raises SensorError if no process matches, or too many."""
+        computer.ask(now_s, 0.0, "the processes", processes.scan)
+        if selection.readings is None:
+            raise NotMeasuredYet("the processes have been listed before this source was made")
+        if not selection.pids and processes.are_hidden:
+            raise SensorError(f"no visible process matches {name}: /proc hides those of other users")
+        if metric != "process_running":
+            if len(selection.pids) > MOST_MATCHES:
+                raise SensorError(f"{len(selection.pids)} processes match {name} (limit {MOST_MATCHES})")
+            if not selection.readings:
+                raise SensorError(f"no process matches {name}")
+        return selection.readings
+
+    def cpu_percent(grown: list[list[float]], elapsed_s: float) -> float | None:
+        # The kernel's time, which is that of all readings, has a resolution of 10 ms.
+        return reduction([100.0 * cpu_s / time_s for cpu_s, time_s in grown]) if grown[0][1] else None
+
+    numbers = METRICS[metric]
+    return HostReading(ask, lambda _: float(reduction(numbers(selection)))) if numbers else Growth(ask, cpu_percent)
 
 
-def _of_each(read: Callable[[Any], float]) -> Callable[[ProcessSource], list[float]]:
+def _of_each(read: Callable[[Any], float]) -> Callable[[Selection], list[float]]:
     """Returns what reads a number of each process, of psutil."""
 
-    def values(source: ProcessSource) -> list[float]:
+    def values(selection: Selection) -> list[float]:
         import psutil
 
         numbers: list[float] = []
-        for process in source.cpu_s:
+        for process in selection.readings or ():
             try:
                 numbers.append(read(process))
             except psutil.AccessDenied:
                 raise SensorError(f"process {process.pid} is another user's, who hides this") from None
             except Exception:  # as above
                 continue
+        if not numbers:
+            raise NotMeasuredYet("the processes have ended")
         return numbers
 
     return values
 
 
-METRICS: Mapping[str, Callable[[ProcessSource], list[float]]] = {
-    "process_cpu_percent": _cpu_percent,
+METRICS: Mapping[str, Callable[[Selection], list[float]] | None] = {
+    "process_cpu_percent": None,
     "process_memory": _of_each(lambda process: process.memory_info().rss / 1e6),
     "process_threads": _of_each(lambda process: process.num_threads()),
     "process_files": _of_each(lambda process: process.num_fds()),
-    "process_restarts": lambda source: [source.starts - source.most_at_once],
-    "process_running": lambda source: [1.0],
+    "process_restarts": lambda selection: [selection.starts - selection.most_at_once],
+    "process_running": lambda selection: [bool(selection.pids)],
 }
-"""What each metric of the selected processes is reduced from."""
+"""What each metric of the selected processes is reduced from; None for CPU time, which is measured between reads."""

@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 import random
 from dataclasses import dataclass
-from typing import Optional
 
 from ..config import declared
 
@@ -17,16 +16,20 @@ _SPELL_S = 30.0
 """Duration of a hot spell: visible, and slow enough to cross a threshold only once while it rises."""
 
 
+@dataclass
 class _Simulated:
     """Measures the seconds since the first read; they never go back."""
 
-    _start_s: Optional[float] = None
-    _last_s = 0.0
+    seed: object = 0
+    """Selects the series of values, if they vary."""
+
+    _start_s = _last_s = math.nan
 
     def _elapsed_s(self, now_s: float) -> float:
-        if self._start_s is None or now_s < self._last_s:
-            already_s = 0.0 if self._start_s is None else self._last_s - self._start_s
-            self._start_s = now_s - already_s
+        if math.isnan(self._start_s):
+            self._start_s = now_s
+        elif now_s < self._last_s:
+            self._start_s -= self._last_s - now_s
         self._last_s = now_s
         return now_s - self._start_s
 
@@ -63,8 +66,6 @@ class SimulatedTemperature(_Simulated):
     spread: float = declared(4.0, "simulated: largest deviation from the mean in degrees C", 0.0)
     spike: float = declared(30.0, "simulated: height in degrees C of a hot spell of 30 s; 0: none", 0.0)
     spike_every_s: float = declared(120.0, "simulated: period in s with one hot spell each", 1.0)
-    seed: object = 0
-    """Selects the series of values."""
 
     def read(self, now_s: float) -> float:
         """Returns the temperature in degrees C."""
@@ -88,8 +89,6 @@ class SimulatedCpuUsage(_Simulated):
     mean: float = declared(35.0, "simulated: mean in %", 0.0, 100.0)
     spread: float = declared(30.0, "simulated: largest deviation from the mean in %", 0.0)
     """The result is limited to 0 to 100."""
-    seed: object = 0
-    """Selects the series of values."""
 
     def read(self, now_s: float) -> float:
         """Returns the CPU load in %."""

@@ -154,11 +154,14 @@ def test_a_number_that_is_used_again_is_another_process(robot: Robot) -> None:
     assert reason(cpu).startswith("not measured yet")
     robot.runs(70, AMCL, start=100050, cpu_s=0.1)
     robot.at(1001.0)
-    assert reason(cpu).startswith("not measured yet")
-    assert restarts() == 1.0
-    robot.runs(70, "/usr/bin/sleep 5", start=100150)  # and now it is not even the same program
+    assert reason(cpu) == "no process matches node amcl"  # the old one has ended; the new one is found next
     robot.at(1002.0)
-    assert running() == 0.0
+    assert reason(cpu).startswith("not measured yet")
+    assert (restarts(), running()) == (1.0, 1.0)
+    robot.runs(70, "/usr/bin/sleep 5", start=100250)  # and now it is not even the same program
+    for second in (1003.0, 1004.0):
+        robot.at(second)
+        assert running() == 0.0
 
 
 def test_a_process_that_is_replaced_by_exec_is_found(robot: Robot) -> None:
@@ -296,11 +299,24 @@ def test_a_source_that_is_made_within_a_period_waits_for_the_next(robot: Robot) 
     assert late() == 1.0
 
 
+def test_the_load_of_a_process_that_was_replaced_is_not_that_of_the_old_one(robot: Robot) -> None:
+    robot.runs(70, AMCL, cpu_s=3.0)
+    cpu = robot.source("process_cpu_percent", node="amcl")
+    assert reason(cpu).startswith("not measured yet")
+    robot.runs(70, AMCL, cpu_s=3.5)
+    robot.at(1001.0)
+    assert cpu() == pytest.approx(50.0)
+    robot.ends(70)
+    robot.runs(80, AMCL, start=100150)
+    robot.at(1002.0)
+    assert reason(cpu).startswith("not measured yet")
+
+
 def test_sources_of_a_configuration_that_was_replaced_are_dropped(robot: Robot) -> None:
     for number in range(100):
         robot.source("process_running", node=f"node_{number}")
     gc.collect()
-    assert len(robot.machine.computer.shared[Processes]._sources) == 0
+    assert len(robot.machine.computer.shared[Processes]._selections) == 0
 
 
 def test_nodes_are_listed_by_their_names() -> None:
