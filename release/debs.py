@@ -3,35 +3,28 @@
     python3 release/debs.py FOLDER [NAME...]      builds the packages (default: all) into FOLDER
 
 `robot-health` is the command line without ROS, from release/debian. `jazzy`, `one` (ROS One) and `debian` (Debian's own
-ROS 1) are the nodes, made with bloom as the ROS build farm does it, but with the index in release/index.
+ROS 1) are the nodes, made with bloom as the ROS build farm does it, but with the index in release/index. What is built
+is the last commit.
 """
 
 from __future__ import annotations
 
-import argparse
 import os
-import re
 import shutil
 import subprocess
 import sys
 import tempfile
-import time
 from email.utils import formatdate
 from pathlib import Path
 from typing import Mapping, Sequence
-from xml.etree import ElementTree
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
+sys.path[:0] = [str(ROOT)]
 
-from harness.requirements import runtime_requirements  # noqa: E402  # found through the line above
-
-from release import manifest  # noqa: E402
+from release import manifest  # noqa: E402  # found through the line above
 from robot_health_monitor.cli.arguments import complete_parser  # noqa: E402
-from robot_health_monitor.runtime.libraries import debian_package  # noqa: E402
 
 COMMAND_LINE = "robot-health"
-
 
 DISTROS = {
     "jazzy": ("ubuntu", "noble", "rosdebian"),
@@ -42,46 +35,11 @@ DISTROS = {
 PACKAGES = (COMMAND_LINE, *DISTROS)
 
 
-def dependencies() -> tuple[Sequence[str], Sequence[str]]:
-    """Returns what the package robot-health depends on and what it recommends.
-
-    Names and oldest versions are those of setup.py; package.xml has which of them are needed.
-    """
-    needed = [each.text for each in ElementTree.parse(manifest.MANIFEST).findall("exec_depend")]
-    packages: tuple[list[str], list[str]] = ([], [])
-    for requirement in runtime_requirements():
-        name, relation, version = re.fullmatch(r"([\w-]+)(?:(>=)([\d.]+))?", requirement).groups()  # type: ignore[union-attr]
-        package = debian_package(name)
-        packages[package not in needed].append(f"{package} (>= {version})" if relation else package)
-    return packages
-
-
-def fields(date_s: float) -> Mapping[str, str]:
-    """Returns what stands for @NAME@ in the files of release/debian."""
-    maintainer = ElementTree.parse(manifest.MANIFEST).find("maintainer")
-    assert maintainer is not None
-    depends, recommends = dependencies()
-    return {
-        "AUTHOR": manifest.text("author"),
-        "DATE": formatdate(date_s),
-        "DEPENDS": ", ".join(depends),
-        "HOMEPAGE": manifest.urls()["website"],
-        "MAINTAINER": f"{maintainer.text} <{maintainer.get('email')}>",
-        "RECOMMENDS": ", ".join(recommends),
-        "REPOSITORY": manifest.urls()["repository"],
-        "VERSION": manifest.text("version"),
-        "YEAR": time.strftime("%Y", time.gmtime(date_s)),
-    }
-
-
 def write_debian_folder(source: Path, date_s: float) -> None:
-    """Writes debian/ of robot-health into a copy of the source tree."""
+    """Writes debian/ of robot-health into a copy of the source tree, with the version and the date in its changelog."""
     shutil.copytree(ROOT / "release" / "debian", source / "debian")
-    known = fields(date_s)
-    for file in (source / "debian").iterdir():
-        if file.is_file():
-            text = re.sub(r"@([A-Z]+)@", lambda field: known.get(field[1], field[0]), file.read_text("utf-8"))
-            file.write_text(text, "utf-8")
+    replace(source / "debian" / "changelog", "@VERSION@", manifest.text("version"))
+    replace(source / "debian" / "changelog", "@DATE@", formatdate(date_s))
 
 
 def write_completions(folder: Path) -> None:
@@ -145,46 +103,30 @@ def run(command: Sequence[str], folder: Path, variables: Mapping[str, str]) -> N
         sys.exit(f"{done.stdout.decode(errors='replace')}\n{' '.join(command)} exited with {done.returncode}")
 
 
-def copy_sources(folder: Path) -> Path:
-    """Copies the files that git knows, as they are in the work tree; returns the copy."""
-    copy = folder / f"robot-health-{manifest.text('version')}"
-    copy.mkdir(parents=True)
-    names = filter(None, manifest.git(ROOT, "ls-files", "-z").split("\0"))
-    subprocess.run(["cp", "--parents", "--no-dereference", "--preserve", "-t", copy, *names], cwd=ROOT, check=True)
-    return copy
-
-
 def main() -> None:
     """Builds packages and names them."""
-    parser = argparse.ArgumentParser(description="Builds the Debian packages.")
-    parser.add_argument("folder", type=Path, help="where the packages go")
-    parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(PACKAGES)} (default: all)")
-    arguments = parser.parse_args()
-    unknown = set(arguments.names) - set(PACKAGES)
-    if unknown:
-        parser.error(f"expected names of {', '.join(PACKAGES)}, got {', '.join(sorted(unknown))}")
+    if not set(sys.argv[2:]) <= set(PACKAGES):
+        sys.exit(f"debs.py: expected names of {', '.join(PACKAGES)}, got {', '.join(sys.argv[2:])}")
+    target, names = Path(sys.argv[1]), sys.argv[2:] or PACKAGES
     date_s = float(os.environ.get("SOURCE_DATE_EPOCH") or manifest.git(ROOT, "log", "-1", "--format=%ct"))
-    arguments.folder.mkdir(parents=True, exist_ok=True)
+    target.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix="robot-health-debs-") as temporary:
         work = Path(temporary)
-        variables: dict[str, str] = {}
-        for name in arguments.names or PACKAGES:
-            folder = work / name
-            source = copy_sources(folder)
+        variables = index_variables(work)
+        if [*names] != [COMMAND_LINE]:
+            run(["rosdep", "update", "--include-eol-distros"], work, variables)
+        for name in names:
+            source = manifest.unpack_sources(ROOT, work / name, f"robot-health-{manifest.text('version')}")
             if name == COMMAND_LINE:
                 write_debian_folder(source, date_s)
                 write_completions(source / "debian")
             else:
-                if not variables:
-                    variables = index_variables(work)
-                    run(["rosdep", "update", "--include-eol-distros"], work, variables)
                 generate(source, name, variables)
             build(source)
-            for package in sorted(folder.glob("*.deb")):
-                for old in arguments.folder.glob(f"{package.name.partition('_')[0]}_*.deb"):
+            for package in sorted(source.parent.glob("*.deb")):
+                for old in target.glob(f"{package.name.partition('_')[0]}_*.deb"):
                     old.unlink()
-                target = shutil.move(str(package), str(arguments.folder / package.name))
-                print(target)
+                print(shutil.move(str(package), str(target / package.name)))
 
 
 if __name__ == "__main__":

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import hashlib
 import os
-import shutil
 import subprocess
 import sys
 import tempfile
@@ -24,7 +23,6 @@ sys.path[:0] = [str(ROOT)]
 from release import manifest  # noqa: E402  # found through the line above
 
 NAME = "robot_health_monitor"
-_ARCHIVE = ("-c", "tar.umask=0022", "archive")
 
 
 def build(folder: Path) -> list[Path]:
@@ -38,9 +36,7 @@ def build(folder: Path) -> list[Path]:
     version = manifest.text("version")
     base = f"{NAME}-{version}"
     with tempfile.TemporaryDirectory() as place:
-        source, built = Path(place, "source"), Path(place, "built")
-        manifest.git(ROOT, *_ARCHIVE, f"--prefix={source.name}/", f"--output={source}.tar", "HEAD")
-        shutil.unpack_archive(f"{source}.tar", place)
+        source, built = manifest.unpack_sources(ROOT, Path(place), "source"), Path(place, "built")
         _run("pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation", "--wheel-dir", built, source)
         (wheel,) = built.iterdir()
         _run("wheel", "unpack", "--dest", place, wheel, stdout=subprocess.DEVNULL)
@@ -50,7 +46,7 @@ def build(folder: Path) -> list[Path]:
         metadata = (information / "METADATA").rename(Path(place, "PKG-INFO"))
         sdist = folder / f"{base}.tar.gz"
         options = [f"--prefix={base}/", f"--add-file={metadata}", f"--output={sdist}"]
-        manifest.git(ROOT, *_ARCHIVE, *options, "HEAD")
+        manifest.git(ROOT, *manifest.ARCHIVE, *options, "HEAD")
     return [sdist, folder / wheel.name]
 
 

@@ -108,7 +108,7 @@ def _number(version: str) -> tuple[int, ...]:
 def _prepare(tree: Path, version: str) -> None:
     """Commits the version."""
     title = f"{version} ({datetime.now(timezone.utc):%Y-%m-%d})"
-    address = manifest.urls(tree / "package.xml")["repository"]
+    address = manifest.text("url[@type='repository']", tree / "package.xml")
     _replace(tree / "package.xml", r"<version>[^<]*</version>", f"<version>{version}</version>")
     _replace(tree / "CHANGELOG.rst", r"(?m)^Forthcoming\n-+\n", f"{title}\n{'-' * len(title)}\n")
     for page in tree.rglob("*.md"):

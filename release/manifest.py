@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import re
+import shutil
 import subprocess
 from pathlib import Path
 from xml.etree import ElementTree
 
 ROOT = Path(__file__).resolve().parents[1]
 MANIFEST = ROOT / "package.xml"
+ARCHIVE = ("-c", "tar.umask=0022", "archive")
+"""Makes the archive of a commit, with the same modes everywhere."""
 
 _PLACEHOLDER = re.compile(r"[\w.@/:+-]*\b(example\.(com|net|org)|[\w-]+\.(example|invalid|test))\b[\w./-]*")
 """Domains reserved for examples (RFC 2606)."""
@@ -26,16 +29,19 @@ def git(folder: Path, *arguments: object) -> str:
     return done.stdout.strip("\n")
 
 
+def unpack_sources(repository: Path, folder: Path, name: str) -> Path:
+    """Unpacks the last commit of a repository into a folder; returns the folder `name` in that, with the files."""
+    folder.mkdir(parents=True, exist_ok=True)
+    git(repository, *ARCHIVE, f"--prefix={name}/", f"--output={folder}/sources.tar", "HEAD")
+    shutil.unpack_archive(folder / "sources.tar", folder)
+    return folder / name
+
+
 def text(tag: str, manifest: Path = MANIFEST) -> str:
-    """Returns the text of the first element with this tag."""
+    """Returns the text of the first element with this tag, or on this path of ElementTree."""
     value = ElementTree.parse(manifest).findtext(tag)
     assert value, f"{manifest} has no {tag}"
     return value
-
-
-def urls(manifest: Path = MANIFEST) -> dict[str, str]:
-    """Returns the addresses of the project by type: website, bugtracker, repository."""
-    return {url.get("type", ""): url.text or "" for url in ElementTree.parse(manifest).findall("url")}
 
 
 def placeholder(manifest: Path = MANIFEST) -> str:
