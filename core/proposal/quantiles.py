@@ -46,16 +46,6 @@ class Quantiles:
         self.min *= factor
         self.max *= factor
 
-    def within(self, low: float, high: float) -> tuple[float, float, float]:
-        """Returns the smallest and the largest number in a range, and the fraction of the numbers outside of it.
-
-        Estimated, as quantiles are. Without a number in the range its ends are returned.
-        """
-        inside = [each for each in self._sample if low <= each <= high]
-        if not inside:
-            return low, high, 1.0
-        return min(inside), max(inside), 1.0 - len(inside) / len(self._sample)
-
     def quantile(self, fraction: float) -> float:
         """Returns the smallest number such that at least `fraction` of all are at most that; NaN without numbers."""
         if not self.count:

@@ -26,10 +26,6 @@ TAIL = 0.001  # fraction of the samples beyond the quantile from which a bound i
 MARGIN = 0.1  # distance of a bound from its quantile, as a fraction of the spread between both quantiles
 LEAST_MARGIN = 0.01
 """Smallest margin, as a fraction of the quantiles: other robots of the type differ by more than the noise of one."""
-OUTLIERS = 0.005  # largest fraction of the samples that may be outliers; at least one sample may be
-FENCE, WIDE_FENCE = 10.0, 1e6
-"""Distance of an outlier from the quantiles of 1 % and 99 %, as a multiple of their distance; the second one if there
-are long excursions."""
 LONGEST_EXCURSION_S = 60.0
 """Values beyond a bound for longer than this, in s, are no short excursion: the bound is set from the extreme."""
 
@@ -179,27 +175,18 @@ def _add_rules(signal: Signal, rules: Rules) -> None:
         signal.left_out.append(f"no bounds: {spread}")
 
 
-def _without_outliers(values: Quantiles, fence: float, low: float, high: float) -> tuple[float, float]:
-    """Returns the two ends of a range, without the few values that are far from all others.
-
-    One error of a sensor must not widen a bound: in 600 samples it is beyond the quantile of 99.9 %.
-    """
-    inner_low, inner_high = values.quantile(0.01), values.quantile(0.99)
-    distance = fence * max(inner_high - inner_low, LEAST_MARGIN * max(abs(inner_low), abs(inner_high)))
-    smallest, largest, outside = values.within(inner_low - distance, inner_high + distance)
-    if outside > max(OUTLIERS, 1.5 / values.count):
-        return low, high  # too many to be errors
-    return max(low, smallest), min(high, largest)
-
-
 def _add_bounds(signal: Signal, from_extreme: bool) -> None:
+    """Adds bounds from the quantiles, or the extremes; neither is a single value, which may be an error of a sensor."""
     measured = signal.measured
     values, config = measured.values, measured.config
-    low, high = _without_outliers(values, FENCE, values.quantile(TAIL), values.quantile(1.0 - TAIL))
+    one = 1.0 / values.count
+    tail = max(TAIL, one)
+    low, high = values.quantile(tail + one / 2.0), values.quantile(1.0 - tail - one / 2.0)
     noise = measured.steps.quantile(0.95) if measured.steps.count else 0.0
     margin = max(MARGIN * (high - low), noise, LEAST_MARGIN * max(abs(low), abs(high)))
     if from_extreme:
-        low, high = _without_outliers(values, WIDE_FENCE, values.min, values.max)
+        tail = one
+        low, high = values.quantile(1.5 * one), values.quantile(1.0 - 1.5 * one)
     if not _TINY < margin < _HUGE:
         spread = f"from {measured.text(values.min)} to {measured.text(values.max)}"
         signal.left_out.append(f"no bounds: the values are {spread}, nearly all of them about {measured.text(low)}")
@@ -219,7 +206,7 @@ def _add_bounds(signal: Signal, from_extreme: bool) -> None:
             continue
         evidence = f"{outermost} {measured.text(extreme)}"
         if quantile != extreme:
-            evidence = f"{TAIL * 100.0:g} % of the samples are {side} {measured.text(quantile)}, {evidence}"
+            evidence = f"{tail * 100.0:.2g} % of the samples are {side} {measured.text(quantile)}, {evidence}"
         signal.proposed[key] = Setting(bound, f"{evidence}; margin {measured.text(margin)}")
 
 

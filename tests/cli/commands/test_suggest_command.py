@@ -76,9 +76,9 @@ def test_a_file_with_evidence_that_check_accepts(robot_health_process: Start, tm
         "        topic: battery",
         "        type: std_msgs/Float64",
         "        field: data",
-        "        warn_below: 39.0            # 0 alerts; lowest 40; margin 0.998",
+        "        warn_below: 39.0            # 0 alerts; 0.1 % of the samples are below 40.02, lowest 40; margin 0.996",
         "        warn_above: 51.0            # 0 alerts; 0.1 % of the samples are above 49.98, "
-        "highest 50; margin 0.998",
+        "highest 50; margin 0.996",
         "        hysteresis: 0.02            # 95 % of the steps between samples are at most 0.02",
         "        stale_after_s: 5.0          # s; 0 alerts; longest gap 1 s, median 1 s",
         "      count_rate:",
@@ -178,10 +178,10 @@ def test_suggestions_for_the_signals_of_a_file(robot_health: Start, tmp_path: Pa
     assert config.robot_name == "husky"
     assert list(config.signals) == ["charge", "arm"]
     charge, arm = config.signals["charge"], config.signals["arm"]
-    # 80 - 1.996 and 99.96 + 1.996, outward to whole numbers; the latter is beyond 100 %.
+    # 80.04 - 1.992 and 99.96 + 1.992, outward to whole numbers; the latter is beyond 100 %.
     assert (charge.scale, charge.latch, charge.bounds) == (2.0, True, {"warn_below": 5.0, "error_below": 1.0})
     (given,) = [line for line in out(process) if line.startswith("        warn_below: 5.0")]
-    assert "# %; given; 0 alerts; suggested: 78.0; lowest 80 %" in given
+    assert "# %; given; 0 alerts; suggested: 78.0; 0.1 % of the samples are below 80.04 %, lowest 80 %" in given
     assert (arm.bounds, arm.stale_after_s) == ({"warn_above": 3.0}, 9.0)
     assert "        # no warn_above: 102 is not below 100, the limit of its values" in out(process)
     assert "        # no message: unchanged" in out(process)
@@ -337,8 +337,8 @@ def test_a_long_excursion_gives_a_bound_from_the_extreme_and_its_alerts_are_coun
     robot_health: Start, tmp_path: Path
 ) -> None:
     values = TRIANGLE * 14
-    values[1300:1365] = [500.0] * 65  # less than 0.5 %, far away, and longer than a minute
-    process = robot_health("suggest", write_bag(tmp_path / "a.bag", [("/battery", "Float64", values, 1.0)]))
+    values[1300:1307] = [500.0] * 7  # less than 0.1 %, and longer than a minute
+    process = robot_health("suggest", write_bag(tmp_path / "a.bag", [("/battery", "Float64", values, 10.0)]))
     assert process.wait() == 0, process.text
     (bound,) = [line for line in out(process) if line.startswith("        warn_above: 50")]
     assert "# 0 alerts; " in bound and "highest 500" in bound

@@ -45,7 +45,6 @@ def test_as_many_numbers_as_are_kept_have_exact_quantiles() -> None:
     for number in range(SIZE, 0, -1):
         quantiles.add(float(number))
     assert quantiles.quantile(0.5) == SIZE / 2
-    assert quantiles.within(2.0, SIZE - 1.0) == (2.0, SIZE - 1.0, pytest.approx(2.0 / SIZE))
 
 
 @pytest.mark.newest_python
