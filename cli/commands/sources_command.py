@@ -7,12 +7,12 @@ import json
 import sys
 import time
 from functools import partial
-from typing import Any, Callable, Sequence, TextIO
+from typing import Any, Callable, TextIO
 
 from ...core.proposal.thresholds_file import yaml_text
 from ...core.sensors.catalogue import HOST_SOURCES
 from ...core.sensors.computer import Computer
-from ...core.sensors.source import NotMeasuredYet, SensorError
+from ...core.sensors.source import SensorError, Source
 from ...core.values import number_text, printable, with_unit
 from ...runtime.interrupts import Interrupts
 from ...runtime.threads import DetachedCalls
@@ -21,8 +21,8 @@ from ..output.lines import readable
 
 _BETWEEN_READS_S = 0.5
 """Loads and rates are measured between two reads."""
-_MOST_READS = 5
-"""What has not answered by the last one does not answer."""
+_PATIENCE_S = 1.0
+"""What has not answered by then hangs."""
 
 
 def add_arguments(parser: Parser) -> None:
@@ -40,53 +40,42 @@ def run(arguments: argparse.Namespace, interrupts: Interrupts) -> None:
 
 
 def show_sources(as_json: bool, stream: TextIO | None = None, computer: Computer | None = None) -> None:
-    """Lists every source of this machine, on a line each, or as JSON."""
+    """Lists every source of this machine, on a line each, or as JSON.
+
+    Takes half a second, and one more for each thing that does not answer.
+    """
     stream = stream or sys.stdout
-    for kind, options, answer in _read_sources(computer or Computer(background=DetachedCalls("sources", 200))):
-        unit = HOST_SOURCES[kind].unit
-        configuration, shown, problem = {"source": kind, **options}, "", None
+    computer = computer or Computer(background=DetachedCalls("sources", 200, _PATIENCE_S))
+    made: list[tuple[dict[str, Any], str, Source]] = []
+    for kind, source in HOST_SOURCES.items():
+        # A driver may be asked for the list of names, too, and hang.
+        listed = _answer(partial(computer.ask, every_s=0.0, subject=kind, function=source.names), 0.0)
+        names = [] if isinstance(listed, SensorError) else listed
+        # Without any available here, the example, whose error gives the reason.
+        for options in [{source.options[0].name: name} for name in names] or [dict(source.example)]:
+            shown = {name: value for name, value in options.items() if value not in (None, "")}
+            made.append(({"source": kind, **shown}, source.unit, source.make(computer, **options)))
+    begin_s = time.monotonic()
+    for _, _, each in made:
+        _answer(each.read, begin_s)
+    time.sleep(_BETWEEN_READS_S)
+    now_s = time.monotonic()
+    for configuration, unit, each in made:
+        answer = _answer(each.read, now_s)
+        record = {**configuration, "value": answer, "unit": unit, "problem": None}
         if isinstance(answer, SensorError):
-            shown = problem = str(answer).partition("; ")[0]  # without the advice for battery_sensor
-            answer = None
+            text = str(answer).partition("; ")[0]  # without the advice for battery_sensor
+            record.update(value=None, problem=text)
         else:
-            shown = readable(with_unit(number_text(answer), unit), stream)
-        record = {**configuration, "value": answer, "unit": unit, "problem": problem}
-        line = json.dumps(record) if as_json else f"{yaml_text(configuration)}: {shown}"
+            text = readable(with_unit(number_text(answer), unit), stream)
+        line = json.dumps(record) if as_json else f"{yaml_text(configuration)}: {text}"
         stream.write(f"{printable(line)}\n")
     stream.flush()
 
 
-def _read_sources(computer: Computer) -> list[tuple[str, dict[str, Any], Any]]:
-    """Returns kind, options and value of every source of this machine; the value may be a SensorError.
-
-    Takes half a second, and at most four if something does not answer.
-    """
-    # A driver may be asked for the list of options, too, and hang.
-    asks = [
-        partial(computer.ask, every_s=0.0, subject=kind, function=each.available) for kind, each in HOST_SOURCES.items()
-    ]
-    made = []
-    for (kind, source), listed in zip(HOST_SOURCES.items(), _answers(asks)):
-        # Without any available here, the example, whose error gives the reason.
-        for options in ([] if isinstance(listed, SensorError) else list(listed)) or [source.example]:
-            shown = {name: value for name, value in options.items() if value not in (None, "")}
-            made.append((kind, shown, source.make(computer, **options)))
-    answers = _answers([source.read for _, _, source in made])
-    return [(kind, options, answer) for (kind, options, _), answer in zip(made, answers)]
-
-
-def _answers(asks: Sequence[Callable[[float], Any]]) -> list[Any]:
-    """Calls each function with the time until it has an answer, which may be a SensorError."""
-    answers: list[Any] = [NotMeasuredYet()] * len(asks)
-    for number in range(_MOST_READS):
-        time.sleep(_BETWEEN_READS_S if number else 0.0)
-        now_s = time.monotonic()
-        for at, ask in enumerate(asks):
-            if isinstance(answers[at], NotMeasuredYet):
-                try:
-                    answers[at] = ask(now_s)
-                except SensorError as error:
-                    answers[at] = error
-        if not any(isinstance(answer, NotMeasuredYet) for answer in answers):
-            break
-    return answers
+def _answer(ask: Callable[[float], Any], now_s: float) -> Any:
+    """Returns what a function answers, or its SensorError."""
+    try:
+        return ask(now_s)
+    except SensorError as error:
+        return error

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from typing import Any, Callable, Mapping, NamedTuple
+from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
+from typing import Any, Mapping, NamedTuple
 
 from ..config import BOUNDS, SignalConfig
 from ..values import bound_text, count_text, duration_text
@@ -126,7 +127,7 @@ def _add_range(signal: Signal, longest_excursion_s: float | None) -> None:
         return
     _add_hysteresis(signal)
     if longest_excursion_s and not from_extreme:
-        for_s = rounded(1.5 * max(longest_excursion_s, 0.001), math.ceil)
+        for_s = rounded(1.5 * max(longest_excursion_s, 0.001), ROUND_CEILING)
         evidence = f"longest healthy excursion beyond a bound {duration_text(longest_excursion_s)}"
         signal.proposed["for_s"] = Setting(for_s, evidence)
     if measured.duration_s < LEAST_RANGE_S * 0.999:
@@ -153,8 +154,8 @@ def _add_rate_bounds(signal: Signal) -> None:
     margin = SHORT_RATE_MARGIN if is_short else RATE_MARGIN
     seen = f", seen for {lasted} only" if is_short else ""
     why = f"margin {margin * 100.0:.0f} %{seen}"
-    low = rounded(lowest * (1.0 - margin), math.floor)
-    high = rounded(highest * (1.0 + margin), math.ceil)
+    low = rounded(lowest * (1.0 - margin), ROUND_FLOOR)
+    high = rounded(highest * (1.0 + margin), ROUND_CEILING)
     signal.proposed["warn_below"] = Setting(low, f"lowest {measured.text(lowest)}; {why}")
     signal.proposed["warn_above"] = Setting(high, f"highest {measured.text(highest)}; {why}")
 
@@ -191,23 +192,36 @@ def _add_bounds(signal: Signal, from_extreme: bool) -> None:
         spread = f"from {measured.text(values.min)} to {measured.text(values.max)}"
         signal.left_out.append(f"no bounds: the values are {spread}, nearly all of them about {measured.text(low)}")
         return
-    digits = math.floor(math.log10(margin))
-    step = 10.0**digits
+    step = Decimal(1).scaleb(Decimal(margin).adjusted())
     lowest, highest = _limits(config, values.min)
-    for key, quantile, extreme, bound in (
-        ("warn_below", low, values.min, math.floor((low - margin) / step) * step),
-        ("warn_above", high, values.max, math.ceil((high + margin) / step) * step),
+    below, above = (
+        Decimal(low - margin).quantize(step, ROUND_FLOOR),
+        Decimal(high + margin).quantize(step, ROUND_CEILING),
+    )
+    for key, bound, quantile, side, extreme, limit in (
+        (
+            "warn_below",
+            float(below),
+            low,
+            "below",
+            f"lowest {measured.text(values.min)}",
+            f"above {bound_text(lowest)}",
+        ),
+        (
+            "warn_above",
+            float(above),
+            high,
+            "above",
+            f"highest {measured.text(values.max)}",
+            f"below {bound_text(highest)}",
+        ),
     ):
-        bound = round(bound, max(0, -digits) + 1)
-        side, outermost = ("below", "lowest") if key == "warn_below" else ("above", "highest")
         if not lowest < bound < highest:
-            limit = f"above {bound_text(lowest)}" if key == "warn_below" else f"below {bound_text(highest)}"
             signal.left_out.append(f"no {key}: {bound_text(bound)} is not {limit}, the limit of its values")
             continue
-        evidence = f"{outermost} {measured.text(extreme)}"
-        if quantile != extreme:
-            evidence = f"{tail * 100.0:.2g} % of the samples are {side} {measured.text(quantile)}, {evidence}"
-        signal.proposed[key] = Setting(bound, f"{evidence}; margin {measured.text(margin)}")
+        if quantile not in (values.min, values.max):
+            extreme = f"{tail * 100.0:.2g} % of the samples are {side} {measured.text(quantile)}, {extreme}"
+        signal.proposed[key] = Setting(bound, f"{extreme}; margin {measured.text(margin)}")
 
 
 def _limits(config: SignalConfig, lowest_value: float) -> tuple[float, float]:
@@ -224,9 +238,9 @@ def _add_hysteresis(signal: Signal) -> None:
     median = measured.values.quantile(0.5)
     room = min(abs(bound.value - median) for bound in signal.proposed.values())
     evidence = f"95 % of the steps between samples are at most {measured.text(noise)}"
-    hysteresis = rounded(noise, math.ceil)
+    hysteresis = rounded(noise, ROUND_CEILING)
     if hysteresis > room / 2.0:
-        hysteresis = rounded(room / 2.0, math.floor)
+        hysteresis = rounded(room / 2.0, ROUND_FLOOR)
         evidence += "; at most half of the distance from a bound to the median"
     if hysteresis > 0.0:
         signal.proposed["hysteresis"] = Setting(hysteresis, evidence)
@@ -238,16 +252,12 @@ def staleness(gaps: Quantiles, least_s: float = 1.0) -> Setting:
         few = f"{count_text(gaps.count, 'gap')} between samples, expected at least {LEAST_GAPS}"
         return Setting(0.0, f"0: never; {few}")
     median = gaps.quantile(0.5)
-    stale_s = max(least_s, rounded(max(2.0 * gaps.max, 5.0 * median), math.ceil))
+    stale_s = max(least_s, rounded(max(2.0 * gaps.max, 5.0 * median), ROUND_CEILING))
     return Setting(stale_s, f"longest gap {duration_text(gaps.max)}, median {duration_text(median)}")
 
 
-def rounded(value: float, rounding: Callable[[float], int]) -> float:
-    """Rounds to two digits, by `math.ceil` 0.123 to 0.13."""
+def rounded(value: float, rounding: str) -> float:
+    """Rounds to two digits, by `ROUND_CEILING` 0.123 to 0.13; what is too small or too large is 0."""
     if not _TINY < value < _HUGE:
         return 0.0
-    digits = 1 - math.floor(math.log10(value))
-    scaled = value * 10.0**digits
-    nearest = round(scaled)
-    whole = nearest if abs(scaled - nearest) < 1e-3 else rounding(scaled)
-    return float(round(whole / 10.0**digits, max(0, digits)))
+    return float(Context(prec=2, rounding=rounding).create_decimal(f"{value:.5g}"))

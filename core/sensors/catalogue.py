@@ -30,9 +30,9 @@ class HostSource(NamedTuple):
     make: Callable[..., Source]
     """Creates the source; takes the computer, and the options by their names."""
     options: tuple[Parameter, ...] = ()
-    """Select one where a machine may have several."""
-    available: Callable[[HostPaths], Iterable[Options]] = lambda paths: ()
-    """Returns the options of each that this machine has; raises SensorError if they cannot be read."""
+    """Select one where a machine may have several, by the first of them."""
+    names: Callable[[HostPaths], Iterable[Any]] = lambda paths: ()
+    """Returns the values of the first option that this machine has; raises SensorError if they cannot be read."""
     example: Options = _NONE
     """Keys of which at least one must be given, with what is shown where `available` lists none."""
 
@@ -63,8 +63,8 @@ def _pressure(resource: str) -> Callable[..., Source]:
     return _asked("the pressure", lambda paths: operating_system.pressure_percent(paths, resource))
 
 
-def _nodes(paths: HostPaths) -> Iterable[Options]:
-    return [{"node": name} for name in processes.Processes().scan(paths).nodes()[:50]]
+def _nodes(paths: HostPaths) -> Iterable[str]:
+    return processes.Processes().scan(paths).nodes()[:50]
 
 
 _BATTERY = partial(_asked, "the battery")
@@ -78,8 +78,8 @@ _REDUCE = Parameter("reduce", str, "sum", "of several processes", choices=tuple(
 
 def _process(metric: str, unit: str, description: str, *options: Parameter) -> tuple[Any, ...]:
     selecting = (
-        Parameter("command", str, "", "pattern of the whole command line, with * and ?"),
         Parameter("node", str, "", "name of a ROS node: of __node:= or __name:=, or the executable"),
+        Parameter("command", str, "", "pattern of the whole command line, with * and ?"),
     )
     make = partial(processes.make_source, metric)
     return metric, unit, description, make, (*selecting, *options), _nodes, _COMMAND
@@ -93,34 +93,27 @@ def _gpu(name: str) -> Callable[..., Source]:
     return _asked("graphics processor", gpu.read_gpu, lambda state: gpu.gpu_value(state, name))
 
 
-def _option(
-    names: Callable[[HostPaths], Iterable[Any]], name: str, kind: type, default: Any, *declared: Any
-) -> tuple[tuple[Parameter, ...], Callable[[HostPaths], Iterable[Options]]]:
-    """Returns an option that selects one of `names`, and what lists its values."""
-    option = Parameter(name, kind, default, *declared)
-    return (option,), lambda paths: [{name: each} for each in names(paths)]
+_OF_CORE = Parameter("core", int, None, "core, counted from 0; left out: all cores together", 0, 65535)
+_ON_DISK = (Parameter("path", str, "/", "mount point of the disk"),), disks.mount_points
+_OF_DISK = (Parameter("device", str, "", "disk, such as sda; left out: the slowest"),), disks.read_requests
+_OF_GPU = (Parameter("device", int, 0, "number of the graphics processor", 0, 63),), gpu.gpus
 
 
 def _sensor(kind: str, description: str) -> Any:
-    return _option(lambda paths: ["", *host.find_sensors(paths, kind)], "sensor", str, "", description)
+    return (Parameter("sensor", str, "", description),), lambda paths: ["", *host.find_sensors(paths, kind)]
 
 
-def _interface(names: Callable[[HostPaths], Iterable[Any]], description: str) -> Any:
-    return _option(names, "interface", str, "", description)
+def _interface(description: str, names: Callable[[HostPaths], Iterable[str]] = network.read_counters) -> Any:
+    return (Parameter("interface", str, "", description),), names
 
 
-_OF_CORE = _option(
-    host.read_cpu_ticks, "core", int, None, "core, counted from 0; left out: all cores together", 0, 65535
-)
-_ON_DISK = _option(disks.mount_points, "path", str, "/", "mount point of the disk")
-_OF_DISK = _option(disks.read_requests, "device", str, "", "disk, such as sda; left out: the slowest")
-_OF_INTERFACE = _interface(network.read_counters, "network interface; left out: all together")
-_OF_WIFI = _interface(network.wifi_signals, "Wi-Fi interface; left out: the first")
-_OF_GPU = _option(gpu.gpus, "device", int, 0, "number of the graphics processor", 0, 63)
+_OF_INTERFACE = _interface("network interface; left out: all together")
+_OF_WIFI = _interface("Wi-Fi interface; left out: the first", network.wifi_signals)
 
 _TABLE: Sequence[tuple[Any, ...]] = (
     (
-        "cpu_percent", "%", "CPU load", _asked("the CPU", host.core_ticks, host.busy_percent, kind=Growth), *_OF_CORE,
+        "cpu_percent", "%", "CPU load", _asked("the CPU", host.core_ticks, host.busy_percent, kind=Growth),
+        (_OF_CORE,), host.read_cpu_ticks,
     ),
     ("load_1min", "", "load average over 1 minute", _load(0)),
     ("load_5min", "", "load average over 5 minutes", _load(1)),
@@ -188,14 +181,14 @@ _TABLE: Sequence[tuple[Any, ...]] = (
     ("network_drops", "1/s", "dropped packets", _traffic(network.DROPS), *_OF_INTERFACE),
     (
         "network_carrier", "", "1 while there is a carrier (cable connected, Wi-Fi associated), else 0",
-        _asked("the network", network.carrier), *_interface(network.read_counters, "network interface; left out: any"),
+        _asked("the network", network.carrier), *_interface("network interface; left out: any"),
     ),
     ("wifi_signal", "dBm", "signal of the Wi-Fi", _asked("the Wi-Fi", network.signal_dbm), *_OF_WIFI),
     ("wifi_bitrate", "Mbit/s", "bit rate of the Wi-Fi", _asked("the Wi-Fi", network.bitrate), *_OF_WIFI),
     (
         "can_errors", "1/s", "errors of a CAN bus",
         _asked("the network", network.read_can_counters, network.rate(network.ERRORS), kind=Growth),
-        *_interface(network.can_interfaces, "CAN interface; left out: all together"),
+        *_interface("CAN interface; left out: all together", network.can_interfaces),
     ),
     (
         "clock_offset_ms", "ms", "time of the servers minus that of this clock (chrony, systemd-timesyncd)",

@@ -361,26 +361,22 @@ def test_a_disk_is_asked_every_five_seconds(monkeypatch: pytest.MonkeyPatch) -> 
 def test_the_options_that_a_machine_has(machine: Machine) -> None:
     machine(WORKSTATION, processors("1 1", "1 1"), interfaces(lo="0 0", eth0="0 0", can0="0 0"))
     offered: dict[str, list[Any]] = {
-        kind: list(made.available(machine.paths))
+        kind: list(made.names(machine.paths))
         for kind, made in HOST_SOURCES.items()
         if kind in ("cpu_percent", "temperature", "network_errors", "network_drops")
     }
     assert offered == {
-        "cpu_percent": [{"core": None}, {"core": 0}, {"core": 1}],
+        "cpu_percent": [None, 0, 1],
         "temperature": [
-            {"sensor": name}
-            for name in (
-                "", "coretemp/Package id 0", "coretemp/Core 0", "coretemp/Core 1", "nvme/Composite", "nvme/1",
-                "acpitz/0",
-            )
+            "", "coretemp/Package id 0", "coretemp/Core 0", "coretemp/Core 1", "nvme/Composite", "nvme/1", "acpitz/0",
         ],
-        "network_errors": [{"interface": "can0"}, {"interface": "eth0"}],
-        "network_drops": [{"interface": "can0"}, {"interface": "eth0"}],
+        "network_errors": ["can0", "eth0"],
+        "network_drops": ["can0", "eth0"],
     }  # fmt: skip
 
 
 def test_this_machine_has_a_root_disk() -> None:
-    assert {"path": "/"} in list(HOST_SOURCES["disk_percent"].available(HOST_PATHS))
+    assert "/" in list(HOST_SOURCES["disk_percent"].names(HOST_PATHS))
 
 
 def test_a_metric_that_vanishes_turns_stale_and_comes_back_while_the_others_go_on(machine: Machine) -> None:
