@@ -13,13 +13,13 @@ from functools import partial
 from typing import Any, Callable, Container, ContextManager, Iterator, Mapping, NamedTuple
 
 from ...core.config import MonitorConfig, load_config
-from ...core.messages.definitions import Definitions, parse_definition
+from ...core.messages.definitions import parse_definition
 from ...core.messages.standard_messages import definition
 from ...core.port import NodeInfo, ServedMiddleware
-from ...core.proposal.candidates import Candidates, Topic
+from ...core.proposal.candidates import Candidates, Topic, absolute
 from ...core.proposal.nodes import Nodes
 from ...core.proposal.proposal import Proposed, propose
-from ...core.proposal.suggestion import LEAST_RANGE_S, Signal
+from ...core.proposal.suggestion import LEAST_RANGE_S
 from ...core.proposal.thresholds_file import thresholds_text
 from ...core.values import (
     ConfigError,
@@ -30,8 +30,6 @@ from ...core.values import (
     duration_text,
     list_text,
     matches_pattern,
-    printable,
-    resolve_name,
 )
 from ...runtime.interrupts import Interrupts
 from ...runtime.libraries import ROSBRIDGE, libraries
@@ -44,8 +42,9 @@ _LIST_PERIOD_S = 2.0
 """Topics are listed again: discovery takes its time, and nodes may start late."""
 _CONNECT_S = 10.0
 _NAME = "robot_health_init"
-_BY_URL = (
-    "without ROS, give the URL of the robot's bridge: robot-health init ws://robot:9090 (or foxglove://robot:8765)"
+_BY_OPTION = (
+    "choose one of two with --ros1 or --ros2, or give the URL of the robot's bridge: robot-health init ws://robot:9090 "
+    "(or foxglove://robot:8765)"
 )
 _COMMENTED = (
     "Numbers without a rule get bounds after 10 minutes (`--seconds 660`): until then, what was seen is a comment."
@@ -107,8 +106,7 @@ def run(arguments: argparse.Namespace, interrupts: Interrupts) -> None:
     proposed, needed_s = propose(candidates), candidates.needed_s
     lasted = duration_text(listened_s)
     if not proposed.signals:
-        reasons = [f"{topic}: {reason}" for topic, reason in sorted(proposed.not_watched.items())]
-        more = f" ({list_text(reasons, 5)})" if reasons else ""
+        more = f" ({proposed.reasons})" if proposed.not_watched else ""
         longer_s = max(_USUAL_S, needed_s)
         if candidates.samples and longer_s > listened_s:
             more += f"; --seconds {longer_s:.0f} listens longer"
@@ -116,9 +114,6 @@ def run(arguments: argparse.Namespace, interrupts: Interrupts) -> None:
     nodes.add_to(proposed, candidates)
     if watched is not None:
         _remove_watched(proposed, watched, namespace)
-        if not proposed.signals:
-            sys.stderr.write(f"{printable(f'{arguments.against} watches everything on {name} that can be watched')}\n")
-            return
     interrupted = ", interrupted" if listened_s < arguments.seconds else ""
     heading = [f"Written by `robot-health init` after listening to {name} for {lasted}{interrupted}: {heard()}."]
     if watched is not None:
@@ -163,15 +158,14 @@ def choose_ros(wanted: str) -> str:
 
     Raises ConfigError if it is not there, or if both are and none is wanted.
     """
-    modules = {"ros1": "rospy", "ros2": "rclpy"}
-    here = [ros for ros in modules if wanted in ("", ros) and importlib.util.find_spec(modules[ros])]
-    if not here:
-        missing = f"--{wanted}: ROS {wanted[-1]} is not" if wanted else "neither ROS 1 nor ROS 2 is"
-        raise ConfigError(f"{missing} sourced here; {_BY_URL}")
-    sourced = f"ros{os.environ.get('ROS_VERSION', '')}"
-    if len(here) > 1 and sourced not in here:
-        raise ConfigError("both ROS 1 and ROS 2 are here: choose one with --ros1 or --ros2")
-    return sourced if sourced in here else here[0]
+    here = [ros for ros, module in (("ros1", "rospy"), ("ros2", "rclpy")) if importlib.util.find_spec(module)]
+    sourced = wanted or f"ros{os.environ.get('ROS_VERSION', '')}"
+    if sourced in here:
+        return sourced
+    if wanted or len(here) != 1:
+        listed = list_text(here) or "none"
+        raise ConfigError(f"expected {wanted or 'one ROS'} that is sourced here, got {listed}; {_BY_OPTION}")
+    return here[0]
 
 
 def _listen(
@@ -228,20 +222,16 @@ def _ros_robot(ros: str, interrupts: Interrupts) -> Iterator[_Robot]:
         from ...ros2.process import Ros2Process
 
         process = Ros2Process(interrupts)
-    is_ros1 = ros == "ros1"
     with closing(process):
         process.start()
         node = process.create_listener(name)
 
         def look(known: Container[str]) -> tuple[list[Topic], Graph]:
             graph = node.graph()
-            new = {
-                topic: canonical_type(type_name)
+            topics = [
+                _topic(topic, type_name, _definition(node, type_name), is_ros1=ros == "ros1")
                 for topic, type_name in graph.topics.items()
                 if topic not in known and not topic.startswith(f"/{name}/")  # its own
-            }
-            topics = [
-                Topic(topic, kind, _parsed(kind, _definition(node, kind), is_ros1)) for topic, kind in new.items()
             ]
             return topics, {each: info for each, info in graph.nodes.items() if each != node.name}
 
@@ -255,31 +245,28 @@ def _bridged_robot(url: str, interrupts: Interrupts, **options: Any) -> Iterator
     from ..fleet import bridge_client
 
     interrupts.defer()
-    links: list[Any] = []
-    """Whether the connection is up, and the cause if it is not, after each change."""
+    causes: list[str] = []
+    """Why the connection is down, after each change."""
     loop = LoopThread(_NAME)
 
     async def connect() -> tuple[Any, Any, Any]:
-        client = bridge_client(url, on_link=lambda *link: links.append(link), on_log=lambda line: None, **options)
+        client = bridge_client(url, on_link=lambda up, why: causes.append(why.text), on_log=lambda _: None, **options)
         return client, client.node(_NAME), asyncio.ensure_future(client.run())
 
     async def call(function: Callable[[], object]) -> object:
         return function()
 
-    client, node, running = loop.call(connect())
+    client, node, _running = loop.call(connect())
 
     def look(known: Container[str]) -> tuple[list[Topic], Graph]:
-        if not links:
-            late_s = time.monotonic() + _CONNECT_S
-            interrupts.wait_until(lambda: bool(links) or _is_past(late_s))
-        if not links or not links[-1][0]:
-            cause = links[-1][1].text if links else f"no answer within {_CONNECT_S:g} s"
+        late_s = time.monotonic() + _CONNECT_S
+        interrupts.wait_until(lambda: client.connection.up or bool(causes) or _is_past(late_s))
+        if not client.connection.up:
+            cause = [f"no answer within {_CONNECT_S:g} s", *causes][-1]
             raise LinkError(f"no connection to {client.connection.address}: {cause}")
         listed = loop.call(client.known_topics())
         topics = [
-            Topic(each.topic, each.type_name, _parsed(each.type_name, each.definition, False, each.form))
-            for each in listed
-            if each.topic not in known
+            _topic(each.topic, each.type_name, each.definition, each.form) for each in listed if each.topic not in known
         ]
         nodes: Graph = {}
         if topics:  # it is a call for each topic
@@ -290,8 +277,6 @@ def _bridged_robot(url: str, interrupts: Interrupts, **options: Any) -> Iterator
     try:
         yield _Robot(node, look, lambda function: loop.call(call(function)))
     finally:
-        loop.call(call(client.close))
-        running.cancel()
         loop.close()
 
 
@@ -302,36 +287,35 @@ def _is_past(time_s: float) -> bool:
 def _definition(node: ServedMiddleware, type_name: str) -> str:
     """Returns the definition of an installed type, empty for others."""
     try:
-        return node.raw_format(type_name).schema
+        return node.raw_format(canonical_type(type_name)).schema
     except ConfigError:
         return ""
 
 
-def _parsed(type_name: str, text: str, is_ros1: bool, form: str = "msg") -> Definitions | None:
-    """Returns the types in a definition, None if it is not known or cannot be used."""
+def _topic(topic: str, type_name: str, text: str, form: str = "msg", *, is_ros1: bool = False) -> Topic:
+    """Returns a topic with the types in a definition; without one that can be used, its arrivals can be watched."""
+    kind = canonical_type(type_name)
     try:
-        return parse_definition(type_name, text or definition(type_name), form, is_ros1=is_ros1)
+        return Topic(topic, kind, parse_definition(kind, text or definition(kind), form, is_ros1=is_ros1))
     except (ConfigError, ValueError):
-        return None
+        return Topic(topic, kind, None)
 
 
 def _remove_watched(proposed: Proposed, config: MonitorConfig, namespace: str) -> None:
     """Removes the signals whose topic and field a configuration watches, and the remarks about topics that it does."""
-    node = f"/{namespace}/alert_system" if namespace else "/alert_system"
-    fields: list[tuple[str, str]] = []
+    watched: list[tuple[str, str]] = []
     """Topics or parts of the graph, as signals that are proposed have them, and their fields."""
     for signal in config.signals.values():
-        fields += [(resolve_name(topic, node), signal.field) for topic in signal.topics]
+        watched += [(absolute(topic, namespace), signal.field) for topic in signal.topics]
         if signal.graph is not None:
             key, name = signal.graph
-            fields.append((f"{key} {resolve_name(name, node)}", signal.field))
-
-    def is_watched(signal: Signal) -> bool:
-        field = signal.given.get("field", "data")
-        return any(topic == signal.topic and matches_pattern(field, each) for topic, each in fields)
-
-    proposed.signals = [signal for signal in proposed.signals if not is_watched(signal)]
-    for topic, _ in fields:
+            watched.append((f"{key} {absolute(name, namespace)}", signal.field))
+    proposed.signals = [
+        each
+        for each in proposed.signals
+        if not any(
+            topic == each.topic and matches_pattern(each.given.get("field", "data"), field) for topic, field in watched
+        )
+    ]
+    for topic, _ in watched:
         proposed.not_watched.pop(topic, "")
-    if all(signal.is_shown_only for signal in proposed.signals):
-        proposed.signals = []

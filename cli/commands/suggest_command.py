@@ -15,7 +15,7 @@ from collections import Counter
 from typing import Any, Dict, Iterator, Sequence
 
 from ...core.config import BOUNDS, Section, read_monitor, read_yaml, template_name
-from ...core.proposal.candidates import Candidates, Topic
+from ...core.proposal.candidates import Candidates, Topic, absolute
 from ...core.proposal.proposal import Proposed, propose
 from ...core.proposal.suggestion import Signal
 from ...core.proposal.thresholds_file import thresholds_text
@@ -29,7 +29,6 @@ from ...core.values import (
     duration_text,
     list_text,
     printable,
-    resolve_name,
 )
 from ...recordings.decoding import type_of
 from ...recordings.judging import Judge, JudgedEvent
@@ -128,8 +127,7 @@ class _Study:
         with file.located(section.path):
             config = read_monitor(Section((), section.tree))
         namespace = self._candidates.namespace
-        node = f"/{namespace}/alert_system" if namespace else "/alert_system"
-        topics = {signal: resolve_name(each.topic, node) for signal, each in config.signals.items()}
+        topics = {signal: absolute(each.topic, namespace) for signal, each in config.signals.items()}
         recorded = {channel.topic for channel in self._channels}
         if not recorded & {*topics.values()}:
             got = list_text(sorted(recorded)) or "no topic"
@@ -168,8 +166,7 @@ class _Study:
         """Returns what is proposed after a replay of the first proposal, and its alerts."""
         trial = propose(self._candidates, {})
         if not trial.signals:
-            reasons = [f"{topic}: {reason}" for topic, reason in sorted(trial.not_watched.items())]
-            raise ConfigError(f"nothing to watch: {list_text(reasons, 5)}")
+            raise ConfigError(f"nothing to watch: {trial.reasons}")
         alerts = self._replay(_watched(trial))
         proposed = propose(self._candidates, alerts.longest_s)
         if _watched(proposed) != _watched(trial):

@@ -31,6 +31,7 @@ from ..values import (
     TIME_TYPES,
     ConfigError,
     is_own_status,
+    resolve_name,
 )
 from .suggestion import Rules, Signal
 
@@ -310,6 +311,11 @@ def relative(name: str, namespace: str) -> str:
     """Returns an absolute name as it is written in a namespace, which has no slashes at its ends."""
     prefix = f"/{namespace}/" if namespace else "/"
     return name[len(prefix) :] if name.startswith(prefix) else name
+
+
+def absolute(name: str, namespace: str) -> str:
+    """Returns a name in a namespace, which has no slashes at its ends, as an absolute one."""
+    return resolve_name(name, f"/{namespace}/alert_system" if namespace else "/alert_system")
 
 
 def _priority(signal: Signal) -> int:

@@ -45,6 +45,11 @@ class Proposed:
     """Why topics and nodes are not watched, by their absolute names."""
     fields: Fields = field(default_factory=dict)
 
+    @property
+    def reasons(self) -> str:
+        """The first reasons why topics are not watched, in one line; empty without any."""
+        return list_text([f"{topic}: {reason}" for topic, reason in sorted(self.not_watched.items())], 5)
+
 
 def propose(candidates: Candidates, longest_s: Mapping[str, float] | None = None) -> Proposed:
     """Returns what is proposed of candidates that were listened to.

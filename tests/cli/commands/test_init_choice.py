@@ -32,16 +32,18 @@ def test_of_two_the_one_that_is_sourced_or_requested_is_used(here: Any) -> None:
     assert choose_ros("") == "ros2"
     assert choose_ros("ros1") == "ros1"
     here(["rospy", "rclpy"])
-    with pytest.raises(ConfigError, match="choose one with --ros1 or --ros2"):
+    with pytest.raises(ConfigError, match="got ros1, ros2; choose one of two with --ros1 or --ros2"):
         choose_ros("")
 
 
 def test_without_ros_the_error_names_the_way_by_url(here: Any) -> None:
     here([])
     with pytest.raises(
-        ConfigError, match=r"neither ROS 1 nor ROS 2 is sourced here.*robot-health init ws://robot:9090"
+        ConfigError, match=r"expected one ROS that is sourced here, got none; .*robot-health init ws://robot:9090"
     ):
         choose_ros("")
     here(["rospy"])
-    with pytest.raises(ConfigError, match=r"--ros2: ROS 2 is not sourced here; .*robot-health init ws://robot:9090"):
+    with pytest.raises(
+        ConfigError, match=r"expected ros2 that is sourced here, got ros1; .*robot-health init ws://robot:9090"
+    ):
         choose_ros("ros2")
