@@ -236,7 +236,7 @@ class _Idl:
                 constants = constants_of.get(f"{name}_Constants", ())
                 self.types[f"{(*self._scopes, name)[0]}/{name}"] = Definition(self._declared(match[what]), constants)
             elif what == "enum":
-                self._aliases[(*self._scopes, match[what])] = "uint32", None
+                self._aliases.update({(*self._scopes, match[what]): ("uint32", None)})
             elif what == "typedef":
                 fields = self._declared(match[what])
                 self._aliases.update({(*self._scopes, name): (kind, size) for name, kind, size, _ in fields})
