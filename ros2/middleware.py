@@ -21,7 +21,19 @@ from ..core.config import Parameter
 from ..core.messages.dialect import Message
 from ..core.messages.raw_messages import RawFormat
 from ..core.messages.serialized import SerializedType
-from ..core.port import Answer, Callback, Counts, OnChange, RawCallback, Severity, Wanted, count, is_pattern, matching
+from ..core.port import (
+    Answer,
+    Callback,
+    ClockTimer,
+    Counts,
+    OnChange,
+    RawCallback,
+    Severity,
+    Wanted,
+    count,
+    is_pattern,
+    matching,
+)
 from ..core.values import ConfigError, Getter, canonical_type, resolve_name, with_degree_sign
 from ..runtime.native_node import NativeNode
 from . import messages
@@ -48,33 +60,8 @@ _LOG: Mapping[Severity, Callable[[Any, str], object]] = {
 _GET_STATE = "lifecycle_msgs/GetState"
 _QOS_CHECK_PERIOD_S = 1.0
 """Period of the check for publishers with an incompatible QoS, in s."""
-
-
-class _Timer:
-    """A timer of rclpy. It may still call back when it was cancelled: `active` says whether to."""
-
-    def __init__(self, node: Ros2Middleware, period_s: float, callback: Callable[[float], None], steady: bool) -> None:
-        self.active = True
-        self._node = node
-        self._callback = callback
-        self._steady = steady
-        clock = node._steady_clock if steady else node._ros_clock
-        self._native = node.node.create_timer(period_s, self._call, clock=clock)
-
-    def restart(self) -> None:
-        if self.active and not self._steady:
-            self._native.reset()
-
-    def cancel(self) -> None:
-        with self._node._lock:
-            if self.active:
-                self.active = False
-                self._node.node.destroy_timer(self._native)
-
-    def _call(self) -> None:
-        with self._node._lock:
-            if self.active:
-                self._node.call(self._callback, self._node.now_s())
+_LONGEST_WAIT_S = 3600.0
+"""Longest wait for a timer, in s."""
 
 
 class Ros2Middleware(NativeNode):
@@ -96,10 +83,12 @@ class Ros2Middleware(NativeNode):
         super().__init__(self.node.get_fully_qualified_name(), messages.native, sim_time_s)
         self.parameters = NodeParameters(self.node)
         self._states = LifecycleStates(self.node)
-        self._steady_clock = Clock(clock_type=ClockType.STEADY_TIME)
         self._channels: dict[tuple[str, Any, bool], _Channel] = {}
-        self._qos_timer: Any | None = None
-        self._timers: list[_Timer] = []
+        self._wake = self.node.create_timer(
+            _LONGEST_WAIT_S, self._run_timers, clock=Clock(clock_type=ClockType.STEADY_TIME)
+        )
+        """Calls when the next timer on steady time is due. Those on simulated time are called when it is set."""
+        self.create_timer(_QOS_CHECK_PERIOD_S, self._check_publishers, steady=True)
         self._jumps = self._ros_clock.create_jump_callback(
             JumpThreshold(min_forward=Duration(nanoseconds=1), min_backward=Duration(nanoseconds=-1)),
             post_callback=self._on_time_jump,
@@ -178,17 +167,23 @@ class Ros2Middleware(NativeNode):
     def look_up_silence(self, topic: str, type_name: str, answer: Answer) -> None:
         self._lookup.look_up(topic, type_name, answer)
 
-    def create_timer(  # type: ignore[override]  # a timer of rclpy
-        self, period_s: float, callback: Callable[[float], None], *, steady: bool = False
-    ) -> _Timer:
-        with self._lock:
-            timer = _Timer(self, period_s, callback, steady or self._sim_time_s is None)
-            self._timers = [*(known for known in self._timers if known.active), timer]
+    def create_timer(self, period_s: float, callback: Callable[[float], None], *, steady: bool = False) -> ClockTimer:
+        timer = super().create_timer(period_s, callback, steady=steady)
+        self._set_wake()
+        if self.node.executor is not None:
+            self.node.executor.wake()  # it may be waiting for a later one
         return timer
 
-    def cancel_timers(self) -> None:
-        for timer in self._timers:
-            timer.cancel()
+    def _run_timers(self) -> None:
+        self.run_steady_timers()
+        self._set_wake()
+
+    def _set_wake(self) -> None:
+        with self._lock:
+            if not self.closed:
+                wait_s = self.next_steady_s() - self.steady_s()
+                self._wake.timer_period_ns = 1e9 * min(max(0.0, wait_s), _LONGEST_WAIT_S)
+                self._wake.reset()
 
     def advertise_service(self, service: str, type_name: str, handler: Callable[[Message], Message]) -> None:
         cls = messages.service_class(type_name)
@@ -218,13 +213,7 @@ class Ros2Middleware(NativeNode):
         self.node.destroy_node()
 
     def _on_time_jump(self, jump: TimeJump) -> None:
-        """Takes the time; restarts every period if it went back, or if it began: until then it is 0."""
-        nanoseconds: int = self._ros_clock.now().nanoseconds
-        with self._lock:
-            if jump.delta.nanoseconds < 0 or nanoseconds == jump.delta.nanoseconds:
-                for timer in self._timers:
-                    timer.restart()
-            self.set_sim_time(nanoseconds / 1e9)
+        self.set_sim_time(self._ros_clock.now().nanoseconds / 1e9)
 
     def _stamp(self) -> Any:
         return self._ros_clock.now().to_msg()
@@ -247,10 +236,6 @@ class Ros2Middleware(NativeNode):
             if type_name:
                 self._start(subscription, type_name)
             self._subscriptions.append(subscription)
-            if self._qos_timer is None:
-                self._qos_timer = self.node.create_timer(
-                    _QOS_CHECK_PERIOD_S, self._check_publishers, clock=self._steady_clock
-                )
         return subscription
 
     def _start(self, subscription: Subscription, type_name: str) -> None:
@@ -323,7 +308,7 @@ class Ros2Middleware(NativeNode):
         types = {canonical_type(publisher.topic_type) for publisher in self.node.get_publishers_info_by_topic(topic)}
         return "" if messages.type_name(channel.key[1]) in types else min(types, default="")
 
-    def _check_publishers(self) -> None:
+    def _check_publishers(self, now_s: float) -> None:
         """Starts subscriptions whose type is known by now; makes those best effort or volatile that must be.
 
         A best-effort subscription receives from both kinds of publishers, but loses messages on a bad network. So a
@@ -331,30 +316,29 @@ class Ros2Middleware(NativeNode):
         each event handler costs time for every message of the node. Likewise, a subscription that receives what was
         published before it began does not hear volatile publishers.
         """
-        with self._lock:
-            for subscription in self._subscriptions:
-                type_name = self._new_type_of(subscription)
-                if type_name:
-                    self._end(subscription)
-                    try:
-                        self._start(subscription, type_name)
-                    except ConfigError as error:
-                        self.failures.write(subscription.topic, Severity.ERROR, str(error))
-            numbers = {topic: self.node.count_publishers(topic) for topic, _, _ in self._channels}
-            self._lookup.remember(numbers)
-            for channel in tuple(self._channels.values()):
-                topic, cls, _ = channel.key
-                if numbers[topic] <= channel.native.get_publisher_count():
-                    continue
-                own = (topic, cls, False)
-                becomes_volatile = channel.may_be_volatile and own not in self._channels
-                if becomes_volatile and not are_latched(self.node, topic):
-                    del self._channels[channel.key]
-                    channel.key, self._channels[own] = own, channel
-                elif channel.is_best_effort or not has_best_effort(self.node, topic):
-                    continue
-                self.node.destroy_subscription(channel.native)
-                self._open(channel)
+        for subscription in self._subscriptions:
+            type_name = self._new_type_of(subscription)
+            if type_name:
+                self._end(subscription)
+                try:
+                    self._start(subscription, type_name)
+                except ConfigError as error:
+                    self.failures.write(subscription.topic, Severity.ERROR, str(error))
+        numbers = {topic: self.node.count_publishers(topic) for topic, _, _ in self._channels}
+        self._lookup.remember(numbers)
+        for channel in tuple(self._channels.values()):
+            topic, cls, _ = channel.key
+            if numbers[topic] <= channel.native.get_publisher_count():
+                continue
+            own = (topic, cls, False)
+            becomes_volatile = channel.may_be_volatile and own not in self._channels
+            if becomes_volatile and not are_latched(self.node, topic):
+                del self._channels[channel.key]
+                channel.key, self._channels[own] = own, channel
+            elif channel.is_best_effort or not has_best_effort(self.node, topic):
+                continue
+            self.node.destroy_subscription(channel.native)
+            self._open(channel)
 
 
 @dataclass(eq=False)
