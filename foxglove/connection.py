@@ -66,7 +66,7 @@ class FoxgloveConnection(BridgeConnection):
             return Cause(f"this is a rosbridge server: ws{self.address[self.address.index(':') :]}")
         return Cause("not a foxglove server: it does not speak Foxglove's protocol")
 
-    def _receive(self, data: Wire, now_s: float) -> Awaitable[None] | None:
+    def _receive(self, data: Wire) -> Awaitable[None] | None:
         if isinstance(data, bytes):
             publication = read_message(data)
             if publication is not None:

@@ -7,11 +7,13 @@ of ROS without a server needs no event loop, whose modules take 2 MB.
 from __future__ import annotations
 
 import asyncio
-import queue
+import contextlib
 import threading
+from functools import partial
 from typing import Any, Callable, Coroutine, TypeVar
 
 from ..core.values import ServiceError
+from .threads import DaemonThreads
 
 Result = TypeVar("Result")
 _CLOSE_TIMEOUT_S = 5.0
@@ -31,12 +33,9 @@ class ThreadPool:
 
     def __init__(self, name: str, threads: int, most_pending: int, timeout_s: float | None = None) -> None:
         """Starts no thread. At most `most_pending` functions run or wait; `run` waits `timeout_s`, or for ever."""
-        self._name = name
-        self._most_threads = threads
+        self._threads = DaemonThreads(name, threads)
         self._most_pending = most_pending
         self._timeout_s = timeout_s
-        self._threads = 0
-        self._jobs: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self.pending = 0
         """Functions that run or wait."""
 
@@ -45,11 +44,8 @@ class ThreadPool:
         if self.pending >= self._most_pending:
             raise ServiceError(f"busy: {self.pending} requests are pending")
         self.pending += 1
-        if self._threads < min(self.pending, self._most_threads):
-            self._threads += 1
-            threading.Thread(target=self._work, name=self._name, daemon=True).start()
         future: asyncio.Future[Result] = asyncio.get_event_loop().create_future()
-        self._jobs.put((future, function, arguments))
+        self._threads.run(partial(self._work, future, function, arguments), self.pending)
         return future
 
     async def run(self, function: Callable[..., Result], *arguments: Any) -> Result:
@@ -68,25 +64,16 @@ class ThreadPool:
     def close(self) -> None:
         """Ends the threads after their current function. Nothing may be submitted afterwards."""
         self._most_pending = 0
-        for _ in range(self._threads):
-            self._jobs.put(None)
+        self._threads.close()
 
-    def _work(self) -> None:
-        while True:
-            job = self._jobs.get()
-            if job is None:
-                return
-            future, function, arguments = job
-            result, error = None, None
-            try:
-                result = None if future.cancelled() else function(*arguments)
-            except Exception as raised:
-                error = raised
-            try:
-                future.get_loop().call_soon_threadsafe(self._finish, future, result, error)
-            except RuntimeError:  # the loop has ended
-                return
-            del job, future, function, arguments, result, error  # they may be large, and the next job may be far away
+    def _work(self, future: asyncio.Future[Any], function: Callable[..., object], arguments: Any) -> None:
+        result, error = None, None
+        try:
+            result = None if future.cancelled() else function(*arguments)
+        except Exception as raised:
+            error = raised
+        with contextlib.suppress(RuntimeError):  # the loop has ended
+            future.get_loop().call_soon_threadsafe(self._finish, future, result, error)
 
     def _finish(self, future: asyncio.Future[Any], result: Any, error: Any) -> None:
         self.pending -= 1

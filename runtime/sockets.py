@@ -44,9 +44,7 @@ class Incoming:
         """Starts reading with the first `next`; `socket` without `autoping`, which answers pings without a pause."""
         self._socket = socket
         self._clock = asyncio.get_event_loop().time
-        self.received_s = self._clock()
-        """When the last frame was received, in s of the loop's time."""
-        self._turn_s = self._done_s = self.received_s
+        self._turn_s = self._done_s = self._clock()
         self._second_s = float("-inf")
         self._empty = 0
 
@@ -61,11 +59,13 @@ class Incoming:
             if self._is_turn_over(self._clock()):
                 await asyncio.sleep(0)
             message = await self._socket.receive(timeout=timeout_s)
-            self._note_received(self._clock())
+            now_s = self._clock()
+            if now_s - self._done_s > _WAITED_S:
+                self._turn_s = now_s
             kind = message.type
             if ((kind is _TEXT or kind is _BINARY) and message.data) or kind not in _WITHOUT_CONTENT:
                 return message
-            if self._is_flood(self.received_s):
+            if self._is_flood(now_s):
                 raise FloodError
             if kind is WSMsgType.PING:
                 with contextlib.suppress(ConnectionError):  # `receive` reports the end
@@ -78,11 +78,6 @@ class Incoming:
             return False
         self._turn_s = now_s
         return True
-
-    def _note_received(self, now_s: float) -> None:
-        self.received_s = now_s
-        if now_s - self._done_s > _WAITED_S:
-            self._turn_s = now_s
 
     def _is_flood(self, now_s: float) -> bool:
         """Counts a frame without content; returns whether there have been too many within a second."""

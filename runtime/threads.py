@@ -72,61 +72,75 @@ class MonotonicEvent:
         return self._is_set
 
 
+class DaemonThreads:
+    """A bounded number of threads that run functions, each the next one that waits. Used from one thread at a time."""
+
+    def __init__(self, name: str, most: int) -> None:
+        """Starts no thread."""
+        self._name = name
+        self._most = most
+        self._started = 0
+        self._jobs: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
+
+    def run(self, function: Callable[[], None], pending: int) -> None:
+        """Runs a function, which must not raise, in a thread; `pending` functions have not finished, with this one."""
+        if self._started < min(pending, self._most):
+            self._started += 1
+            threading.Thread(target=self._work, args=(self._jobs,), name=self._name, daemon=True).start()
+        self._jobs.put(function)
+
+    def close(self) -> None:
+        """Ends the threads, each after its function. Nothing may be run afterwards."""
+        for _ in range(self._started):
+            self._jobs.put(None)
+        self._started = 0
+
+    @staticmethod
+    def _work(jobs: queue.SimpleQueue[Callable[[], None] | None]) -> None:
+        while True:
+            job = jobs.get()
+            if job is None:
+                return
+            job()
+            del job  # what it belongs to may be large, or have to be freed before the next one comes
+
+
 class DetachedCalls:
     """Runs functions that may hang, such as reads of a disk on a network, each in a thread; nothing waits for them.
 
-    Threads are kept for the next functions. Called from one thread at a time.
+    Called from one thread at a time.
     """
 
     def __init__(self, name: str, most_threads: int = 32, patience_s: float = 0.02) -> None:
         """Starts no thread. `patience_s` is the time that a call waits for its function."""
-        self._name = name
+        self._threads = DaemonThreads(name, most_threads)
         self._most_threads = most_threads
         self._patience_s = patience_s
-        self._idle: list[_DetachedThread] = []
-        self._busy: list[_DetachedThread] = []
+        self._running: list[MonotonicEvent] = []
 
     def __call__(self, function: Callable[[], None]) -> bool:
         """Starts a function, which must not raise; returns whether it has finished.
 
         Raises ServiceError if too many functions are running already.
         """
-        self._idle += [thread for thread in self._busy if thread.finished.is_set()]
-        self._busy = [thread for thread in self._busy if not thread.finished.is_set()]
-        if not self._idle and len(self._busy) >= self._most_threads:
-            raise ServiceError(f"{len(self._busy)} sources do not answer: no thread is left")
-        thread = self._idle.pop() if self._idle else _DetachedThread(self._name)
-        self._busy.append(thread)
-        thread.finished.clear()
-        thread.jobs.put(function)
-        return thread.finished.wait(self._patience_s)
+        self._running = [each for each in self._running if not each.is_set()]
+        if len(self._running) >= self._most_threads:
+            raise ServiceError(f"{len(self._running)} sources do not answer: no thread is left")
+        finished = MonotonicEvent()
+
+        def run() -> None:
+            function()
+            finished.set()
+
+        self._running.append(finished)
+        self._threads.run(run, len(self._running))
+        return finished.wait(self._patience_s)
 
     def close(self) -> None:
         """Ends the threads, each after its function. Nothing may be called afterwards."""
-        for thread in self._idle + self._busy:
-            thread.jobs.put(None)
-        self._idle, self._busy = [], []
+        self._threads.close()
 
     __del__ = close
-
-
-class _DetachedThread:
-    """A daemon thread that runs one function after the other."""
-
-    def __init__(self, name: str) -> None:
-        self.jobs: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
-        self.finished = MonotonicEvent()
-        threading.Thread(target=self._work, args=(self.jobs, self.finished), name=name, daemon=True).start()
-
-    @staticmethod
-    def _work(jobs: queue.SimpleQueue[Callable[[], None] | None], finished: MonotonicEvent) -> None:
-        while True:
-            job = jobs.get()
-            if job is None:
-                return
-            job()
-            del job  # what it belongs to may have to be freed before the next one comes
-            finished.set()
 
 
 class StepThread(threading.Thread):

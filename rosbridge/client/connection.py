@@ -75,7 +75,7 @@ class ServerConnection(BridgeConnection):
     def _went_down(self) -> None:
         self._calls.fail(LinkError(f"the connection to {self.address} went down"))
 
-    def _receive(self, data: Wire, now_s: float) -> Awaitable[None] | None:
+    def _receive(self, data: Wire) -> Awaitable[None] | None:
         if type(data) is bytes and self._receive_serialized(data):
             return None
         if len(data) > HEAD_BYTES:

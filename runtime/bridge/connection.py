@@ -150,10 +150,10 @@ class BridgeConnection(abc.ABC):
         """
 
     @abc.abstractmethod
-    def _receive(self, data: Wire, now_s: float) -> Awaitable[None] | None:
+    def _receive(self, data: Wire) -> Awaitable[None] | None:
         """Processes a message; returns what has to be awaited before the next one, if anything.
 
-        Raises MessageError if the message is not valid, which becomes a log line. `now_s` is the loop's time.
+        Raises MessageError if the message is not valid, which becomes a log line.
         """
 
     @abc.abstractmethod
@@ -261,10 +261,9 @@ class BridgeConnection(abc.ABC):
     async def _talk(self, socket: Socket, moved: asyncio.Event) -> Cause:
         """Uses a new connection until it ends; returns why it ended."""
         queue = self._queue = SendQueue()
-        incoming = Incoming(socket)
-        silent = functools.partial(wait_until_unanswered, socket, self._heartbeat_s, lambda: incoming.received_s)
+        silent = functools.partial(wait_until_unanswered, socket, self._heartbeat_s)
         ends = (
-            self._read(socket, incoming),
+            self._read(socket),
             self._refusal(),
             _after(functools.partial(queue.write_to, socket), UP),
             _after(queue.overflowed.wait, Cause("the server does not read what is sent to it")),
@@ -286,7 +285,8 @@ class BridgeConnection(abc.ABC):
             await asyncio.wait(tasks)
             self._queue = None
 
-    async def _read(self, socket: Socket, incoming: Incoming) -> Cause:
+    async def _read(self, socket: Socket) -> Cause:
+        incoming = Incoming(socket)
         while True:
             try:
                 message = await incoming.next()
@@ -294,7 +294,7 @@ class BridgeConnection(abc.ABC):
                 return _FLOODED
             if message.type in _MESSAGES:
                 try:
-                    slow = self._receive(message.data, incoming.received_s)
+                    slow = self._receive(message.data)
                     if slow is not None:
                         await slow
                 except MessageError as error:

@@ -14,7 +14,6 @@ from typing import Any, Mapping, Sequence, Union
 import aiohttp
 from aiohttp.abc import AbstractResolver
 
-from ...core.values import Clock
 from ..event_loops import run_in_daemon_thread
 from ..sockets import ignore_result, limit_reads, within
 from .address import http_address
@@ -157,18 +156,17 @@ class SendQueue:
                 await asyncio.Event().wait()
 
 
-async def wait_until_unanswered(socket: Socket, period_s: float, received_s: Clock) -> None:
+async def wait_until_unanswered(socket: Socket, period_s: float) -> None:
     """Returns when nothing was received since the server was asked, for half a period.
 
     In place of aiohttp's heartbeat, which costs a fifth of the CPU time of a small message. The server is asked, by a
     ping, when nothing was received for a period: one that stops answering is noticed after at most one and a half.
-    Silence alone says nothing: a server without traffic is silent until it is asked. `received_s` returns when this
-    process received something last, in s of the event loop's time.
+    Silence alone says nothing: a server without traffic is silent until it is asked.
     """
     clock = asyncio.get_event_loop().time
 
     def heard_s() -> float:
-        return max(received_s(), clock() - _kernel_silence_s(socket) + _KERNEL_CLOCK_S)
+        return clock() - _kernel_silence_s(socket) + _KERNEL_CLOCK_S
 
     while True:
         wait_s = heard_s() + period_s - clock()
@@ -185,7 +183,7 @@ async def wait_until_unanswered(socket: Socket, period_s: float, received_s: Clo
 
 
 def _kernel_silence_s(socket: Socket) -> float:
-    """Returns how long ago the kernel received data of a connection, in s; infinite if it does not say.
+    """Returns how long ago the kernel received data of a connection, in s; infinite if the connection has ended.
 
     What the kernel has received, this process may not have read yet: a large message that arrives slowly, or an answer
     that came while this process was busy, does not count as silence.
@@ -194,5 +192,5 @@ def _kernel_silence_s(socket: Socket) -> float:
     try:
         info = raw.getsockopt(sockets.IPPROTO_TCP, sockets.TCP_INFO, _TCP_INFO_BYTES)
         return float(struct.unpack_from("=I", info, _LAST_DATA_RECEIVED)[0]) / 1000.0
-    except (AttributeError, OSError, struct.error):
+    except (AttributeError, OSError):
         return math.inf

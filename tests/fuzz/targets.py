@@ -371,7 +371,7 @@ class Clients(Target):
         )
         for number, wire in enumerate(data):
             with contextlib.suppress(MessageError):  # becomes a log line
-                connection._receive(wire, float(number))
+                connection._receive(wire)
         assert all(line.isprintable() and len(line) < 600 for line in lines), lines
 
 
@@ -409,7 +409,7 @@ class FoxgloveClients(Target):
         for wire in data:
             if wire:
                 with contextlib.suppress(MessageError):  # becomes a log line
-                    client.connection._receive(wire, 0.0)
+                    client.connection._receive(wire)
         assert all(line.text.isprintable() and len(line.text) < 1000 for line in lines), lines
         client.close()
 

@@ -14,19 +14,6 @@ from harness.rosbridge_peer import Robot, with_robot
 from robot_health_monitor.runtime.sockets import MOST_EMPTY_PER_SECOND, READ_BYTES, Incoming, limit_reads, within
 
 
-class Socket:
-    """Frames that arrive at given times, and the times at which other tasks could run."""
-
-    def __init__(self) -> None:
-        self.now_s = 0.0
-
-    def incoming(self) -> Incoming:
-        incoming = Incoming(self)  # type: ignore[arg-type]
-        incoming._clock = lambda: self.now_s
-        incoming._turn_s = incoming._done_s = 0.0
-        return incoming
-
-
 def incoming() -> Incoming:
     """Not connected, for one that is given the times."""
     one = Incoming(None)  # type: ignore[arg-type]
@@ -34,23 +21,48 @@ def incoming() -> Incoming:
     return one
 
 
+class Arrivals:
+    """A WebSocket whose messages arrive `waited_s` after they are asked for, and take 1/1024 s of work each."""
+
+    def __init__(self, waited_s: float) -> None:
+        self.now_s = 0.0
+        self._waited_s = waited_s
+
+    async def receive(self, timeout: float | None) -> aiohttp.WSMessage:
+        self.now_s += self._waited_s
+        return aiohttp.WSMessage(aiohttp.WSMsgType.TEXT, "{}", None)
+
+    async def turns(self, messages: int) -> list[int]:
+        """Reads so many messages; returns the numbers of those before which other tasks could run."""
+        one = Incoming(self)  # type: ignore[arg-type]
+        one._clock = lambda: self.now_s
+        one._turn_s = one._done_s = 0.0
+        numbers: list[int] = []
+        number = 0
+
+        async def note() -> None:
+            while True:
+                if numbers[-1:] != [number]:
+                    numbers.append(number)
+                await asyncio.sleep(0)
+
+        noting = asyncio.ensure_future(note())
+        for number in range(1, messages + 1):
+            await one.next()
+            self.now_s += 1 / 1024
+        noting.cancel()
+        return numbers
+
+
 @scenario
 async def test_a_turn_is_over_after_ten_milliseconds_of_messages_that_already_waited() -> None:
-    turns = incoming()
-    over = []
-    for message in range(1, 25):  # one each 1/1024 s
-        turns._note_received((message - 0.9) / 1024)
-        over.append(turns._is_turn_over(message / 1024))
-    assert [number for number, is_over in enumerate(over, 1) if is_over] == [11, 22]
+    assert await Arrivals(waited_s=0.0).turns(messages=24) == [12, 23]
 
 
 @scenario
 async def test_a_message_that_was_waited_for_begins_a_turn() -> None:
     """Other tasks ran meanwhile: a slow stream is not interrupted in addition."""
-    turns = incoming()
-    for message in range(1, 100):
-        turns._note_received(0.01 * message)
-        assert not turns._is_turn_over(0.01 * message + 0.001)
+    assert await Arrivals(waited_s=0.001).turns(messages=100) == []
 
 
 def test_a_transport_without_a_size_of_reads_is_left_as_it_is() -> None:

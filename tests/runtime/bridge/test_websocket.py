@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import socket
+import struct
 import threading
 from typing import Any, Awaitable, Callable
 
@@ -73,13 +74,21 @@ class Server:
     def receive(self) -> None:
         self.received_s = self.loop.time()
 
-    def get_extra_info(self, name: str) -> None:
-        """There is no kernel below."""
+    def get_extra_info(self, name: str) -> Server:
+        """Returns the socket in the kernel."""
+        assert name == "socket"
+        return self
+
+    def getsockopt(self, level: int, option: int, length: int) -> bytes:
+        """Returns Linux' `struct tcp_info`: the milliseconds since data came are its 12th number of 32 bits."""
+        assert (level, option) == (socket.IPPROTO_TCP, socket.TCP_INFO)
+        silent_ms = round(1000.0 * (self.loop.time() - self.received_s))
+        return struct.pack("=8B24I", *[0] * 8, *[0] * 11, silent_ms, *[0] * 12)[:length]
 
     async def wait_until_unanswered(self) -> float:
         """Returns when it is down."""
-        socket: Any = self
-        await wait_until_unanswered(socket, PERIOD_S, lambda: self.received_s)
+        end: Any = self
+        await wait_until_unanswered(end, PERIOD_S)
         return self.loop.time()
 
 
