@@ -11,7 +11,7 @@ import threading
 import time
 import xml.parsers.expat
 import xmlrpc.client
-from typing import Any, Callable, List, Tuple, TypeVar
+from typing import Any, Callable, List, Tuple
 
 import rosgraph
 import rospy.core
@@ -38,7 +38,6 @@ _LONGEST_CHECKS_S = 2.0
 """Time after which no further node is checked in one reading of the graph."""
 _LONGEST_ERROR = 200
 
-_Value = TypeVar("_Value")
 _State = List[Tuple[str, List[str]]]
 SystemState = Tuple[_State, _State, _State]
 
@@ -51,13 +50,13 @@ class Master:
 
         `caller` is the name of the node; `timeout_s` limits connecting and each wait for the response, in s.
         """
+        self._caller = caller
+        self._timeout_s = timeout_s
         try:
             self.uri: str = rosgraph.get_master_uri()
             self._proxy()
         except (OSError, ValueError) as error:
             raise ServiceError(f"ROS_MASTER_URI: {error}") from None
-        self._caller = caller
-        self._timeout_s = timeout_s
 
     def is_online(self) -> bool:
         """Returns whether the master answers."""
@@ -69,15 +68,15 @@ class Master:
 
     def system_state(self) -> SystemState:
         """Returns publishers, subscribers and services, each a list of (name, [node, ...])."""
-        return self._read(_state, self._call("getSystemState"))
+        return self._call("getSystemState", read=_state)
 
     def topic_types(self) -> dict[str, str]:
         """Returns the type of each topic."""
-        return self._read(_types, self._call("getTopicTypes"))
+        return self._call("getTopicTypes", read=_types)
 
     def find_service(self, name: str) -> str | None:
         """Returns the address of a service, `rosrpc://host:port`; None if there is no such service."""
-        return self._read(_text, self._call("lookupService", name, default=None))
+        return self._call("lookupService", name, read=_text, default=None)
 
     def answers(self, node: str) -> bool | None:
         """Returns whether a node answers its own API within 1 s: the master goes on listing one that crashed.
@@ -85,7 +84,7 @@ class Master:
         False if it has left the master, or has no process any more. None if there is no answer, for whatever reason.
         """
         try:
-            uri = self._read(_text, self._call("lookupNode", node, default=None))
+            uri = self._call("lookupNode", node, read=_text, default=None)
             return uri is not None and bool(
                 xmlrpc.client.ServerProxy(uri, _Transport(_NODE_TIMEOUT_S)).getPid(self._caller)
             )
@@ -112,32 +111,24 @@ class Master:
             return None
         return self._call("getPid"), self._call("getParam", "/run_id", default=None)
 
-    def _call(self, method: str, *arguments: Any, **default: Any) -> Any:
+    def _call(
+        self, method: str, *arguments: Any, read: Callable[[Any], Any] = lambda value: value, **default: Any
+    ) -> Any:
+        """Returns what `read` makes of an answer, or `default`, if it is given, of a refusal."""
         try:
-            code, text, value = getattr(self._proxy(self._timeout_s), method)(self._caller, *arguments)
+            code, text, value = getattr(self._proxy(), method)(self._caller, *arguments)
+            if code == _SUCCESS:
+                return read(value)
         except _ERRORS as error:
-            raise self._no_answer(error) from None
-        if code == _SUCCESS:
-            return value
+            reason = printable(" ".join(str(error).split()))[:_LONGEST_ERROR]
+            raise ServiceError(f"the ROS master at {self.uri} does not answer ({reason})") from None
         if default:
             return default["default"]
         raise ServiceError(f"the ROS master at {self.uri} refused {method}: {text}")
 
-    def _read(self, read: Callable[[Any], _Value], answer: Any) -> _Value:
-        """Returns what an answer contains."""
-        try:
-            return read(answer)
-        except _ERRORS as error:
-            raise self._no_answer(error) from None
-
-    def _no_answer(self, error: Exception) -> ServiceError:
-        return ServiceError(
-            f"the ROS master at {self.uri} does not answer ({printable(' '.join(str(error).split()))[:_LONGEST_ERROR]})"
-        )
-
-    def _proxy(self, timeout_s: float = _TIMEOUT_S) -> xmlrpc.client.ServerProxy:
+    def _proxy(self) -> xmlrpc.client.ServerProxy:
         """Returns a connection for one call: a ServerProxy is not thread-safe."""
-        return xmlrpc.client.ServerProxy(self.uri, _Transport(timeout_s))
+        return xmlrpc.client.ServerProxy(self.uri, _Transport(self._timeout_s))
 
 
 class NodeChecks:
@@ -228,8 +219,8 @@ def _types(answer: Any) -> dict[str, str]:
     return {str(topic): str(type_name) for topic, type_name in answer}
 
 
-def _text(answer: Any) -> str | None:
-    if answer is not None and not isinstance(answer, str):
+def _text(answer: Any) -> str:
+    if not isinstance(answer, str):
         raise TypeError(f"expected text, got {describe(answer)}")
     return answer
 

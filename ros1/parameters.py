@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import logging
 import threading
-from typing import Any, Iterator
+from typing import Any
 
 from ..core.config import NODE_PARAMETERS
 from ..core.messages.dialect import Message
@@ -66,13 +66,15 @@ class NodeParameters:
         from_file = self._latest.get(_FILE_KEY, {})
         if not isinstance(from_file, dict):
             raise ConfigError(f"expected a mapping, got {describe(from_file)}", (_FILE_KEY,))
+        twice: list[Path] = []
+        merged = _merge(from_file, private, (), twice)
         problems = Problems()
-        for path in _paths_in_both(from_file, private):
+        for path in twice:
             if path[0] not in _OVERRIDES:
                 first, second = "/".join((self._node, *path)), "/".join((self._node, _FILE_KEY, *path))
                 problems.add(ConfigError(f"is set twice: {first} and {second}; delete one of them", path))
         problems.raise_if_any()
-        return _overlay(from_file, private)
+        return merged
 
     def reload(self, apply: OnChange, faults: Faults, log: Log) -> Message:
         """Reads the parameters again, and puts them back if they are refused; returns the response of `~reload`."""
@@ -105,23 +107,9 @@ class NodeParameters:
         """Replaces what was read last by the values in force; returns whether that changed anything."""
         if self._accepted is None or self._accepted == self._latest:
             return False
-        if isinstance(self._latest, dict):
-            self._restore(self._node, self._latest, self._accepted)
-        else:
-            self._master.set_parameter(self._node, {**self._accepted, _ACCEPTED_KEY: self._accepted})
+        self._master.set_parameter(self._node, {**self._accepted, _ACCEPTED_KEY: self._accepted})
         self._latest = self._accepted
         return True
-
-    def _restore(self, name: str, latest: JsonObject, accepted: JsonObject) -> None:
-        """Touches only what differs: other parameters may be changing at the same time."""
-        for key in latest.keys() - accepted.keys():
-            self._master.delete_parameter(f"{name}/{key}")
-        for key, value in accepted.items():
-            was = latest.get(key)
-            if isinstance(value, dict) and isinstance(was, dict):
-                self._restore(f"{name}/{key}", was, value)
-            elif was != value or type(was) is not type(value):
-                self._master.set_parameter(f"{name}/{key}", value)
 
 
 def set_log_level(parameters: JsonObject) -> None:
@@ -130,19 +118,13 @@ def set_log_level(parameters: JsonObject) -> None:
     logging.getLogger("rosout").setLevel(level)
 
 
-def _paths_in_both(first: JsonObject, second: JsonObject, path: Path = ()) -> Iterator[Path]:
-    """Yields the paths of values that are in two trees."""
-    for key in first.keys() & second.keys():
-        if isinstance(first[key], dict) and isinstance(second[key], dict):
-            yield from _paths_in_both(first[key], second[key], (*path, key))
+def _merge(below: JsonObject, above: JsonObject, path: Path, twice: list[Path]) -> dict[str, Any]:
+    """Merges two trees, of which `above` wins; adds the paths of values that are in both to `twice`."""
+    merged = {**below, **above}
+    for key in below.keys() & above.keys():
+        under, over = below[key], above[key]
+        if isinstance(under, dict) and isinstance(over, dict):
+            merged[key] = _merge(under, over, (*path, key), twice)
         else:
-            yield (*path, key)
-
-
-def _overlay(below: JsonObject, above: JsonObject) -> dict[str, Any]:
-    """Merges two trees; values of `above` win."""
-    merged = dict(below)
-    for key, value in above.items():
-        under = merged.get(key)
-        merged[key] = _overlay(under, value) if isinstance(under, dict) and isinstance(value, dict) else value
+            twice.append((*path, key))
     return merged

@@ -7,6 +7,7 @@ one connection and the class of the first one.
 from __future__ import annotations
 
 import contextlib
+import functools
 from typing import Any, Callable
 
 import rospy
@@ -30,32 +31,27 @@ class Reader:
         """
         self._topic, self._expected, self._log = topic, canonical_type(expected), log
         self._getter_of = getter_of
-        self._getters: dict[tuple[str, ...], Getter] = {}
+        self._getter = functools.lru_cache(maxsize=_MOST_HEADERS)(self._bind)
         """By type, checksum and definition."""
-        self._header: Any = None
-        """That of the latest message. All messages of a connection have the same object."""
 
     def read(self, native: Any) -> Any:
         """Returns what is read of a message; ABSENT, after one ERROR line, if the publisher's type does not fit.
 
         Raises ValueError if the message does not match that type.
         """
-        if native._connection_header is not self._header:
-            self._header = native._connection_header
-            key = tuple(self._header.get(name, "") for name in ("type", "md5sum", "message_definition"))
-            if key not in self._getters:
-                if len(self._getters) >= _MOST_HEADERS:
-                    self._getters.clear()
-                try:
-                    if self._expected not in ("", key[0]):
-                        raise ConfigError(f"{self._topic}: expected messages of type {self._expected}, got {key[0]}")
-                    self._getters[key] = self._getter_of(_format(*key))
-                except ConfigError as error:
-                    self._log(Severity.ERROR, str(error))
-                    self._getters[key] = lambda data: ABSENT
-            self._get = self._getters[key]
+        header = native._connection_header
+        get = self._getter(header.get("type", ""), header.get("md5sum", ""), header.get("message_definition", ""))
         # rospy itself reads /clock as messages.
-        return self._get(native._buff if isinstance(native, rospy.AnyMsg) else messages.serialized(native))
+        return get(native._buff if isinstance(native, rospy.AnyMsg) else messages.serialized(native))
+
+    def _bind(self, type_name: str, checksum: str, definition: str) -> Getter:
+        try:
+            if self._expected not in ("", type_name):
+                raise ConfigError(f"{self._topic}: expected messages of type {self._expected}, got {type_name}")
+            return self._getter_of(_format(type_name, checksum, definition))
+        except ConfigError as error:
+            self._log(Severity.ERROR, str(error))
+            return lambda data: ABSENT
 
 
 def _format(type_name: str, checksum: str, definition: str) -> RawFormat:

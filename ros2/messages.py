@@ -15,8 +15,6 @@ from ..core.messages.definitions import LONGEST_TEXT, SEQUENCE, Field, parse_msg
 from ..core.messages.dialect import Dialect
 from ..core.messages.native_messages import NativeMessages, find_generated
 from ..core.messages.raw_messages import RawFormat, ros2_format
-from ..core.messages.serialized import SerializedType
-from ..core.values import Getter
 
 _KINDS = {"boolean": "bool", "float": "float32", "double": "float64"}
 """Kinds of types that rosidl names differently. (A `char` is a uint8 there.)"""
@@ -67,11 +65,6 @@ message_class = native.message_class
 service_class = native.service_class
 to_mapping = native.to_mapping
 to_native = native.to_native
-
-
-def field_getter(topic: str, type_name: str, field: str) -> Getter:
-    """Returns what reads a field from serialized messages of an installed type; raises ConfigError."""
-    return SerializedType(topic, raw_format(type_name)).field_getter(field)
 
 
 def raw_format(type_name: str) -> RawFormat:

@@ -149,10 +149,10 @@ class ParameterFiles:
 
     def __init__(self, arguments: Sequence[str]) -> None:
         """Reads them; raises ConfigError if one cannot be read or is not YAML."""
-        self._arguments = list(arguments)
-        self._places = [place + 1 for place, option in enumerate(arguments[:-1]) if option == _OPTION]
-        self._files = {place: read_yaml(arguments[place]) for place in self._places}
-        self._copies: dict[str, int] = {}
+        self._arguments = self._passed = list(arguments)
+        self._files = {
+            place: read_yaml(arguments[place]) for place in range(1, len(arguments)) if arguments[place - 1] == _OPTION
+        }
 
     @contextlib.contextmanager
     def arguments_for_any_namespace(self) -> Iterator[list[str]]:
@@ -161,25 +161,19 @@ class ParameterFiles:
         The copies are in memory, as no folder need be writable; they exist while the context is entered, for rclpy to
         read.
         """
-        arguments = list(self._arguments)
-        try:
+        with contextlib.ExitStack() as copies:
+            self._passed = list(self._arguments)
             for place, file in self._files.items():
+                copy = copies.enter_context(open(os.memfd_create("parameters"), "w", encoding="utf-8"))
                 with open(file.file, encoding="utf-8") as stream:
-                    text = _NODE.sub(r'"/**/\2"', stream.read())
-                copy = os.memfd_create("parameters")
-                arguments[place] = f"/proc/self/fd/{copy}"
-                self._copies[arguments[place]] = place
-                with open(copy, "w", encoding="utf-8", closefd=False) as stream:
-                    stream.write(text)
-            yield arguments
-        finally:
-            for path in self._copies:
-                os.close(int(os.path.basename(path)))
+                    copy.write(_NODE.sub(r'"/**/\2"', stream.read()))
+                copy.flush()
+                self._passed[place] = f"/proc/self/fd/{copy.fileno()}"
+            yield self._passed
 
     def located(self, error: ConfigError, node: str) -> ConfigError:
         """Returns an error of a node with file and line if its key is in one of the files."""
-        for place in reversed(self._places):
-            file = self._files[place]
+        for file in reversed(self._files.values()):
             for name, section in sections(file.tree).items():
                 path = (*section.path, *error.path)
                 if name in (node.rpartition("/")[2], "*", "**") and path in file.lines:
@@ -188,12 +182,12 @@ class ParameterFiles:
 
     def explained(self, problem: str) -> ConfigError:
         """Returns an error message of rcl as a ConfigError: that of the monitor if it refuses a file as well."""
-        for place in self._places:
+        for file in self._files.values():
             try:
-                load_config(self._arguments[place])
+                load_config(file.file)
             except ConfigError as error:
                 if error.line is not None:
                     return error
-        for path, place in self._copies.items():
-            problem = problem.replace(path, self._arguments[place])
+        for passed, given in zip(self._passed, self._arguments):
+            problem = problem.replace(passed, given)
         return ConfigError(" ".join(problem.split()))

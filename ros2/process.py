@@ -12,9 +12,9 @@ import warnings
 from typing import TYPE_CHECKING, Any, Callable
 
 import rclpy
-from rclpy.clock import Clock, ClockType
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.logging import LoggingSeverity, set_logger_level
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.signals import SignalHandlerOptions, install_signal_handlers, uninstall_signal_handlers
 from rclpy.task import Future
 from std_msgs.msg import Empty
@@ -198,18 +198,13 @@ def _probe(executor: Any, nodes: list[Any]) -> str:
         return f"it is busy while idle ({load:.0%} of a core)"
     delivered: Future = Future()
     node = nodes[0]
-    subscription = node.create_subscription(Empty, _PROBE_TOPIC, delivered.set_result, 1)
-    publisher = node.create_publisher(Empty, _PROBE_TOPIC, 1)
-
-    def publish() -> None:
-        if not delivered.done():  # a call may be waiting when the timer is destroyed
-            publisher.publish(Empty())
-
-    timer = node.create_timer(0.01, publish, clock=Clock(clock_type=ClockType.STEADY_TIME))
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    publisher = node.create_publisher(Empty, _PROBE_TOPIC, latched)
+    publisher.publish(Empty())
+    subscription = node.create_subscription(Empty, _PROBE_TOPIC, delivered.set_result, latched)
     try:
         executor.spin_until_future_complete(delivered, _PROBE_S)
     finally:
-        node.destroy_timer(timer)
         node.destroy_publisher(publisher)
         node.destroy_subscription(subscription)
     return "" if delivered.done() else f"it delivers no message within {_PROBE_S:g} s"

@@ -369,7 +369,7 @@ class Clients(Target):
             on_log=lambda severity, text: lines.append(text),
             clock=lambda: 0.0,
         )
-        for number, wire in enumerate(data):
+        for wire in data:
             with contextlib.suppress(MessageError):  # becomes a log line
                 connection._receive(wire)
         assert all(line.isprintable() and len(line) < 600 for line in lines), lines

@@ -10,16 +10,22 @@ import pytest
 
 pytest.importorskip("rclpy")
 
+from robot_health_monitor.core.messages.serialized import SerializedType
 from robot_health_monitor.core.values.errors import ConfigError
 from robot_health_monitor.core.values.field_path import ABSENT
 from robot_health_monitor.ros2.messages import (
-    field_getter,
     message_class,
+    raw_format,
     service_class,
     to_mapping,
     to_native,
     type_name,
 )
+
+
+def field_getter(topic: str, type_name: str, field: str) -> Any:
+    """Returns what reads a field from serialized messages of an installed type."""
+    return SerializedType(topic, raw_format(type_name)).field_getter(field)
 
 
 @pytest.mark.parametrize(

@@ -194,25 +194,6 @@ class TestExecutor:
         assert self.choose("auto", node, lines) == "EventsExecutor"
         assert lines == []
 
-    def test_a_call_of_its_timer_that_comes_late_does_nothing(
-        self, node: Any, lines: list[str], monkeypatch: pytest.MonkeyPatch
-    ) -> None:
-        """The EventsExecutor calls back what was waiting when the timer was destroyed."""
-        experimental = pytest.importorskip("rclpy.experimental", reason="this rclpy has no EventsExecutor")
-        from rclpy.executors import SingleThreadedExecutor
-
-        late: list[Callable[[], None]] = []
-
-        class Late(SingleThreadedExecutor):
-            def spin_until_future_complete(self, future: Any, timeout_sec: Any = None) -> None:
-                super().spin_until_future_complete(future, timeout_sec)
-                late.extend(timer.callback for timer in node.timers)
-
-        monkeypatch.setattr(experimental, "EventsExecutor", Late)
-        assert self.choose("auto", node, lines) == "Late"
-        (call,) = late
-        call()
-
     def test_single_is_single(self, node: Any, lines: list[str]) -> None:
         assert self.choose("single", node, lines) == "SingleThreadedExecutor"
 

@@ -47,7 +47,7 @@ class Arrivals:
                 await asyncio.sleep(0)
 
         noting = asyncio.ensure_future(note())
-        for number in range(1, messages + 1):
+        for number in range(1, messages + 1):  # noqa: B007 - `note` reads it
             await one.next()
             self.now_s += 1 / 1024
         noting.cancel()
