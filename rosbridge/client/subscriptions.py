@@ -6,15 +6,13 @@ Several receivers of one topic share one subscription at the server.
 from __future__ import annotations
 
 import asyncio
-import contextlib
-import math
 import threading
 from dataclasses import dataclass
 from functools import partial
-from operator import attrgetter
 from typing import Callable, Collection
 
 from ...core.messages.raw_messages import RawFormat, json_format, ros1_format, ros2_format
+from ...core.messages.standard_messages import definition as standard_definition
 from ...core.values import JsonObject, LinkError, ServiceError, canonical_type, split_type_name
 from .receivers import Receiver
 from .topics import Call, find_definition
@@ -42,8 +40,6 @@ class _Topic:
     """The type, as the server spells it, and its definition; None while they are not known."""
     raw_format: RawFormat | None = None
     """The format in which the messages are captured, as far as it is needed and known."""
-    asked_s: float = -math.inf
-    """When the server was asked last for what is not known, in s of the loop's time."""
 
     @property
     def needs_format(self) -> bool:
@@ -56,9 +52,8 @@ class _Topic:
 
     def operation(self, compression: str = "none") -> JsonObject:
         """Returns what subscribes to it."""
-        fields = {"topic": self.name, "type": self.type_name, "id": f"subscribe:{self.name}"}
-        given = {**fields, "compression": "" if compression == "none" else compression}
-        return {"op": "subscribe", **{name: value for name, value in given.items() if value}}
+        fields = {"op": "subscribe", "topic": self.name, "id": f"subscribe:{self.name}", "compression": compression}
+        return {**fields, "type": self.type_name} if self.type_name else fields
 
 
 class Subscriptions:
@@ -118,7 +113,7 @@ class Subscriptions:
             self._compression = compression
             self.has_bytes = False
             for topic in self._topics.values():
-                topic.sent, topic.definition, topic.asked_s = "", None, -math.inf
+                topic.sent, topic.definition = "", None
                 if topic.raw_format is not None and topic.raw_format.profile:
                     topic.raw_format = None
                 self._subscribe(topic)
@@ -155,20 +150,14 @@ class Subscriptions:
 
     async def find_types(self) -> None:
         """Asks the server for the types and definitions of topics that lack them. Runs until it is cancelled."""
-        woken, loop = asyncio.Event(), asyncio.get_event_loop()
+        woken = asyncio.Event()
         self._wake = partial(self._run_in_loop, woken.set)
         while True:
+            woken.clear()
             lacking = [topic for topic in tuple(self._topics.values()) if topic.lacks]
-            asked = sorted(lacking, key=attrgetter("asked_s"))[:_MOST_ASKED]
-            wait_s = max(0.0, asked[0].asked_s + _ASK_PERIOD_S - loop.time()) if asked else None
-            with contextlib.suppress(asyncio.TimeoutError):
-                if wait_s != 0.0:
-                    await asyncio.wait_for(woken.wait(), wait_s)
-                    woken.clear()
-                    continue
-            for topic in asked:
-                topic.asked_s = loop.time()
-            await asyncio.gather(*map(self._ask, asked), return_exceptions=True)
+            for start in range(0, len(lacking), _MOST_ASKED):
+                await asyncio.gather(*map(self._ask, lacking[start : start + _MOST_ASKED]), return_exceptions=True)
+            await (asyncio.sleep(_ASK_PERIOD_S) if lacking else woken.wait())
 
     def _hear(self, topic: str) -> tuple[Receiver, ...]:
         """Returns the receivers of a topic of which a message came: the server has accepted the subscription."""
@@ -196,9 +185,8 @@ class Subscriptions:
         elif topic.definition is not None:
             type_name, definition = topic.definition
             raw = (ros2_format if "/msg/" in type_name else ros1_format)(type_name, definition)
-            has_raw = self._compression == _OWN and bool(definition)
-            is_raw = has_raw and all(receiver.takes_bytes(raw) for receiver in topic.receivers)
-            topic.raw_format = raw if is_raw else json_format(type_name, definition)
+            is_raw = bool(definition) and all(receiver.takes_bytes(raw) for receiver in topic.receivers)
+            topic.raw_format = raw if is_raw else json_format(type_name, definition or standard_definition(type_name))
         if topic.sent not in ("", self._compression_of(topic)):
             self._subscribe(topic)
 
@@ -213,7 +201,7 @@ class Subscriptions:
             answer = (await self._call("/rosapi/topic_type", {"topic": topic.name}, _ASK_TIMEOUT_S)).get("type")
             type_name = answer if isinstance(answer, str) and split_type_name(answer) else type_name
             if type_name and topic.needs_format:
-                definition = await find_definition(self._call, type_name)
+                definition = await find_definition(self._call, type_name) if self._compression == _OWN else ""
         except LinkError:
             return
         except ServiceError:  # a server without rosapi, or one that does not know the type

@@ -9,7 +9,6 @@ from typing import (
     Awaitable,
     Callable,
     Iterable,
-    Iterator,
     Mapping,
     Sequence,
 )
@@ -25,11 +24,8 @@ _TIMEOUT_S = 10.0
 _ANSWER_TIMEOUT_S = 5.0
 _REMEMBER_PERIOD_S = 60.0
 _MOST_TOPICS = 10_000
-_MOST_TYPES = 200
 _LONGEST_DEFINITION = 200_000
 """Characters; the largest ones of ROS have about 50,000."""
-_IDL_KINDS = {"boolean": "bool", "float": "float32", "double": "float64", "octet": "byte"}
-_SLOT_OF_RCLPY = "check_fields"
 
 
 async def list_topics(call: Call) -> list[KnownTopic]:
@@ -52,19 +48,12 @@ async def find_types(call: Call) -> Mapping[str, str]:
 
 
 async def find_definition(call: Call, type_name: str) -> str:
-    """Returns the definition of a type in .msg, with those that it contains, without constants; empty if unknown.
+    """Returns the definition of a type, with those that it contains; empty if it is unknown.
 
-    Raises as `list_topics`.
+    Only rosapi of this project's server gives it. Raises as `list_topics`.
     """
-    values = await call("/rosapi/message_details", {"type": type_name}, _TIMEOUT_S)
-    typedefs = values.get("typedefs")
-    parts: dict[str, str] = {}
-    for typedef in typedefs[:_MOST_TYPES] if isinstance(typedefs, list) else ():
-        if isinstance(typedef, dict) and isinstance(typedef.get("type"), str):
-            parts.setdefault(canonical_type(typedef["type"]), "".join(_lines(typedef)))
-    own = parts.pop(canonical_type(type_name), "")
-    text = own + "".join(f"{'=' * 80}\nMSG: {name}\n{part}" for name, part in parts.items())
-    return text if own and len(text) <= _LONGEST_DEFINITION else ""
+    text = (await call("/rosapi/message_details", {"type": type_name}, _TIMEOUT_S)).get("definition")
+    return text if isinstance(text, str) and len(text) <= _LONGEST_DEFINITION else ""
 
 
 async def names_of(call: Call, service: str, **request: str) -> list[str]:
@@ -134,20 +123,6 @@ class PublisherLookup:
         if nodes:
             self._publishers[topic] = nodes
         return nodes
-
-
-def _lines(typedef: JsonObject) -> Iterator[str]:
-    columns = [typedef.get(name) for name in ("fieldnames", "fieldtypes", "fieldarraylen")]
-    if not all(isinstance(column, list) for column in columns):
-        return
-    for name, kind, length in zip(*columns):
-        if not isinstance(name, str) or not isinstance(kind, str) or not isinstance(length, int):
-            continue
-        # rosapi of ROS 2 names the slots of Python's classes, and some types as in IDL.
-        name, kind = name.lstrip("_"), kind.partition("<")[0]
-        if name.isidentifier() and name != _SLOT_OF_RCLPY:
-            array = "" if length < 0 else f"[{length or ''}]"
-            yield f"{_IDL_KINDS.get(kind, kind)}{array} {name}\n"
 
 
 def _known(values: JsonObject, texts: list[Any]) -> list[KnownTopic]:

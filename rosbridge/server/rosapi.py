@@ -79,7 +79,7 @@ _SERVICES: Mapping[str, tuple[str, str, Callable[..., Any]]] = {
     "publishers": ("topic", "publishers", lambda graph, topic: _nodes_with(graph, "publishes", topic)),
     "subscribers": ("topic", "subscribers", lambda graph, topic: _nodes_with(graph, "subscribes", topic)),
     "action_servers": ("", "action_servers", lambda graph: []),
-    "message_details": ("type", "", lambda node, name: _typedefs(parse(name, node.definition(name)))),
+    "message_details": ("type", "", lambda node, name: _message_details(name, node.definition(name))),
     "service_request_details": ("type", "", lambda node, name: _typedefs(service_definition(name, False))),
     "service_response_details": ("type", "", lambda node, name: _typedefs(service_definition(name, True))),
     "get_time": ("", "", _get_time),
@@ -108,6 +108,11 @@ def answer(node: ServedNode, service: str, request: Values) -> Values:
 
 def _having(types: Mapping[str, str], type_name: str) -> list[str]:
     return [name for name, known_type in types.items() if canonical_type(known_type) == canonical_type(type_name)]
+
+
+def _message_details(type_name: str, text: str) -> Values:
+    """Returns a definition, also as text: for this project's client, which reads the bytes of ROS by it."""
+    return {**_typedefs(parse(type_name, text)), "definition": text}
 
 
 def _typedefs(known: Definitions) -> Values:

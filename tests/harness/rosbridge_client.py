@@ -81,8 +81,6 @@ class ForeignServer:
         self.sockets: list[web.WebSocketResponse] = []
         self.requests: list[web.Request] = []
         self.types: dict[str, str] = {}
-        self.details: dict[str, Any] = {}
-        """The definitions of each type, as `rosapi_msgs/TypeDef`."""
         self.rosapi = True
         self.answer: Callable[[str, Any], Any] | None = None
         """Answers a call by service and request: values, the text of a failure, or None: no response."""
@@ -129,8 +127,6 @@ class ForeignServer:
                 elif fields["op"] == "call_service":
                     asked = fields["args"]
                     values = {"type": self.types.get(asked.get("topic", ""), "")}
-                    if fields["service"] == "/rosapi/message_details":
-                        values = {"typedefs": self.details.get(asked["type"], [])}
                     await socket.send_json(
                         {"op": "service_response", "id": fields["id"], "service": "s", "values": values, "result": True}
                     )

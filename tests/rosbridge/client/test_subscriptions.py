@@ -8,7 +8,7 @@ from typing import Any
 from harness.rosbridge_client import ForeignServer, Watched, scenario, until
 from harness.rosbridge_peer import FLOAT32, Robot, with_robot
 
-SUBSCRIPTION = {"op": "subscribe", "topic": "/odom", "id": "subscribe:/odom"}
+SUBSCRIPTION = {"op": "subscribe", "topic": "/odom", "id": "subscribe:/odom", "compression": "none"}
 
 
 @scenario
@@ -24,6 +24,7 @@ async def test_with_a_foreign_server_it_is_plain_json_with_ros_1s_names() -> Non
                 "topic": "/battery_level",
                 "type": "std_msgs/Float32",
                 "id": "subscribe:/battery_level",
+                "compression": "none",
             },
         ]
         for text in (

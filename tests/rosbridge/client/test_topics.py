@@ -49,50 +49,18 @@ def test_the_number_of_topics_is_bounded() -> None:
     assert len(listed({RAW: answer})) == 10_000
 
 
-def defined(type_name: str, typedefs: Any) -> str:
-    async def call(service: str, request: Mapping[str, Any], timeout_s: float) -> dict[str, Any]:
-        assert (service, request) == ("/rosapi/message_details", {"type": type_name})
-        return {"typedefs": typedefs}
-
-    return asyncio.run(find_definition(call, type_name))
-
-
-def typedef(type_name: str, *fields: Any) -> Any:
-    names, kinds, lengths = zip(*fields)
-    return {"type": type_name, "fieldnames": list(names), "fieldtypes": list(kinds), "fieldarraylen": list(lengths)}
-
-
-def test_a_definition_is_put_together_from_its_details() -> None:
-    found = defined(
-        "acme_msgs/Arm",
-        [
-            typedef("acme_msgs/Arm", ("stamp", "time", -1), ("joints", "acme_msgs/Joint", 0), ("limits", "float64", 6)),
-            typedef("acme_msgs/Joint", ("name", "string", -1)),
-        ],
-    )
-    separator = "=" * 80
-    assert found == (
-        f"time stamp\nacme_msgs/Joint[] joints\nfloat64[6] limits\n{separator}\nMSG: acme_msgs/Joint\nstring name\n"
-    )
-
-
-def test_ros_2_names_slots_and_some_types_as_idl_does() -> None:
-    """As rosapi/objectutils.py of rosbridge_suite answers on ROS 2."""
-    fields = [("_ok", "boolean", -1), ("_x", "double", -1), ("_raw", "octet", 0), ("_check_fields", "boolean", -1)]
-    found = defined("acme_msgs/msg/Arm", [typedef("acme_msgs/Arm", *fields, ("_id", "string<12>", -1))])
-    assert found == "bool ok\nfloat64 x\nbyte[] raw\nstring id\n"
-
-
 @pytest.mark.parametrize(
-    "typedefs",
+    ("answer", "definition"),
     [
-        None,
-        3,
-        [3],
-        [{"type": 3}],
-        [{"type": "acme_msgs/Arm"}],
-        [{"type": "acme_msgs/Arm", "fieldnames": [1, "a\nb"], "fieldtypes": [1, "x"], "fieldarraylen": [-1, -1]}],
+        ({"typedefs": [], "definition": "float32 torque\n"}, "float32 torque\n"),
+        ({"typedefs": []}, ""),
+        ({"definition": 3}, ""),
+        ({"definition": "#" * 200_001}, ""),
     ],
 )
-def test_details_of_another_form_are_no_definition(typedefs: Any) -> None:
-    assert defined("acme_msgs/Arm", typedefs) == ""
+def test_this_projects_server_gives_the_definition_as_text(answer: Any, definition: str) -> None:
+    async def call(service: str, request: Mapping[str, Any], timeout_s: float) -> Any:
+        assert (service, request) == ("/rosapi/message_details", {"type": "acme_msgs/Arm"})
+        return answer
+
+    assert asyncio.run(find_definition(call, "acme_msgs/Arm")) == definition

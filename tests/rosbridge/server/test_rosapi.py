@@ -85,7 +85,9 @@ def test_topics_types_and_definitions_come_from_one_reading_of_the_graph() -> No
 
 
 def test_definitions_are_described_field_by_field() -> None:
-    (typedef,) = rosapi.answer(node(), PREFIX + "message_details", {"type": "std_msgs/Float32"})["typedefs"]
+    details = rosapi.answer(node(), PREFIX + "message_details", {"type": "std_msgs/Float32"})
+    assert details["definition"] == "float32 data\n"
+    (typedef,) = details["typedefs"]
     assert (typedef["fieldnames"], typedef["fieldtypes"], typedef["fieldarraylen"]) == (["data"], ["float32"], [-1])
     (request,) = rosapi.answer(node(), PREFIX + "service_request_details", {"type": "std_srvs/SetBool"})["typedefs"]
     assert request["fieldnames"] == ["data"]
