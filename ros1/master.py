@@ -68,15 +68,18 @@ class Master:
 
     def system_state(self) -> SystemState:
         """Returns publishers, subscribers and services, each a list of (name, [node, ...])."""
-        return self._call("getSystemState", read=_state)
+        state: SystemState = self._call("getSystemState", read=_state)
+        return state
 
     def topic_types(self) -> dict[str, str]:
         """Returns the type of each topic."""
-        return self._call("getTopicTypes", read=_types)
+        types: dict[str, str] = self._call("getTopicTypes", read=_types)
+        return types
 
     def find_service(self, name: str) -> str | None:
         """Returns the address of a service, `rosrpc://host:port`; None if there is no such service."""
-        return self._call("lookupService", name, read=_text, default=None)
+        address: str | None = self._call("lookupService", name, read=_text, default=None)
+        return address
 
     def answers(self, node: str) -> bool | None:
         """Returns whether a node answers its own API within 1 s: the master goes on listing one that crashed.
