@@ -3,21 +3,14 @@
 from __future__ import annotations
 
 import math
-import threading
+from functools import lru_cache
 from sqlite3 import Connection
 from typing import Any, Callable, Mapping, Sequence, TypeVar
 
 from ...core.values import Level, ServiceError, Transition, printable
 from .history import History
 from .matchers import Matcher
-from .silences import (
-    Alert,
-    Silence,
-    add_silence,
-    expire_silence,
-    read_silences,
-    resolve_alert,
-)  # fmt: skip
+from .silences import Silence, active_silences, add_silence, expire_silence
 
 Changed = TypeVar("Changed")
 
@@ -40,11 +33,10 @@ class Silences:
         self._history = history
         self._faults = history.faults
         self._wall_time_s = history.wall_s
-        self._lock = threading.Lock()
         self._stored: Sequence[Silence] = ()
         """Those that had not ended when they were read last, each second."""
-        self._covering: dict[Alert, Sequence[Silence]] = {}
-        """Those of `_stored` that apply to an alert, of alerts that were asked for."""
+        self._covering: Callable[[str, str], Sequence[Silence]] = lambda robot, signal: ()
+        """Returns those of `_stored` that apply to an alert."""
         self._causes: dict[str, Mapping[str, str]] = {}
         history.on_record.append(self._note_transition)
         history.on_second.append(self.look)
@@ -67,17 +59,10 @@ class Silences:
         return silence
 
     def _silence_of(self, robot: str, signal: str) -> Silence | None:
-        with self._lock:
-            if not self._stored:
-                return None
-            key = printable(robot), printable(signal)
-            if key not in self._covering:
-                if len(self._covering) >= _MOST_CACHED:
-                    self._covering.clear()
-                self._covering[key] = [each for each in self._stored if each.covers(*key)]
-            covering = self._covering[key]
+        if not self._stored:
+            return None
         now_s = self._wall_time_s()
-        in_force = [each for each in covering if each.in_force(now_s)]
+        in_force = [each for each in self._covering(printable(robot), printable(signal)) if each.in_force(now_s)]
         return max(in_force, key=lambda each: math.inf if each.until_s is None else each.until_s, default=None)
 
     def active(self) -> list[Silence]:
@@ -90,10 +75,10 @@ class Silences:
 
         Call with the history's connection inside a transaction, in which another process cannot add a silence.
         """
-        silences = read_silences(connection, active_at_s=self._wall_time_s())
-        with self._lock:
-            if silences != self._stored:
-                self._stored, self._covering = silences, {}
+        silences = active_silences(connection, self._wall_time_s())
+        if silences != self._stored:
+            self._stored = silences
+            self._covering = lru_cache(_MOST_CACHED)(lambda *alert: [each for each in silences if each.covers(*alert)])
         self._faults.clear(_FAULT)
 
     def add(self, matchers: Sequence[Matcher], **options: Any) -> Silence:
@@ -117,6 +102,5 @@ class Silences:
 
     def _note_transition(self, connection: Connection, alert_id: int, transition: Transition, wall_s: float) -> None:
         """Ends silences whose last alert has resolved; runs in the transaction that stores the transition."""
-        alert = printable(transition.robot), printable(transition.signal)
-        if transition.to_level is Level.OK and resolve_alert(connection, alert, wall_s):
+        if transition.to_level is Level.OK and any(each.until_resolved for each in self._stored):
             self.look(connection)

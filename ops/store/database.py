@@ -416,7 +416,7 @@ class Database:
 
     def _move_from_memory(self, memory: Connection, connection: Connection) -> None:
         for table in schema.tables(memory):
-            if self._is_copy and table in schema.LIVE_TABLES and table not in schema.SHARED_TABLES:
+            if self._is_copy and table in schema.LIVE_TABLES and table != schema.SHARED_TABLE:
                 connection.execute(f"DELETE FROM {table}")
             if table == "samples":  # of which the file may have the first part of a period
                 samples.store(connection, samples.read(memory))

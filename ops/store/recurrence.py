@@ -6,7 +6,7 @@ import importlib
 import os
 import re
 from dataclasses import dataclass
-from datetime import date, datetime, time, timedelta, timezone, tzinfo
+from datetime import datetime, time, timezone, tzinfo
 from functools import lru_cache
 
 from ...core.values import ConfigError
@@ -15,7 +15,6 @@ DAYS = ("mon", "tue", "wed", "thu", "fri", "sat", "sun")
 
 _RULE = re.compile(r"(?:(?P<days>[a-z,-]+) +)?(?P<begin>\d\d:\d\d)-(?P<end>\d\d:\d\d)\Z", re.ASCII)
 _ZONES = "/zoneinfo/"
-_MINUTE, _DAY = timedelta(minutes=1), timedelta(days=1)
 
 
 @dataclass(frozen=True)
@@ -37,15 +36,13 @@ class Recurrence:
 
     def contains(self, wall_s: float) -> bool:
         """Returns whether it contains a time in s since 1970."""
-        zone = zone_of(self.zone)
-        today = datetime.fromtimestamp(wall_s, zone).date()
-        for day in (today - _DAY, today):
-            end_day = day + _DAY if self.end <= self.begin else day
-            if day.weekday() in self.days and (
-                _moment_s(day, self.begin, zone) <= wall_s < _moment_s(end_day, self.end, zone)
-            ):
-                return True
-        return False
+        now = datetime.fromtimestamp(wall_s, zone_of(self.zone))
+        # An ambiguous time is the first one: when the clock shows it again, the whole hour has passed.
+        at = now.time().replace(minute=59) if now.fold else now.time()
+        today, yesterday = now.weekday() in self.days, (now.weekday() - 1) % 7 in self.days
+        if self.begin < self.end:
+            return today and self.begin <= at < self.end
+        return (today and at >= self.begin) or (yesterday and at < self.end)
 
 
 @lru_cache(maxsize=2000)
@@ -115,13 +112,3 @@ def _time(text: str) -> time:
         return datetime.strptime(text, "%H:%M").time()
     except ValueError:
         raise ConfigError(f"expected a time from 00:00 to 23:59, got {text}") from None
-
-
-def _moment_s(day: date, at: time, zone: tzinfo) -> float:
-    """Returns a local time in s since 1970: of an ambiguous one the first, else the next one that exists."""
-    local = datetime.combine(day, at)
-    while True:
-        moment_s = local.replace(tzinfo=zone).timestamp()
-        if datetime.fromtimestamp(moment_s, zone).replace(tzinfo=None) == local:
-            return moment_s
-        local += _MINUTE

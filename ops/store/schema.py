@@ -154,21 +154,13 @@ CREATE TABLE silences (
     author TEXT NOT NULL,
     created_s REAL NOT NULL,
     until_s REAL,                        -- NULL: without a time limit
-    until_resolved INTEGER NOT NULL,     -- 1: only for the alerts in silenced_alerts, until they resolve
+    newest_alert INTEGER NOT NULL DEFAULT 0, -- only for open alerts up to this number, until they resolve; 0: for all
     ended_s REAL,                        -- NULL: not ended, except by until_s
     ended_by TEXT NOT NULL DEFAULT '',
     ended_reason TEXT NOT NULL DEFAULT '',
     every TEXT NOT NULL DEFAULT '',      -- when it recurs, such as mon-fri 22:00-06:00
     timezone TEXT NOT NULL DEFAULT ''
 );
-CREATE TABLE silenced_alerts (
-    silence_id INTEGER NOT NULL REFERENCES silences(id),
-    robot TEXT NOT NULL,
-    signal TEXT NOT NULL,
-    resolved_s REAL,                     -- NULL: still open
-    PRIMARY KEY (silence_id, robot, signal)
-) WITHOUT ROWID;
-CREATE INDEX silenced_alerts_by_signal ON silenced_alerts(robot, signal);
 -- What each target of notifications was last sent about an alert that is open there.
 CREATE TABLE notified (
     target TEXT NOT NULL,
@@ -207,16 +199,14 @@ BEGIN DELETE FROM watches WHERE run_id = OLD.id; END;
 CREATE TRIGGER text_of_deleted AFTER DELETE ON configuration_changes
 BEGIN DELETE FROM configurations
     WHERE hash = OLD.hash AND hash NOT IN (SELECT hash FROM configuration_changes); END;
-CREATE TRIGGER alerts_of_deleted AFTER DELETE ON silences
-BEGIN DELETE FROM silenced_alerts WHERE silence_id = OLD.id; END;
 """
 
 _CREATE = (*_TABLES.split(";\n"), f"PRAGMA application_id = {APPLICATION_ID}")
 
-SHARED_TABLES = ("silences", "silenced_alerts")
-"""Tables that other processes write, too."""
+SHARED_TABLE = "silences"
+"""Other processes write it, too."""
 
-LIVE_TABLES = ("signal_states", "open_alerts", "notified", "notifications", *SHARED_TABLES)
+LIVE_TABLES = ("signal_states", "open_alerts", "notified", "notifications", SHARED_TABLE)
 """Tables whose rows are the present state, not the past: retention leaves them alone, and while the file cannot be
 written the monitor goes on with a copy of them in memory."""
 
@@ -348,10 +338,9 @@ def _of(row: str, columns: str) -> str:
 
 
 def mirror_shared(connection: Connection) -> None:
-    """Copies the tables that other processes write into memory again, for `mirror`. Call inside a transaction."""
-    for table in SHARED_TABLES:
-        connection.execute(f"DELETE FROM mirrored_{table}")
-        connection.execute(f"INSERT INTO mirrored_{table} SELECT * FROM main.{table}")
+    """Copies the table that other processes write into memory again, for `mirror`. Call inside a transaction."""
+    connection.execute(f"DELETE FROM mirrored_{SHARED_TABLE}")
+    connection.execute(f"INSERT INTO mirrored_{SHARED_TABLE} SELECT * FROM main.{SHARED_TABLE}")
 
 
 def copy_state(source: Connection, target: Connection) -> bool:

@@ -47,7 +47,7 @@ Alert = Tuple[str, str]
 
 
 class Silence(NamedTuple):
-    """One silence. The fields but the last one are the columns of the table `silences`; times are in s since 1970."""
+    """One silence. The fields but `alerts` are the columns of the table `silences`; times are in s since 1970."""
 
     id: int
     matchers: str
@@ -57,8 +57,8 @@ class Silence(NamedTuple):
     created_s: float
     until_s: Optional[float] = None
     """When it expires; None if it has no time limit."""
-    until_resolved: bool = False
-    """Whether it ends when the alerts that were open at its begin have resolved."""
+    newest_alert: int = 0
+    """For one that ends when the alerts that were open at its begin have resolved: the number of the newest one."""
     ended_s: Optional[float] = None
     """When it was ended, or its last alert resolved; None if that is still to come."""
     ended_by: str = ""
@@ -69,14 +69,13 @@ class Silence(NamedTuple):
     """When it is in force, while it is active; empty if it is all the time."""
     timezone: str = ""
     """The time zone of `every`."""
-    open_alerts: str = ""
-    """For a silence until they resolve: robot and signal of each alert that is still open, a line each."""
+    alerts: FrozenSet[Alert] = frozenset()
+    """With `newest_alert`: those that are still open."""
 
     @property
-    def alerts(self) -> FrozenSet[Alert]:
-        """The alerts of `open_alerts`."""
-        lines = self.open_alerts.split("\n")
-        return frozenset(zip(lines[::2], lines[1::2]))
+    def until_resolved(self) -> bool:
+        """Whether it ends when the alerts that were open at its begin have resolved."""
+        return self.newest_alert > 0
 
     @property
     def rule(self) -> Optional[Recurrence]:
@@ -149,10 +148,6 @@ def time_text(wall_s: float) -> str:
 
 
 _COLUMNS = Silence._fields[:-1]
-_OPEN_ALERTS = """(
-    SELECT coalesce(group_concat(robot || char(10) || signal, char(10)), '') FROM silenced_alerts
-    WHERE silence_id = silences.id AND resolved_s IS NULL
-)"""
 
 
 def add_silence(
@@ -195,18 +190,14 @@ def add_silence(
         raise ConfigError(f"there are {MOST_ACTIVE} active silences, the largest number; expire some first")
     until_s = None if for_s is None else now_s + for_s
     rule = ("", "") if every is None else (every.text, every.zone)
-    silence = Silence(0, text, reason, author, now_s, until_s, until_resolved, None, "", "", *rule)
+    silence = Silence(0, text, reason, author, now_s, until_s, 0, None, "", "", *rule)
     if until_resolved:
-        matching = [name for alert in open_alerts(connection) if silence.matches(*alert) for name in alert]
-        silence = silence._replace(open_alerts="\n".join(matching))
+        matching = {alert: number for alert, number in open_alerts(connection).items() if silence.matches(*alert)}
         if not matching:
             raise ConfigError(f"no open alert matches {text}")
+        silence = silence._replace(newest_alert=max(matching.values()), alerts=frozenset(matching))
     insert = f"INSERT INTO silences ({', '.join(_COLUMNS[1:])}) VALUES ({', '.join('?' * len(_COLUMNS[1:]))})"
     number = connection.execute(insert, silence[1:-1]).lastrowid or 0
-    connection.executemany(
-        "INSERT INTO silenced_alerts (silence_id, robot, signal) VALUES (?, ?, ?)",
-        [(number, *alert) for alert in silence.alerts],
-    )
     # Ended ones are kept for `list`, in a bounded number.
     ended = "id <= ? AND (ended_s IS NOT NULL OR until_s <= ?)"
     connection.execute(f"DELETE FROM silences WHERE {ended}", (number - _MOST_KEPT, now_s))
@@ -231,17 +222,17 @@ def expire_silence(connection: Connection, number: int, now_s: float, *, reason:
         raise ConfigError(f"there is no silence {number}")
     if not silence.is_active(now_s):
         raise ConfigError(f"silence {number} has ended already, at {time_text(silence.end_s(now_s))}")
-    update = "UPDATE silences SET ended_s = ?, ended_by = ?, ended_reason = ? WHERE id = ?"
-    connection.execute(update, (now_s, author, reason, number))
+    _end(connection, number, now_s, reason, author)
     return silence
 
 
 def read_silences(connection: Connection, active_at_s: Optional[float] = None) -> List[Silence]:
     """Returns the silences, oldest first: those that are active at a time in s since 1970, or all."""
     tail = "WHERE ? IS NULL OR (ended_s IS NULL AND (until_s IS NULL OR until_s > ?)) ORDER BY id"
-    columns = f"{', '.join(_COLUMNS)}, {_OPEN_ALERTS}"
+    rows = records(connection, "silences", Silence, tail, (active_at_s, active_at_s), ", ".join(_COLUMNS))
+    opened = open_alerts(connection) if any(row.newest_alert for row in rows) else {}
     silences = []
-    for row in records(connection, "silences", Silence, tail, (active_at_s, active_at_s), columns):
+    for row in rows:
         try:
             parse_matchers(row.matchers)
             row.rule  # noqa: B018 - it may not be one
@@ -249,34 +240,34 @@ def read_silences(connection: Connection, active_at_s: Optional[float] = None) -
             skip(connection, "silences", row.id)
         else:
             shown = [printable(value) if isinstance(value, str) else value for value in row[:-1]]
-            silences.append(Silence._make([*shown, row.open_alerts]))
+            covered = [alert for alert, number in opened.items() if number <= row.newest_alert and row.matches(*alert)]
+            silences.append(Silence._make([*shown, frozenset(covered)]))
     return silences
 
 
-def resolve_alert(connection: Connection, alert: Alert, now_s: float) -> bool:
-    """Notes that an alert has resolved; returns whether a silence until resolved applied to it.
+def active_silences(connection: Connection, now_s: float) -> List[Silence]:
+    """Returns the silences that are active at a time in s since 1970, oldest first; ends those that have resolved.
 
     Call inside a transaction.
     """
-    resolved = connection.execute(
-        "UPDATE silenced_alerts SET resolved_s = ? WHERE robot = ? AND signal = ? AND resolved_s IS NULL",
-        (now_s, *alert),
-    ).rowcount
-    if resolved:
-        connection.execute(
-            "UPDATE silences SET ended_s = ?, ended_reason = ? WHERE until_resolved AND ended_s IS NULL AND NOT EXISTS "
-            "(SELECT 1 FROM silenced_alerts WHERE silence_id = silences.id AND resolved_s IS NULL)",
-            (now_s, _RESOLVED),
-        )
-    return resolved > 0
+    active = []
+    for each in read_silences(connection, now_s):
+        if each.until_resolved and not each.alerts:
+            _end(connection, each.id, now_s, _RESOLVED)
+        else:
+            active.append(each)
+    return active
 
 
-def open_alerts(connection: Connection) -> Dict[Alert, Level]:
-    """Returns the alerts that are open, with their levels."""
-    query = "SELECT robot, signal, level FROM open_alerts ORDER BY robot, signal"
-    return {
-        (robot, signal): level for robot, signal, level in select(connection, "open_alerts", (str, str, Level), query)
-    }
+def _end(connection: Connection, number: int, now_s: float, reason: str, author: str = "") -> None:
+    update = "UPDATE silences SET ended_s = ?, ended_by = ?, ended_reason = ? WHERE id = ?"
+    connection.execute(update, (now_s, author, reason, number))
+
+
+def open_alerts(connection: Connection) -> Dict[Alert, int]:
+    """Returns the alerts that are open, with the numbers of the transitions that began them."""
+    rows = select(connection, "open_alerts", (str, str, int), "SELECT robot, signal, alert_id FROM open_alerts")
+    return {(robot, signal): number for robot, signal, number in rows}
 
 
 class SilenceEvent(NamedTuple):
@@ -323,12 +314,13 @@ def silenced_transitions(connection: Connection, silence: Silence, now_s: float)
     query = """
         SELECT robot, signal, count(DISTINCT coalesce(alert_id, id)) FROM transitions WHERE id BETWEEN ? AND ?
             AND +wall_s >= ? AND +wall_s < ? AND to_level <> 0 AND NOT repeat AND in_force(wall_s)
-            AND (NOT ? OR (robot, signal) IN (SELECT robot, signal FROM silenced_alerts WHERE silence_id = ?))
+            AND (NOT ? OR coalesce(alert_id, id) <= ?)
         GROUP BY robot, signal
     """
     every, begin_s = silence.rule, silence.created_s
     connection.create_function("in_force", 1, lambda wall_s: every is None or every.contains(wall_s))
-    values = (*number_range(connection, begin_s), begin_s, silence.end_s(now_s), silence.until_resolved, silence.id)
+    newest = (silence.newest_alert,) * 2
+    values = (*number_range(connection, begin_s), begin_s, silence.end_s(now_s), *newest)
     counts = select(connection, "transitions", (str, str, int), query, values)
     return sum(count for robot, signal, count in counts if silence.matches(robot, signal))
 

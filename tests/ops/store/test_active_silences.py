@@ -147,7 +147,7 @@ def test_silences_work_without_a_file(clock: Clock) -> None:
     history.close()
 
 
-@pytest.mark.parametrize("statement", ["DROP TABLE silences", "ALTER TABLE silenced_alerts RENAME COLUMN robot TO r"])
+@pytest.mark.parametrize("statement", ["DROP TABLE silences", "ALTER TABLE silences RENAME COLUMN every TO daily"])
 def test_known_silences_stay_in_force_when_their_table_is_altered(
     history: History, clock: Clock, statement: str
 ) -> None:

@@ -107,7 +107,7 @@ def test_a_full_disk_loses_no_samples_and_the_period_goes_on(tmp_path: Path) -> 
 def test_what_is_queued_in_the_database_survives_a_full_disk(tmp_path: Path) -> None:
     file, faults = tmp_path / "history.db", Faults()
     history = opened(file, faults)
-    add = "INSERT INTO silences (id, matchers, reason, author, created_s, until_resolved) VALUES (?, '', '', '', 0, 0)"
+    add = "INSERT INTO silences (id, matchers, reason, author, created_s) VALUES (?, '', '', '', 0)"
     record(history, 0)
     history.run(lambda connection: connection.execute(add, (1,)))
     history.run(lambda connection: connection.execute("PRAGMA max_page_count = 1").fetchone())

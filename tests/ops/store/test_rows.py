@@ -73,7 +73,7 @@ def test_what_is_not_packed_samples_is_none(packed: Any) -> None:
 
 ODD = ("'text'", "9e999", "9223372036854775807", "x'ff00'", "CAST(x'ff' AS TEXT)")
 """SQL values."""
-_WITHOUT_ROWID = ("configurations", "silenced_alerts")
+_WITHOUT_ROWID = ("configurations",)
 
 
 @pytest.fixture(scope="module")
