@@ -39,7 +39,7 @@ from ...core.config import template_name
 from ...core.values import Clock, JsonObject, Level, Transition, matches_pattern
 from ..configuration import TargetSettings
 from ..store.active_silences import Silences
-from ..store.present_state import alert_json
+from ..store.present_state import alert_json, keep_line
 from ..store.rows import Rows, T, Values, records, skip
 from .sender import Notification, group_of
 
@@ -62,16 +62,22 @@ _HEAD = """
     ) ORDER BY attempts, place, id LIMIT 1
 """
 # A source's next row follows its last one; the first row of another source is beside the first one that waits.
-_INSERT_IF_CONCERNED = """
+_INSERT = """
     INSERT INTO notifications
         (target, robot, source, place, fingerprint, level, at_s, queued_s, transition_json)
     SELECT :target, :robot, :source, max(
             coalesce((SELECT max(place) + 1 FROM notifications WHERE target = :target AND source = :source), 0),
             coalesce((SELECT min(place) FROM notifications WHERE target = :target AND attempts = 0), 0)
         ), :fingerprint, :level, :at_s, :queued_s, :json
-    WHERE :wanted
-        OR EXISTS (SELECT 1 FROM notified WHERE target = :target AND fingerprint = :fingerprint)
-        OR EXISTS (SELECT 1 FROM notifications WHERE target = :target AND fingerprint = :fingerprint)
+    WHERE
+"""
+_ALWAYS = "1"
+_IF_NOTHING_WAITS = (
+    "NOT EXISTS (SELECT 1 FROM notifications WHERE target = :target AND fingerprint = :fingerprint)"
+)
+_IF_CONCERNED = """
+    EXISTS (SELECT 1 FROM notified WHERE target = :target AND fingerprint = :fingerprint)
+    OR EXISTS (SELECT 1 FROM notifications WHERE target = :target AND fingerprint = :fingerprint)
 """
 _STORE_NOTIFIED = """
     INSERT INTO notified (target, fingerprint, level, at_s, transition_json) VALUES (?, ?, ?, ?, ?)
@@ -198,10 +204,8 @@ class NotificationQueue:
         if any(target.after_s for target in self.targets.values()):
             self._note_silenced(connection, now_s)
         for name, target in self.targets.items():
-            waiting = _waiting_at(connection, name)
             for transition, at_s in tuple(self._unknown_to(connection, target, now_s)):
-                if transition["fingerprint"] not in waiting:
-                    self._queue(connection, name, transition, at_s, is_wanted=True)
+                self._queue(connection, name, transition, at_s, _IF_NOTHING_WAITS)
             self._count(connection, name)
 
     def note(self, connection: Connection, transition: Transition, alert_id: int, wall_s: float) -> None:
@@ -209,15 +213,14 @@ class NotificationQueue:
         # Stored with the alert: after a restart it is unknown until battery_sensor has said so again.
         simulated = {"simulated": True} if self._is_simulated(transition.robot, transition.signal) else {}
         line = alert_json(transition, alert_id, **simulated)
-        if simulated:
-            update = "UPDATE open_alerts SET transition_json = ? WHERE fingerprint = ?"
-            connection.execute(update, (line, transition.fingerprint))
         fields = json.loads(line)
+        alert = fields["robot"], fields["signal"]
+        keep_line(connection, *alert, line)
         if transition.to_level is Level.OK:
-            self._held.discard((fields["robot"], fields["signal"]))
+            self._held.discard(alert)
         for name, target in self.targets.items():
             is_wanted = not target.after_s and self._wants(target, fields)
-            if self._queue(connection, name, fields, wall_s, is_wanted):
+            if self._queue(connection, name, fields, wall_s, _ALWAYS if is_wanted else _IF_CONCERNED):
                 self.waiting[name] += 1
                 self._drop_superseded(connection, name)
 
@@ -304,8 +307,11 @@ class NotificationQueue:
 
     def open_at(self, connection: Connection, target: str) -> list[Notification]:
         """Returns the alerts that are open at a target and about which nothing else waits."""
-        waiting, known = _waiting_at(connection, target), _known_at(connection, target).values()
-        return [row.notification for row in known if row.fingerprint not in waiting and row.level is not _UNCONFIRMED]
+        tail = """
+            WHERE target = ?1 AND level <> 0  -- _UNCONFIRMED
+            AND fingerprint NOT IN (SELECT fingerprint FROM notifications WHERE target = ?1)
+        """
+        return [row.notification for row in _read(connection, "notified", Known, tail, (target,))]
 
     def end_unwatched(self, connection: Connection, robots: Collection[str], wall_s: float) -> None:
         """Ends the alerts of all robots but those that are watched, at a time in s since 1970."""
@@ -334,15 +340,15 @@ class NotificationQueue:
         target: str,
         transition: JsonObject,
         at_s: float,
-        is_wanted: bool = False,
+        condition: str = _IF_CONCERNED,
     ) -> bool:
-        """Queues a transition if the target wants it, or knows of the alert or will; returns whether that is so."""
+        """Queues a transition on a condition, by default if the target knows of its alert or will; returns whether."""
         values = {
             **transition, "target": target, "level": Level[transition["to_level"]], "at_s": at_s,
-            "json": json.dumps(transition), "wanted": is_wanted,
+            "json": json.dumps(transition),
             "source": f"{transition['robot']} {template_name(transition['signal'])}", "queued_s": self._wall_time_s(),
         }  # fmt: skip
-        return connection.execute(_INSERT_IF_CONCERNED, values).rowcount > 0
+        return connection.execute(_INSERT + condition, values).rowcount > 0
 
     def _unknown_to(
         self, connection: Connection, target: TargetSettings, now_s: float
@@ -441,12 +447,6 @@ def _read(connection: Connection, table: str, record: type[T], tail: str, values
 
 def _open_alerts(connection: Connection) -> Rows[OpenAlert]:
     return _read(connection, "open_alerts", OpenAlert, "")
-
-
-def _waiting_at(connection: Connection, target: str) -> set[object]:
-    """Returns the fingerprints of the alerts about which something waits for a target."""
-    query = "SELECT DISTINCT fingerprint FROM notifications WHERE target = ?"
-    return {fingerprint for (fingerprint,) in connection.execute(query, (target,))}
 
 
 def _known_at(connection: Connection, target: str, *fingerprint: str) -> dict[str, Known]:

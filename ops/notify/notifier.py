@@ -11,6 +11,7 @@ from ..configuration import TargetSettings
 from ..store.active_silences import Silences
 from ..store.database import Job
 from ..store.history import History
+from ..store.present_state import keep_lines
 from .alertmanager import Alertmanager
 from .apprise import AppriseTarget
 from .command import Command
@@ -57,10 +58,10 @@ class Notifier:
         ]
         for delivery in self._deliveries:
             delivery.start()
-        if self._queue.targets:
-            history.keep_lines()
         history.on_record.append(self._note)
         history.on_second.append(self._follow)
+        if self._queue.targets:
+            history.put(keep_lines)
         history.put(self._follow)
 
     @property

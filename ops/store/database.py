@@ -96,7 +96,6 @@ class Database:
         self._file: DatabaseFile | None = None
         self._memory: Connection | None = None
         self._is_copy = False
-        self._data_version = 0
         self._backoff = Backoff(_FIRST_RETRY_S, _LAST_RETRY_S)
         self._next_retry_s = 0.0
         self._retention: Retention | None = None
@@ -276,14 +275,10 @@ class Database:
         if self._file is not None:
             self._check_file(self._file)
         connection = self.connection
-        if self._file is not None:
-            (version,) = connection.execute("PRAGMA data_version").fetchone()
-            if version != self._data_version:  # another process has written something
-                with schema.transaction(connection):
-                    schema.mirror_shared(connection)
-                self._data_version = version
         self._report_skipped(connection)
         with schema.transaction(connection):
+            if self._file is not None:
+                schema.mirror_shared(connection)
             self.present_run.note_alive(connection)
             for hook in self.on_second:
                 hook(connection)
@@ -367,10 +362,9 @@ class Database:
             if altered is not None:
                 raise altered
             schema.mirror(connection)
-            self._data_version = 0
             with schema.transaction(connection):
                 if self._memory is None:
-                    self._age_clock = AgeClock(self.present_run.begin(connection))
+                    self._age_clock = AgeClock(self.present_run.write(connection))
                 else:
                     self._move_from_memory(self._memory, connection)
         except BaseException:

@@ -21,7 +21,7 @@ from ...core.values import Clock, Faults, JsonObject, ServiceError, Transition, 
 from ..configuration import HistorySettings
 from .database import PART, Database, Job
 from .database_file import is_file_error
-from .present_state import alert_of, keep_lines, note_transition, write_states
+from .present_state import alert_of, note_transition, write_states
 from .queries import read_states
 from .rows import INSERT_TRANSITION, pack_samples, transition_row
 from .samples import StoredSamples, store
@@ -68,7 +68,6 @@ class History(Database):
         """
         super().__init__(settings, wall_time_s, faults)
         self.keeps_samples = settings is None or settings.samples
-        self._keeps_lines = False
         """Whether samples are stored."""
         self._samples_lock = threading.Lock()
         self._open_samples: deque[StoredSamples] | None = None
@@ -103,11 +102,6 @@ class History(Database):
         # Also if many jobs are waiting: there is one such job at most.
         self.submit(Job(write), is_urgent=True)
 
-    def keep_lines(self) -> None:
-        """Stores the JSON of open alerts from now on, and of those that are open; call before notifications begin."""
-        self._keeps_lines = True
-        self.put(keep_lines)
-
     def store(
         self, connection: Connection, row: Sequence[Any], samples: bytes, transition: Transition, wall_s: float
     ) -> None:
@@ -117,7 +111,7 @@ class History(Database):
         connection.execute("INSERT INTO evidence VALUES (?, ?)", (number, samples))
         if self._retention is not None:
             self._retention.note_transition(row[1], row[2])
-        note_transition(connection, number, began, transition, wall_s, keeps_line=self._keeps_lines)
+        note_transition(connection, number, began, transition, wall_s)
         self.present_run.note_alive(connection)
         for hook in self.on_record:
             # Their mistakes do not affect the transition.

@@ -23,10 +23,10 @@ _STORE_STATE = """
 """
 _STORE_ALERT = """
     INSERT INTO open_alerts
-        (robot, signal, alert_id, transition_id, level, begun_s, at_s, fingerprint, transition_json)
-    VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)
+        (robot, signal, alert_id, transition_id, level, begun_s, at_s, fingerprint)
+    VALUES (?, ?, ?, ?, ?, ?, ?, ?)
     ON CONFLICT (robot, signal) DO UPDATE SET transition_id = excluded.transition_id, level = excluded.level,
-        at_s = excluded.at_s, fingerprint = excluded.fingerprint, transition_json = excluded.transition_json
+        at_s = excluded.at_s, fingerprint = excluded.fingerprint, transition_json = ''
 """
 
 
@@ -34,29 +34,23 @@ class PresentRun:
     """The present run with the robots that it watches. It is stored again in each new database."""
 
     def __init__(self, wall_s: Clock) -> None:
-        """Stores nothing before `begin`; `wall_s` returns seconds since 1970."""
+        """Stores nothing before `write`; `wall_s` returns seconds since 1970."""
         self._wall_s = wall_s
         self.id = 0
         self._started_s = 0.0
         self._watches: dict[str, tuple[int, float]] = {}
 
-    def begin(self, connection: Connection) -> float:
-        """Begins the run in a database that earlier runs may have used; returns the latest time that they knew."""
-        self._started_s = self._wall_s()
+    def write(self, connection: Connection) -> float:
+        """Stores the run in a database that earlier runs may have used; returns the latest time that they knew."""
+        now_s = self._wall_s()
+        self._started_s = self._started_s or now_s
         last = select(connection, "runs", (float,), "SELECT alive_s FROM runs ORDER BY id DESC LIMIT 1")
-        insert = "INSERT INTO runs (started_s, alive_s, version) VALUES (?, ?, ?)"
-        row = (self._started_s, self._started_s, package_version())
+        insert = "INSERT OR REPLACE INTO runs (id, started_s, alive_s, version) VALUES (?, ?, ?, ?)"
+        row = (self.id or None, self._started_s, now_s, package_version())
         self.id = connection.execute(insert, row).lastrowid or 0
-        return min(last[0][0], self._started_s) if last else self._started_s
-
-    def write(self, connection: Connection) -> None:
-        """Stores the run in a new database; begins it if it has not begun."""
-        if not self.id:
-            self.begin(connection)
-        row = (self.id, self._started_s, self._wall_s(), package_version())
-        connection.execute("INSERT OR REPLACE INTO runs (id, started_s, alive_s, version) VALUES (?, ?, ?, ?)", row)
         watches = [(number, self.id, robot, begin_s) for robot, (number, begin_s) in self._watches.items()]
         connection.executemany("INSERT INTO watches (id, run_id, robot, started_s) VALUES (?, ?, ?, ?)", watches)
+        return min(last[0][0], now_s) if last else now_s
 
     def begin_watch(self, connection: Connection, robot: str) -> None:
         """Stores that a robot is watched from now on."""
@@ -84,16 +78,19 @@ def alert_json(transition: Transition, alert_id: int, **further: object) -> str:
 
 
 def keep_lines(connection: Connection) -> None:
-    """Stores the JSON of each open alert, which only notifications need: it takes most of the space.
-
-    That of an alert which began without notifications is made from its transition.
-    """
+    """Stores the JSON of each open alert that began without notifications; see `keep_line`."""
     query = "SELECT robot, signal, transition_id FROM open_alerts WHERE transition_json = ''"
     for robot, signal, number in connection.execute(query).fetchall():
         stored = stored_transition(connection, number)
         if stored is not None:
-            update = "UPDATE open_alerts SET transition_json = ? WHERE robot = ? AND signal = ?"
-            connection.execute(update, (_past_alert_json(connection, stored), robot, signal))
+            keep_line(connection, robot, signal, _past_alert_json(connection, stored))
+
+
+def keep_line(connection: Connection, robot: object, signal: object, line: str) -> None:
+    """Stores the JSON of an open alert, which only notifications need: it takes most of the space."""
+    connection.execute(
+        "UPDATE open_alerts SET transition_json = ? WHERE robot = ? AND signal = ?", (line, robot, signal)
+    )
 
 
 def _past_alert_json(connection: Connection, stored: StoredTransition) -> str:
@@ -121,19 +118,12 @@ def alert_of(connection: Connection, transition: Transition) -> int:
     return 0 if row is None or transition.from_level is Level.OK else int(row[0])
 
 
-def note_transition(
-    connection: Connection, number: int, alert: int, transition: Transition, wall_s: float, *, keeps_line: bool
-) -> None:
-    """Stores that a transition with this number opens, changes or ends an alert (`alert_of`; 0 if it is this one).
-
-    `keeps_line` says whether its JSON is stored, for notifications; see `keep_lines`.
-    """
+def note_transition(connection: Connection, number: int, alert: int, transition: Transition, wall_s: float) -> None:
+    """Stores that a transition with this number opens, changes or ends an alert (`alert_of`; 0 if it is this one)."""
     name = printable(transition.robot), printable(transition.signal)
     is_ok = transition.to_level is Level.OK
     if is_ok or not (alert or transition.repeat):
         connection.execute("DELETE FROM open_alerts WHERE robot = ? AND signal = ?", name)
     if not (is_ok or transition.repeat):
-        alert_id = alert or number
-        line = alert_json(transition, alert_id) if keeps_line else ""
-        row = (*name, alert_id, number, int(transition.to_level), wall_s, wall_s, transition.fingerprint, line)
+        row = (*name, alert or number, number, int(transition.to_level), wall_s, wall_s, transition.fingerprint)
         connection.execute(_STORE_ALERT, row)

@@ -126,7 +126,7 @@ CREATE TABLE open_alerts (
     begun_s REAL NOT NULL,
     at_s REAL NOT NULL,                  -- of its present level
     fingerprint TEXT NOT NULL,
-    transition_json TEXT NOT NULL,       -- empty: there are no notifications yet
+    transition_json TEXT NOT NULL DEFAULT '', -- empty: there are no notifications yet
     silenced_s REAL NOT NULL DEFAULT 0,  -- for how long it has been silenced
     silenced_from_s REAL,                -- since when it has been silenced now
     PRIMARY KEY (robot, signal)

@@ -39,5 +39,5 @@ class StoredAlerts:
         """Stores a transition as the history does, as far as the queue is concerned."""
         self._number += 1
         began = alert_of(self._connection, event)
-        note_transition(self._connection, self._number, began, event, wall_s, keeps_line=True)
+        note_transition(self._connection, self._number, began, event, wall_s)
         queue.note(self._connection, event, began or self._number, wall_s)

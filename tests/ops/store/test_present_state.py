@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import json
-
 from harness.histories import transition
 
-from robot_health_monitor.core import Level, Status
+from robot_health_monitor.core import Level
 from robot_health_monitor.ops.store import schema
 from robot_health_monitor.ops.store.present_state import PresentRun, alert_of, note_transition, write_states
 
@@ -14,7 +12,7 @@ from robot_health_monitor.ops.store.present_state import PresentRun, alert_of, n
 def test_a_new_database_has_the_run_and_the_robots_that_are_watched() -> None:
     run = PresentRun(lambda: 1000.0)
     old, new = schema.in_memory(), schema.in_memory()
-    run.begin(old)
+    run.write(old)
     for robot in ("r0", "r1"):
         run.begin_watch(old, robot)
     run.end_watch(old, "r0")
@@ -36,17 +34,8 @@ def test_an_alert_keeps_its_number_and_its_begin_until_it_begins_again() -> None
     )
     for number, (before, after, expected) in enumerate(steps, 7):
         event = transition(number, after, from_level=before)
-        note_transition(connection, number, alert_of(connection, event), event, 1000.0 + number, keeps_line=True)
+        note_transition(connection, number, alert_of(connection, event), event, 1000.0 + number)
         assert connection.execute(query).fetchone() == expected
-
-
-def test_an_open_alert_has_the_json_that_notifications_need() -> None:
-    connection = schema.in_memory()
-    status = Status("fan", Level.WARN, "", "r1", {}, what_to_do="clean it")
-    note_transition(connection, 5, 0, transition(signal="fan", value=15.0, status=status), 1000.0, keeps_line=True)
-    line = json.loads(connection.execute("SELECT transition_json FROM open_alerts").fetchone()[0])
-    expected = {"signal": "fan", "alert_id": 5, "to_level": "WARN", "value": 15.0, "what_to_do": "clean it"}
-    assert {name: line[name] for name in expected} == expected
 
 
 def test_an_empty_state_deletes_the_one_that_is_stored() -> None:
@@ -60,5 +49,5 @@ def test_an_empty_state_deletes_the_one_that_is_stored() -> None:
 def test_a_run_continues_from_the_latest_time_that_is_known() -> None:
     connection = schema.in_memory()
     connection.execute("INSERT INTO runs (started_s, alive_s, version) VALUES (1.0, 500.0, '1')")
-    assert PresentRun(lambda: 1000.0).begin(connection) == 500.0
-    assert PresentRun(lambda: 300.0).begin(connection) == 300.0  # the wall clock was set back
+    assert PresentRun(lambda: 1000.0).write(connection) == 500.0
+    assert PresentRun(lambda: 300.0).write(connection) == 300.0  # the wall clock was set back
