@@ -14,7 +14,7 @@ from urllib.parse import urlsplit
 
 from ..core.config import YamlFile, read_parameters, require_mapping
 from ..core.config.schema import REQUIRED, absolute_path, declared, parameters, read_section
-from ..core.values import ConfigError, JsonObject, Level, Problems, bound_text
+from ..core.values import ConfigError, JsonObject, Level, Problems
 
 SECTIONS = ("history", "black_box", "notify", "server")
 
@@ -104,25 +104,15 @@ class TargetSettings:
         keys = [each.name for each in parameters(TargetSettings) if each.name not in left_out]
         for name in [name for name in left_out if name in given]:
             yield name, f"not a key of a target of type {self.type}; expected one of {', '.join(keys)}"
-        if "url" in keys:
-            yield from self._mistakes_of_address(given)
-        elif not (self.command and self.command[0].strip()):
-            got = "an empty text" if self.command else "nothing"
-            yield "command", f"expected a program and its arguments, got {got}"
-        if self.type == "heartbeat" and "timeout_s" in given and self.timeout_s > self.every_s:
-            most, got = bound_text(self.every_s), bound_text(self.timeout_s)
-            yield "timeout_s", f"expected at most every_s ({most}), got {got}"
-
-    def _mistakes_of_address(self, given: JsonObject) -> Mistakes:
-        both = bool(given.get("url")), bool(given.get("url_file"))
-        if all(both):
-            yield "url_file", "expected either url or url_file, got both"
-        elif not any(both):
-            yield "", "expected either url or url_file, got neither"
-        elif self.url:
-            problem = url_problem(self.url, self.type)
-            if problem:
-                yield "url", problem
+        is_file = bool(given.get("url_file"))
+        problem = url_problem(self.url, self.type) if self.url else ""
+        if "url" not in keys:
+            if not "".join(self.command[:1]).strip():
+                yield "command", "expected a program and its arguments, got nothing"
+        elif is_file is bool(given.get("url")):
+            yield "", f"expected either url or url_file, got {'both' if is_file else 'neither'}"
+        elif problem:
+            yield "url", problem
 
 
 _LEFT_OUT: Mapping[str, Tuple[str, ...]] = {
@@ -218,8 +208,6 @@ def _read_targets(value: object, folder: str) -> Tuple[TargetSettings, ...]:
             read = read_section(TargetSettings, target, (*path, name), folder, name=name)
             if "/" in "".join(read.command[:1]):
                 read = replace(read, command=(absolute_path(read.command[0], folder), *read.command[1:]))
-            if read.type == "heartbeat":
-                read = replace(read, timeout_s=min(read.timeout_s, read.every_s))
             targets.append(read)
     problems.raise_if_any()
     return tuple(targets)
@@ -227,18 +215,15 @@ def _read_targets(value: object, folder: str) -> Tuple[TargetSettings, ...]:
 
 def url_problem(url: str, kind: str) -> str:
     """Returns why an address cannot be one of a type of target; empty if it can. It shows scheme and host only."""
-    expected = ""
-    if any(letter.isspace() or not letter.isprintable() for letter in url):
-        expected = "an address without blanks"
-    elif kind == "apprise":
-        expected = "" if _APPRISE.match(url) else "an address of Apprise, such as mailtos://user:password@host"
-    elif not is_http(url):
-        expected = "http://host:port or https://host:port"
-    elif "@" in urlsplit(url).netloc:
-        expected = "an address without user and password"
-    elif kind == "alertmanager" and re.search("[?#]", url):
-        expected = "an address without ? and #"
-    return f"expected {expected}, got {_got(url)}" if expected else ""
+    expected, odd = "http://host:port or https://host:port, without user, password and blanks", " "
+    if kind == "apprise":
+        expected, is_right = "an address of Apprise, such as mailtos://user:password@host", bool(_APPRISE.match(url))
+    else:
+        is_right = is_http(url) and "@" not in urlsplit(url).netloc
+    if kind == "alertmanager":
+        expected, odd = f"{expected}, ? and #", " ?#"
+    is_right = is_right and url.isprintable() and not set(odd) & set(url)
+    return "" if is_right else f"expected {expected}, got {_got(url)}"
 
 
 def _got(url: str) -> str:

@@ -74,7 +74,7 @@ def reading_history(file: str) -> Iterator[CheckedConnection]:
     """Opens a history file, as `reading`, and reports the rows that were skipped."""
     with reading(file) as connection:
         yield connection
-        if connection.skipped:
+        if connection.skipped_text:
             sys.stderr.write(f"{printable(file)}: {connection.skipped_text}\n")
 
 

@@ -10,13 +10,14 @@ from typing import Any, Callable, Mapping, Sequence, TypeVar
 from ...core.values import Level, ServiceError, Transition, printable
 from .history import History
 from .matchers import Matcher
-from .silences import Silence, active_silences, add_silence, expire_silence
+from .silences import Silence, add_silence, expire_silence, read_silences
 
 Changed = TypeVar("Changed")
 
 _MOST_CACHED = 20_000
 _TIMEOUT_S = 2.0
 _FAULT = "silence list"
+_RESOLVED = "its alerts are resolved"
 
 
 class Silences:
@@ -71,11 +72,17 @@ class Silences:
         return [silence for silence in self._stored if silence.is_active(now_s)]
 
     def look(self, connection: Connection) -> None:
-        """Reads the silences, which another process may have changed: call before a notification is sent.
+        """Reads the silences, which another process may have changed, and ends those whose alerts have all resolved.
+
+        Call before a notification is sent.
 
         Call with the history's connection inside a transaction, in which another process cannot add a silence.
         """
-        silences = active_silences(connection, self._wall_time_s())
+        now_s = self._wall_time_s()
+        silences = read_silences(connection, active_at_s=now_s)
+        for each in [each for each in silences if each.until_resolved and not each.alerts]:
+            expire_silence(connection, each.id, now_s, reason=_RESOLVED)
+            silences.remove(each)
         if silences != self._stored:
             self._stored = silences
             self._covering = lru_cache(_MOST_CACHED)(lambda *alert: [each for each in silences if each.covers(*alert)])

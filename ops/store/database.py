@@ -440,5 +440,5 @@ class Database:
 
     def _report_skipped(self, connection: Connection) -> None:
         """Reports the first row that was skipped because of its values; the fault lasts until a restart."""
-        if isinstance(connection, CheckedConnection) and connection.skipped and ROWS_PART not in self.faults.current():
+        if isinstance(connection, CheckedConnection) and connection.skipped_text:
             self.faults.report(ROWS_PART, connection.skipped_text, Level.WARN)

@@ -268,18 +268,11 @@ def _lock(path: str) -> int:
     descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o644)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        holder = os.read(descriptor, 20).decode("ascii", "replace").strip()
+    except OSError as error:
         os.close(descriptor)
-        raise schema.UnusableFileError(
-            f"it is in use by another monitor{f' (process {holder})' if holder else ''}"
-        ) from None
-    except BaseException:
-        os.close(descriptor)
+        if isinstance(error, BlockingIOError):
+            raise schema.UnusableFileError("it is in use by another monitor") from None
         raise
-    with contextlib.suppress(OSError):  # a full disk; the number is for people only
-        os.ftruncate(descriptor, 0)
-        os.write(descriptor, b"%d\n" % os.getpid())
     return descriptor
 
 

@@ -14,7 +14,6 @@ from sqlite3 import Connection
 from typing import (
     Any,
     Callable,
-    Dict,
     Iterable,
     List,
     NamedTuple,
@@ -35,33 +34,22 @@ T = TypeVar("T")
 Values = Union[Sequence[Any], JsonObject]
 """The parameters of a query."""
 
-_MOST_NOTED = 1000
-
 
 class CheckedConnection(Connection):
-    """A connection that notes which rows were skipped. In texts that are not UTF-8, the odd characters are replaced."""
+    """A connection that notes whether rows were skipped. In texts that are not UTF-8, the odd characters are replaced."""
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
         """Opens the database, as `sqlite3.connect`, of which this is a `factory`."""
         super().__init__(*arguments, **options)
         self.text_factory = functools.partial(str, encoding="utf-8", errors="replace")
-        self.skipped: Dict[str, None] = {}
-        """The rows that were skipped, such as `transitions 17`; the first thousand."""
-
-    @property
-    def skipped_text(self) -> str:
-        """One line about the rows that were skipped; empty if none were."""
-        if not self.skipped:
-            return ""
-        count = len(self.skipped)
-        rows = f"{count} rows have" if count > 1 else "a row has"
-        return f"{rows} unexpected values and {'are' if count > 1 else 'is'} skipped ({next(iter(self.skipped))})"
+        self.skipped_text = ""
+        """One line about the first row that was skipped; empty if none were."""
 
 
 def skip(connection: Connection, table: str, row: object) -> None:
     """Notes that a row was skipped."""
-    if isinstance(connection, CheckedConnection) and len(connection.skipped) < _MOST_NOTED:
-        connection.skipped[f"{table} {row!r:.60}"] = None
+    if isinstance(connection, CheckedConnection) and not connection.skipped_text:
+        connection.skipped_text = f"a row has unexpected values and is skipped ({table} {row!r:.60})"
 
 
 class Rows(List[T]):

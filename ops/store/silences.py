@@ -35,7 +35,6 @@ LONGEST_S = 366 * 86_400.0
 """Longest silence, in s."""
 
 _MOST_KEPT = 10_000
-_RESOLVED = "its alerts are resolved"
 _TOLERATED_S = 3600.0
 """How far in the future a silence may have been made, by a clock that was set back meanwhile, in s."""
 
@@ -222,7 +221,8 @@ def expire_silence(connection: Connection, number: int, now_s: float, *, reason:
         raise ConfigError(f"there is no silence {number}")
     if not silence.is_active(now_s):
         raise ConfigError(f"silence {number} has ended already, at {time_text(silence.end_s(now_s))}")
-    _end(connection, number, now_s, reason, author)
+    update = "UPDATE silences SET ended_s = ?, ended_by = ?, ended_reason = ? WHERE id = ?"
+    connection.execute(update, (now_s, author, reason, number))
     return silence
 
 
@@ -243,25 +243,6 @@ def read_silences(connection: Connection, active_at_s: Optional[float] = None) -
             covered = [alert for alert, number in opened.items() if number <= row.newest_alert and row.matches(*alert)]
             silences.append(Silence._make([*shown, frozenset(covered)]))
     return silences
-
-
-def active_silences(connection: Connection, now_s: float) -> List[Silence]:
-    """Returns the silences that are active at a time in s since 1970, oldest first; ends those that have resolved.
-
-    Call inside a transaction.
-    """
-    active = []
-    for each in read_silences(connection, now_s):
-        if each.until_resolved and not each.alerts:
-            _end(connection, each.id, now_s, _RESOLVED)
-        else:
-            active.append(each)
-    return active
-
-
-def _end(connection: Connection, number: int, now_s: float, reason: str, author: str = "") -> None:
-    update = "UPDATE silences SET ended_s = ?, ended_by = ?, ended_reason = ? WHERE id = ?"
-    connection.execute(update, (now_s, author, reason, number))
 
 
 def open_alerts(connection: Connection) -> Dict[Alert, int]:
@@ -312,15 +293,14 @@ def _names(connection: Connection, label: str, given: str) -> List[str]:
 def silenced_transitions(connection: Connection, silence: Silence, now_s: float) -> int:
     """Returns how many alerts a silence has applied to so far, by changes of their level since it began."""
     query = """
-        SELECT robot, signal, count(DISTINCT coalesce(alert_id, id)) FROM transitions WHERE id BETWEEN ? AND ?
-            AND +wall_s >= ? AND +wall_s < ? AND to_level <> 0 AND NOT repeat AND in_force(wall_s)
-            AND (NOT ? OR coalesce(alert_id, id) <= ?)
+        SELECT robot, signal, count(DISTINCT coalesce(alert_id, id)) FROM transitions WHERE id BETWEEN ?1 AND ?2
+            AND +wall_s >= ?3 AND +wall_s < ?4 AND to_level <> 0 AND NOT repeat AND in_force(wall_s)
+            AND (?5 = 0 OR coalesce(alert_id, id) <= ?5)
         GROUP BY robot, signal
     """
     every, begin_s = silence.rule, silence.created_s
     connection.create_function("in_force", 1, lambda wall_s: every is None or every.contains(wall_s))
-    newest = (silence.newest_alert,) * 2
-    values = (*number_range(connection, begin_s), begin_s, silence.end_s(now_s), *newest)
+    values = (*number_range(connection, begin_s), begin_s, silence.end_s(now_s), silence.newest_alert)
     counts = select(connection, "transitions", (str, str, int), query, values)
     return sum(count for robot, signal, count in counts if silence.matches(robot, signal))
 

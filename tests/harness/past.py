@@ -15,7 +15,7 @@ from robot_health_monitor.core import Level
 from robot_health_monitor.ops.configuration import HistorySettings
 from robot_health_monitor.ops.store.history import History
 from robot_health_monitor.ops.store.matchers import parse_matchers
-from robot_health_monitor.ops.store.silences import active_silences, add_silence, expire_silence
+from robot_health_monitor.ops.store.silences import add_silence, expire_silence
 
 START_S = 1_700_000_000.0  # 2023-11-14 22:13:20 UTC
 
@@ -70,8 +70,7 @@ def add_silences(file: Path) -> Path:
         silence(connection, 30.0, "robot=r2", for_s=30.0, author="=ben")
         silence(connection, 92.0, "signal=cpu*", until_resolved=True, reason="known")
         expire_silence(connection, 1, START_S + 40.0, reason="fan works", author="eve")
-        connection.execute("DELETE FROM open_alerts")
-        active_silences(connection, START_S + 93.0)
+        expire_silence(connection, 3, START_S + 93.0, reason="its alerts are resolved")
     return file
 
 

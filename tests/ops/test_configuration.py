@@ -114,11 +114,7 @@ def test_the_home_directory_may_be_written_as_a_tilde(tmp_path: Path, monkeypatc
     assert read(tmp_path, "history: {file: ~/history.db}").history == HistorySettings("/home/ada/history.db")
 
 
-def test_a_heartbeat_that_is_more_frequent_than_the_default_timeout_has_a_shorter_timeout(tmp_path: Path) -> None:
-    (target,) = read(tmp_path, "notify: {alive: {type: heartbeat, url: 'http://a/b', every_s: 5}}").notify
-    assert (target.every_s, target.timeout_s) == (5.0, 5.0)
-
-
+HTTP = "http://host:port or https://host:port, without user, password and blanks"
 WRONG = """\
 history:
   file: history.db
@@ -154,16 +150,15 @@ def test_all_mistakes_are_reported_with_the_lines_of_their_keys(tmp_path: Path) 
         "ops.yaml:4: history.keep_gb: unknown key; did you mean keep_mb?",
         "ops.yaml:5: notfy: unknown key; did you mean notify?",
         f"ops.yaml:7: notify.pager.type: expected {types}, got 'alertmanger'",
-        "ops.yaml:8: notify.both.url_file: expected either url or url_file, got both",
+        "ops.yaml:8: notify.both: expected either url or url_file, got both",
         "ops.yaml:9: notify.neither: expected either url or url_file, got neither",
-        "ops.yaml:12: notify.ftp.url: expected http://host:port or https://host:port, got 'ftp://...'",
+        f"ops.yaml:12: notify.ftp.url: expected {HTTP}, got 'ftp://...'",
         "ops.yaml:13: notify.ftp.min_level: expected one of WARN, STALE, ERROR, got 'warn'",
         "ops.yaml:14: notify.horn.command: expected a list of texts, got '/usr/local/bin/horn'",
         "ops.yaml:14: notify.horn.url: not a key of a target of type command; expected one of type, "
         "min_level, command, robots, signals, simulated, timeout_s, group_wait_s, after_s",
         "ops.yaml:15: notify.alive.min_level: not a key of a target of type heartbeat; expected one of type, url, "
         "url_file, timeout_s, every_s",
-        "ops.yaml:15: notify.alive.timeout_s: expected at most every_s (5), got 10",
         "ops.yaml:16: notify.a b: expected a name of at most 64 letters, digits, _, . and -",
         "ops.yaml:17: notify.empty.command: expected a program and its arguments, got nothing",
         f"ops.yaml:18: notify.later.type: is missing; expected {types}",
@@ -188,16 +183,12 @@ def test_all_mistakes_are_reported_with_the_lines_of_their_keys(tmp_path: Path) 
         ),
         ("notify: [a]", "ops.yaml:1: notify: expected a mapping of keys to values, got ['a']"),
         (
-            "notify: {a: {type: heartbeat, url: 'http://a', every_s: 5, timeout_s: 10}}",
-            "ops.yaml:1: notify.a.timeout_s: expected at most every_s (5), got 10",
-        ),
-        (
             "notify: {a: {type: webhook, url: 'http://a', robots: ['']}}",
             "ops.yaml:1: notify.a.robots: expected a list of texts that are not empty, got ['']",
         ),
         (
             "notify: {a: {type: webhook, url: 'http://ada:secret@a'}}",
-            "ops.yaml:1: notify.a.url: expected an address without user and password, got 'http://a'",
+            f"ops.yaml:1: notify.a.url: expected {HTTP}, got 'http://a'",
         ),
         (
             "notify: {a: {type: webhook, url: [secret]}}",
@@ -238,15 +229,21 @@ def test_addresses_that_may_be_alertmanagers(url: str) -> None:
 @pytest.mark.parametrize(
     ("url", "type_name", "problem"),
     [
-        ("10.0.0.2:9093", "alertmanager", "http://host:port or https://host:port, got an address without a scheme"),
-        ("http://", "alertmanager", "http://host:port or https://host:port, got 'http://'"),
-        ("http://host:99999", "webhook", "http://host:port or https://host:port, got 'http://host:99999'"),
-        ("http://host:0", "webhook", "http://host:port or https://host:port, got 'http://host:0'"),
-        ("http://[::1", "webhook", "http://host:port or https://host:port, got 'http://[::1'"),
-        ("http://a/?key=secret", "alertmanager", "an address without ? and #, got 'http://a'"),
-        ("http://a/b c", "webhook", "an address without blanks, got 'http://a'"),
-        ("file:///etc/secret", "heartbeat", "http://host:port or https://host:port, got 'file://...'"),
-        ("slack://secret/token", "webhook", "http://host:port or https://host:port, got 'slack://...'"),
+        ("10.0.0.2:9093", "alertmanager", f"{HTTP}, ? and #, got an address without a scheme"),
+        ("http://", "alertmanager", f"{HTTP}, ? and #, got 'http://'"),
+        ("http://a/?key=secret", "alertmanager", f"{HTTP}, ? and #, got 'http://a'"),
+        ("http://host:99999", "webhook", f"{HTTP}, got 'http://host:99999'"),
+        ("http://host:0", "webhook", f"{HTTP}, got 'http://host:0'"),
+        ("http://[::1", "webhook", f"{HTTP}, got 'http://[::1'"),
+        ("http://a/b c", "webhook", f"{HTTP}, got 'http://a'"),
+        ("http://ada:secret@a", "webhook", f"{HTTP}, got 'http://a'"),
+        ("file:///etc/secret", "heartbeat", f"{HTTP}, got 'file://...'"),
+        ("slack://secret/token", "webhook", f"{HTTP}, got 'slack://...'"),
+        (
+            "slack://secret/a token",
+            "apprise",
+            "an address of Apprise, such as mailtos://user:password@host, got 'slack://...'",
+        ),
         (
             "mailto:ada@a",
             "apprise",

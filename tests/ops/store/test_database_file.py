@@ -39,7 +39,7 @@ def test_the_lock_of_a_killed_process_is_released(tmp_path: Path) -> None:
     with subprocess.Popen([sys.executable, "-c", code, file], stdout=subprocess.PIPE, env=variables) as holder:
         assert holder.stdout is not None
         assert holder.stdout.readline() == b"open\n"
-        with pytest.raises(schema.UnusableFileError, match=rf"in use by another monitor \(process {holder.pid}\)"):
+        with pytest.raises(schema.UnusableFileError, match="in use by another monitor"):
             DatabaseFile(file)
         holder.kill()
         holder.wait()
@@ -83,7 +83,7 @@ def test_the_log_is_copied_into_the_file_when_it_has_grown(tmp_path: Path, monke
     file = DatabaseFile(str(path), 100_000)
     add = "INSERT INTO configurations VALUES (?, ?)"
     file.connection.executemany(add, [(str(number), "x" * 4000) for number in range(100)])
-    wait_for(lambda: path.stat().st_size > 400_000 and (tmp_path / "history.db-wal").stat().st_size < 100_000)
+    wait_for(lambda: path.stat().st_size > 300_000 and (tmp_path / "history.db-wal").stat().st_size < 100_000)
     assert file.problem == ""
     file.close()
 

@@ -134,22 +134,19 @@ def database() -> CheckedConnection:
     return sqlite3.connect(":memory:", isolation_level=None, factory=CheckedConnection)
 
 
-def test_skipped_rows_are_noted_in_one_line() -> None:
+def test_the_first_row_that_is_skipped_is_noted_in_one_line() -> None:
     connection = database()
     assert connection.skipped_text == ""
     query = "SELECT column1 AS id, column2 AS wall_s FROM (VALUES (1, 1.0), (2, 'x'), (3, 9e999), (4, 4.0), (5, 1e12))"
-    assert select(connection, "resets", (int, float), query) == [(1, 1.0), (4, 4.0)]
-    assert connection.skipped_text == "3 rows have unexpected values and are skipped (resets 2)"
-    assert select(connection, "resets", (int, float), query) == [(1, 1.0), (4, 4.0)]
-    assert len(connection.skipped) == 3
+    for _ in range(2):
+        assert select(connection, "resets", (int, float), query) == [(1, 1.0), (4, 4.0)]
+        assert connection.skipped_text == "a row has unexpected values and is skipped (resets 2)"
 
 
-def test_the_notes_are_bounded() -> None:
+def test_the_note_of_a_row_is_bounded() -> None:
     connection = database()
-    for number in range(5000):
-        skip(connection, "resets", "x" * number)
-    assert len(connection.skipped) <= 1000
-    assert max(map(len, connection.skipped)) < 100
+    skip(connection, "resets", "x" * 5000)
+    assert len(connection.skipped_text) < 150
 
 
 def test_text_that_is_not_utf_8_is_read() -> None:
