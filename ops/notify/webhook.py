@@ -22,18 +22,16 @@ from ...core.values import duration_text, package_version, printable
 from .sender import DeliveryError, Notification, Sender
 
 _RETRIED = (408, 429)  # temporary: Request Timeout, Too Many Requests
-_MOST_SHOWN = 200  # characters of a response
+_MOST_SHOWN = 200  # characters of an error
 
 LONGEST_WAIT_S = 3600.0
 """Longest wait that a server may request, in s: a target cannot keep alerts back for longer."""
 
 
 class Answer(NamedTuple):
-    """The response of a server."""
+    """The response of a server, without its body."""
 
     status: int
-    reason: str  # the server's name of the status; printable. It may repeat a secret of the address
-    text: str  # beginning of the body of a response other than 2xx, on one line; printable
     date_s: float | None  # the server's clock, in s since 1970; None if it does not state it
     retry_after_s: float  # wait that the server requests, in s; 0 if it requests none
 
@@ -63,16 +61,14 @@ class Webhook(Sender):
 
     def status_of(self, answer: Answer) -> str:
         """Returns the status of a response; raises DeliveryError if that is not success (2xx)."""
-        status, is_secret = answer.status, bool(self._settings.url_file)
-        reason = http.client.responses.get(status, "") if is_secret else answer.reason
-        title = f"{status} {reason}".strip()
+        status = answer.status
+        # Not what the server says about it, which may repeat a secret of the address.
+        title = f"{status} {http.client.responses.get(status, '')}".strip()
         if 200 <= status < 300:
             return title
         text = f"response {title}"
         if 300 <= status < 400:
             text += "; redirects are not followed"
-        elif answer.text and not is_secret:  # a page that says "not found" may repeat the address
-            text += f": {answer.text}"
         if answer.retry_after_s:
             text += f"; the server asks to wait {duration_text(answer.retry_after_s)}"
         is_refused = 400 <= status < 500 and status not in _RETRIED
@@ -108,7 +104,8 @@ def request(url: str, body: bytes | None, timeout_s: float) -> Answer:
         response = connection.getresponse()
         if time.monotonic() >= deadline_s:  # its head may end where the guard cut it off
             raise TimeoutError
-        return _answer(response)
+        date_s = _date_s(response.headers.get("date", ""))
+        return Answer(response.status, date_s, _wait_s(response.headers.get("retry-after", ""), date_s))
     except Exception as error:
         reason = TimeoutError() if time.monotonic() >= deadline_s else error
         raise DeliveryError(_problem(reason, "no response", timeout_s)) from None
@@ -146,17 +143,6 @@ def _credentials(header: str, parts: SplitResult) -> dict[str, str]:
 def _end_at_once(sock: socket.socket) -> None:
     with contextlib.suppress(OSError):  # it has been closed
         sock.shutdown(socket.SHUT_RDWR)
-
-
-def _answer(response: http.client.HTTPResponse) -> Answer:
-    text = ""
-    if not 200 <= response.status < 300:
-        with contextlib.suppress(OSError, ValueError, http.client.HTTPException):  # the status says enough
-            text = " ".join(response.read(4 * _MOST_SHOWN).decode("utf-8", "replace").split())
-    date_s = _date_s(response.headers.get("date", ""))
-    wait_s = _wait_s(response.headers.get("retry-after", ""), date_s)
-    reason = printable(str(response.reason))[:_MOST_SHOWN]
-    return Answer(response.status, reason, printable(text)[:_MOST_SHOWN], date_s, wait_s)
 
 
 def _date_s(text: str) -> float | None:

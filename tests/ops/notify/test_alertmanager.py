@@ -95,9 +95,9 @@ def test_many_alerts_are_repeated_in_several_requests(server: HttpServer) -> Non
     assert [len(request.json) for request in server.all()] == [200, 200, 50]
 
 
-def test_a_refusal_shows_the_reason(server: HttpServer) -> None:
+def test_a_refusal_shows_the_status(server: HttpServer) -> None:
     server.behave = responding(400, b"bad label")
-    with pytest.raises(DeliveryError, match=r"^response 400 Bad Request: bad label$") as caught:
+    with pytest.raises(DeliveryError, match="^response 400 Bad Request$") as caught:
         target(server.url).send(notification("WARN", BEGIN_S))
     assert caught.value.is_refused
 

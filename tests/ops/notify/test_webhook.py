@@ -79,26 +79,16 @@ def giving_reason(status: int, reason: str) -> Behaviour:
 
 
 @pytest.mark.parametrize(("status", "shown"), [(404, "404 Not Found"), (499, "499"), (301, "301 Moved Permanently")])
-def test_the_servers_reason_is_not_shown_if_the_address_is_secret(
-    server: HttpServer, tmp_path: Path, status: int, shown: str
-) -> None:
+def test_the_reason_that_a_server_gives_is_not_shown(server: HttpServer, status: int, shown: str) -> None:
     server.behave = giving_reason(status, "no such page: /hooks/s3cret")
-    file = tmp_path / "chat.url"
-    file.write_text(f"{server.url}/hooks/s3cret")
-    secret = Webhook(TargetSettings("chat", "webhook", url_file=str(file)))
     with pytest.raises(DeliveryError, match=rf"^response {shown}(; redirects are not followed)?$"):
-        secret.deliver("{}")
-    known = Webhook(TargetSettings("chat", "webhook", url=server.url))
-    with pytest.raises(DeliveryError, match=rf"^response {status} no such page: /hooks/s3cret"):
-        known.deliver("{}")
+        Webhook(TargetSettings("chat", "webhook", url=server.url)).deliver("{}")
 
 
-def test_the_reason_of_a_success_is_not_shown_either(server: HttpServer, tmp_path: Path) -> None:
+def test_the_reason_of_a_success_is_not_shown_either(server: HttpServer) -> None:
     server.behave = giving_reason(200, "thanks for /hooks/s3cret")
-    file = tmp_path / "chat.url"
-    file.write_text(f"{server.url}/hooks/s3cret")
     for kind in ("webhook", "alertmanager"):
-        text = try_target(TargetSettings("chat", kind, url_file=str(file)), "r3").text
+        text = try_target(TargetSettings("chat", kind, url=server.url), "r3").text
         assert text.startswith(f"{server.url}: 200 OK; 2 messages sent: ")
 
 
@@ -125,7 +115,7 @@ SHORT_S = 0.3
 
 def test_a_post_carries_json_and_returns_the_status(server: HttpServer) -> None:
     answer = request(f"{server.url}/hook?key=1", b'{"a": 1}', TIMEOUT_S)
-    assert (answer.status, answer.reason) == (200, "OK")
+    assert answer.status == 200
     received = server.next()
     assert (received.method, received.path, received.json) == ("POST", "/hook?key=1", {"a": 1})
     assert received.headers["Content-Type"] == "application/json"
@@ -152,8 +142,7 @@ def test_the_limit_holds_for_the_whole_request(server: HttpServer, behaviour: Be
 
 def test_a_response_without_end_is_not_read_to_its_end(server: HttpServer) -> None:
     server.behave = flooding
-    answer = request(server.url, b"{}", TIMEOUT_S)
-    assert answer.status == 500 and len(answer.text) <= 200
+    assert request(server.url, b"{}", TIMEOUT_S).status == 500
 
 
 def test_redirects_are_not_followed(server: HttpServer) -> None:
@@ -292,11 +281,6 @@ def test_a_requested_wait_may_be_a_date_by_the_servers_clock(server: HttpServer)
     assert request(server.url, b"{}", TIMEOUT_S).retry_after_s == 0.0
     server.behave = responding(503, **{**dates, "Retry_After": "soon"})
     assert request(server.url, b"{}", TIMEOUT_S).retry_after_s == 0.0
-
-
-def test_no_control_character_of_a_server_is_kept(server: HttpServer) -> None:
-    server.behave = responding(500, b"\x1b[31mred\n\nalert\x07")
-    assert request(server.url, b"{}", TIMEOUT_S).text == "?[31mred alert?"
 
 
 def test_no_file_descriptor_is_left_open(server: HttpServer) -> None:
