@@ -72,9 +72,7 @@ _INSERT = """
     WHERE
 """
 _ALWAYS = "1"
-_IF_NOTHING_WAITS = (
-    "NOT EXISTS (SELECT 1 FROM notifications WHERE target = :target AND fingerprint = :fingerprint)"
-)
+_IF_NOTHING_WAITS = "NOT EXISTS (SELECT 1 FROM notifications WHERE target = :target AND fingerprint = :fingerprint)"
 _IF_CONCERNED = """
     EXISTS (SELECT 1 FROM notified WHERE target = :target AND fingerprint = :fingerprint)
     OR EXISTS (SELECT 1 FROM notifications WHERE target = :target AND fingerprint = :fingerprint)

@@ -36,7 +36,7 @@ Values = Union[Sequence[Any], JsonObject]
 
 
 class CheckedConnection(Connection):
-    """A connection that notes whether rows were skipped. In texts that are not UTF-8, the odd characters are replaced."""
+    """A connection that notes whether rows were skipped. In texts that are not UTF-8, odd characters are replaced."""
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
         """Opens the database, as `sqlite3.connect`, of which this is a `factory`."""

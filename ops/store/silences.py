@@ -20,7 +20,7 @@ from typing import (
     Tuple,
 )
 
-from ...core.values import ConfigError, Level, duration_text, matches_pattern, printable
+from ...core.values import ConfigError, duration_text, matches_pattern, printable
 from ...runtime.times import iso_time, local_time
 from .matchers import Matcher, matchers_text, parse_matchers
 from .queries import number_range

@@ -97,7 +97,7 @@ def test_many_alerts_are_repeated_in_several_requests(server: HttpServer) -> Non
 
 def test_a_refusal_shows_the_status(server: HttpServer) -> None:
     server.behave = responding(400, b"bad label")
-    with pytest.raises(DeliveryError, match="^response 400 Bad Request$") as caught:
+    with pytest.raises(DeliveryError, match=r"^response 400 Bad Request$") as caught:
         target(server.url).send(notification("WARN", BEGIN_S))
     assert caught.value.is_refused
 
