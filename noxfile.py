@@ -339,6 +339,8 @@ def dist(session: nox.Session) -> None:
     set_up(session, {}, *DIST_TOOLS)
     session.run("python", "release/distributions.py", "dist")
     session.env["BUILT_DISTRIBUTIONS"] = str(ROOT / "dist")
+    if uv_reaches_the_index():
+        session.env["UV"] = str(UV)
     run_pytest(session, "tests/distributions")
 
 
