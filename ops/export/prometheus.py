@@ -94,6 +94,13 @@ def _quoted(text: str) -> str:
 
 
 def duration(seconds: float) -> str:
-    """Returns a duration as Prometheus reads it; it resolves milliseconds."""
-    whole, milliseconds = divmod(round(seconds * 1000.0), 1000)
-    return f"{f'{whole}s' if whole or not milliseconds else ''}{f'{milliseconds}ms' if milliseconds else ''}"
+    """Returns a duration as Prometheus reads it, in the largest unit of which it is a whole number.
+
+    >>> [duration(seconds) for seconds in (86_400.0, 90.0, 1.5)]
+    ['24h', '90s', '1500ms']
+    """
+    milliseconds = round(seconds * 1000.0)
+    for unit, size in (("h", 3_600_000), ("m", 60_000), ("s", 1000)):
+        if milliseconds % size == 0:
+            return f"{milliseconds // size}{unit}"
+    return f"{milliseconds}ms"

@@ -6,7 +6,7 @@ to there is what they do on ROS 2. rclpy adds its own topics and services.
 
 from __future__ import annotations
 
-from typing import Iterable, Iterator, Mapping, NamedTuple, Tuple
+from typing import Dict, Iterator, Mapping, NamedTuple, Set, Tuple
 from xml.sax.saxutils import escape, quoteattr
 
 from ...core.config import find_section, sections
@@ -15,8 +15,9 @@ from ...core.nodes.aggregator import has_inputs
 from ...core.port import LocalBus, NodeInfo
 from ...core.values import ConfigError, JsonObject, package_version
 from ..configuration import OpsConfig
+from .prometheus import filled
 
-Permissions = Mapping[Tuple[str, str], Iterable[str]]
+Permissions = Dict[Tuple[str, str], Set[str]]
 """Absolute names, or patterns, by the element of the policy and its attribute: `("topic", "publish")`."""
 
 RCLPY_PUBLISHES = ("/parameter_events", "/rosout")
@@ -54,37 +55,24 @@ def export_policy(tree: JsonObject, robot: Robot, enclave: str = "") -> str:
     empty.
     """
     path = enclave or "/".join(["", *filter(None, [robot.namespace.strip("/")]), "health_monitor"])
-    made_by = f"robot-health export sros2, version {package_version()}"
-    lines = [
-        '<?xml version="1.0" encoding="UTF-8"?>',
-        f"<!-- {made_by}: write it again when the configuration changes -->",
-        '<policy version="0.2.0">',
-        "  <enclaves>",
-        f"    <enclave path={quoteattr(path)}>",
-        "      <profiles>",
-    ]
-    for name, permissions in permissions_of(tree, robot).items():
-        lines += [f"        {line}" for line in _profile(name, permissions)]
-    lines += ["      </profiles>", "    </enclave>", "  </enclaves>", "</policy>"]
-    return "\n".join(lines) + "\n"
+    profiles = [line for each in permissions_of(tree, robot).items() for line in _profile(*each)]
+    fields = {"VERSION": package_version(), "ENCLAVE": quoteattr(path), "PROFILES": "\n".join(profiles)}
+    return filled("sros2.xml", fields)
 
 
 def permissions_of(tree: JsonObject, robot: Robot) -> dict[str, Permissions]:
     """Returns what each node needs, by its full name."""
-    permissions: dict[str, Permissions] = {}
-    for name, info in _used(tree, robot).items():
-        permissions[name] = {
+    permissions: dict[str, Permissions] = {
+        name: {
             ("topic", "publish"): {*info.publishes, *RCLPY_PUBLISHES, f"{name}/{PROBE}"},
             ("topic", "subscribe"): {*info.subscribes, *RCLPY_SUBSCRIBES, f"{name}/{PROBE}"},
             ("service", "reply"): {*info.services, *(f"{name}/{service}" for service in RCLPY_SERVES)},
         }
+        for name, info in _used(tree, robot).items()
+    }
     alert_system = next(name for name in permissions if name.endswith("/alert_system"))
     if robot.ops.black_box is not None:
-        subscribed = permissions[alert_system]["topic", "subscribe"]
-        permissions[alert_system] = {
-            **permissions[alert_system],
-            ("topic", "subscribe"): {*subscribed, *robot.ops.black_box.topics},
-        }
+        permissions[alert_system]["topic", "subscribe"].update(robot.ops.black_box.topics)
     if robot.ops.server is not None:
         namespace = alert_system.rpartition("/")[0]
         permissions[f"{namespace}/{BRIDGE}"] = _bridge(robot.ops, f"{namespace}/{BRIDGE}", alert_system)
@@ -129,9 +117,9 @@ def _absolute(pattern: str) -> str:
 def _profile(name: str, permissions: Permissions) -> Iterator[str]:
     """Yields the lines of one node; all names are absolute."""
     namespace, _, base = name.rpartition("/")
-    yield f"<profile ns={quoteattr(namespace or '/')} node={quoteattr(base)}>"
+    yield f"        <profile ns={quoteattr(namespace or '/')} node={quoteattr(base)}>"
     for (kind, verb), names in permissions.items():
-        yield f'  <{kind}s {verb}="ALLOW">'
-        yield from (f"    <{kind}>{escape(each)}</{kind}>" for each in sorted(names))
-        yield f"  </{kind}s>"
-    yield "</profile>"
+        yield f'          <{kind}s {verb}="ALLOW">'
+        yield from (f"            <{kind}>{escape(each)}</{kind}>" for each in sorted(names))
+        yield f"          </{kind}s>"
+    yield "        </profile>"
