@@ -26,6 +26,7 @@ from ...core.messages.raw_messages import json_text
 from ...core.nodes import AlertSystem
 from ...core.nodes.outlets import Event
 from ...core.values import ConfigError, Fault, Level, ServiceError, Transition, package_version
+from ...runtime.access import Client
 from ...runtime.event_loops import ThreadPool
 from ...runtime.http_answers import API_HEADERS, ApiError, json_response
 from ...runtime.times import iso_time
@@ -51,7 +52,7 @@ from .history_requests import (  # fmt: skip
     past_samples,
 )
 from .metrics import CONTENT_TYPE, PROFILES, Metrics
-from .requests import WITH_TOKEN, WITHOUT_TOKEN, Client, check_same_origin, read_object, serve_page_file
+from .requests import WITH_TOKEN, WITHOUT_TOKEN, check_same_origin, read_object, serve_page_file
 from .state import NO_PLOT, OwnState, RobotReader, Samples, plot_of
 from .updates import RobotState, State, Updates, no_robot
 

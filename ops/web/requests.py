@@ -6,7 +6,7 @@ import asyncio
 import functools
 import json
 from pathlib import Path
-from typing import Any, Mapping, Protocol, Tuple
+from typing import Any, Mapping, Tuple
 
 from aiohttp import web
 
@@ -30,23 +30,6 @@ _PAGE_HEADERS = {
 }
 _PAGE = Path(__file__).parent / "page"
 _TYPES = {".css": "text/css", ".html": "text/html", ".js": "text/javascript"}
-
-
-class Client(Protocol):
-    """Who sends a request, as the server has judged it."""
-
-    @property
-    def admitted(self) -> bool:
-        """Whether it has presented the token, or none is required."""
-
-    def refusal(self) -> web.Response:
-        """Returns the answer for a client that is not admitted."""
-
-    def login(self, presented: object) -> web.Response:
-        """Returns the answer to a login with a token."""
-
-    def logout(self) -> web.Response:
-        """Returns the answer that ends a login."""
 
 
 def check_same_origin(request: web.Request) -> None:

@@ -15,10 +15,10 @@ from typing import Any, Callable, Mapping, TypeVar
 from ...core.messages.standard_messages import definition
 from ...core.port import Graph, NodeInfo, ServedMiddleware
 from ...core.values import ConfigError, JsonObject, ServiceError, resolve_name
+from ...runtime.access import READ_ONLY, Access
 from ...runtime.bounded_queue import BoundedQueue
 from ...runtime.event_loops import ThreadPool
 from ..protocol import DEFAULT_LIMITS, Limits
-from .access import READ_ONLY, Access
 from .sending import estimated_bytes
 
 T = TypeVar("T")

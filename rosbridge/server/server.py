@@ -14,6 +14,7 @@ from __future__ import annotations
 import asyncio
 import concurrent.futures
 import contextlib
+import functools
 import logging
 import ssl
 import time
@@ -23,11 +24,11 @@ from aiohttp import WSCloseCode, WSMsgType, web
 
 from ...core.port import LimitedLog, LogLine, ServedMiddleware, Severity
 from ...core.values import ConfigError, JsonObject, MessageError, ServiceError, printable
+from ...runtime.access import READ_ONLY, Access, Client, Credentials, TokenCheck, is_loopback, refusal_of
 from ...runtime.event_loops import LoopThread
 from ...runtime.http_answers import json_error
 from ...runtime.sockets import FloodError, Incoming, limit_reads
 from ..protocol import CBOR_SUBPROTOCOL, DEFAULT_LIMITS, SUBPROTOCOLS, Limits
-from .access import READ_ONLY, Access, Client, Credentials, TokenCheck, is_loopback, refusal_of
 from .connections import Connections, HttpConnection, connection_limit
 from .served_node import ServedNode
 from .services import Services
@@ -84,6 +85,7 @@ class Server:
         self._host = host
         self._require_protection(self.access.token)
         self._tokens = TokenCheck(self.access.token)
+        self._client = functools.partial(Client, self._tokens)
         self._limits = limits
         self._ssl_context = ssl_context
         self._routes = routes
@@ -107,7 +109,7 @@ class Server:
         timeout_s = self._limits.request_timeout_s
         self._connections = Connections(most, timeout_s, self.log, loop.call_later, self._ssl_context)
         application = web.Application(middlewares=[self._check])
-        application.add_routes(self._routes(self._tokens.client))
+        application.add_routes(self._routes(self._client))
         runner = web.AppRunner(application, handle_signals=False)
         await runner.setup()
         try:
@@ -183,7 +185,7 @@ class Server:
         The cookie does not open a WebSocket: pages of other origins may connect.
         """
         problem = refusal_of(request, self.access, check_host=not self._tokens.required)
-        client = self._tokens.client(request)
+        client = self._client(request)
         is_socket = request.method == "GET" and bool(web.WebSocketResponse().can_prepare(request))
         if problem:
             refusal = json_error(403, problem)

@@ -6,10 +6,10 @@ import asyncio
 from typing import Any, Mapping, Protocol
 
 from ...core.values import JsonObject, MessageError, ServiceError
+from ...runtime.access import matches
 from ..calls import PendingCalls
 from ..protocol.operations import Arguments
 from . import rosapi
-from .access import matches
 from .served_node import ServedNode
 
 

@@ -6,8 +6,8 @@ import asyncio
 from typing import Any
 
 from ...core.values import ConfigError, JsonObject, MessageError, ServiceError
+from ...runtime.access import matches
 from ..protocol import CBOR_COMPRESSIONS, CBOR_PROBLEM, Id, Wire, decode, encode, operations, read_operation
-from .access import matches
 from .rosapi import SERVICES
 from .sending import LARGE_BYTES, ClientQueue, estimated_bytes, frame
 from .served_node import ServedNode

@@ -10,10 +10,10 @@ from typing import Callable, Collection, Protocol, Sequence
 from ...core.messages.dialect import Message
 from ...core.port import LogLine, Severity, Subscription
 from ...core.values import MessageError, ServiceError, canonical_type
+from ...runtime.access import matches
 from ...runtime.bounded_queue import BoundedQueue
-from ..protocol.definitions import Serializer, serializer
+from ..protocol.definitions import serializer
 from ..protocol.operations import COMPRESSIONS, Subscribe
-from .access import matches
 from .sending import EncodedMessage, wall_stamp
 from .served_node import ROSOUT, ROSOUT_TYPE, ServedNode
 
@@ -54,19 +54,18 @@ class Receiver(Protocol):
 
 
 class Topic:
-    """The clients of one topic. Used in the event loop only."""
+    """The clients of the messages of one topic, or of their raw bytes. Used in the event loop only."""
 
-    def __init__(self, name: str, node: ServedNode) -> None:
+    def __init__(self, name: str, type_name: str, node: ServedNode) -> None:
         """Starts without clients; `name` is as sent to clients."""
         self.name = name
-        self.type_name = ""
-        """The type, empty if it is not known yet."""
-        self.serialize: Serializer | None = None
-        """Makes raw bytes of a message if the middleware gives none; None if that is not possible."""
+        self.type_name = type_name
         self.clients: dict[Receiver, Flow] = {}
         """How each client receives the messages."""
-        self.sources: dict[bool, Subscription] = {}
-        """The subscriptions of the middleware: to the messages (False) and to their raw bytes (True)."""
+        self.source: Subscription | None = None
+        """The subscription of the middleware; None if the server itself publishes on the topic."""
+        self._serialize = serializer(type_name)
+        """Makes raw bytes of a message if the middleware gives none; None if that is not possible."""
         self._node = node
         self._waiting: BoundedQueue[tuple[EncodedMessage, str, Sequence[Receiver]]]
         self._waiting = BoundedQueue(node.limits.encoding_bytes)
@@ -74,14 +73,6 @@ class Topic:
         win."""
         self._is_encoding = False
         self._clock = asyncio.get_event_loop().time
-
-    def needs(self) -> set[bool]:
-        """Returns which subscriptions of the middleware the clients need, by the keys of `sources`."""
-        return set(map(self._takes_raw, self.clients.values()))
-
-    def _takes_raw(self, flow: Flow) -> bool:
-        """Returns whether a client receives raw bytes of the middleware; those that have threads give them."""
-        return flow.compression == "cbor-raw" and self._node.threads
 
     def set_flow(self, receiver: Receiver, flow: Flow | None) -> None:
         """Sets how a client receives the messages; with None, it no longer receives them."""
@@ -92,8 +83,8 @@ class Topic:
             self._waiting.clear()
 
     def deliver(self, content: Message | bytes) -> None:
-        """Sends a message to the clients that do not receive raw bytes, or raw bytes to those that do."""
-        message = EncodedMessage(self.name, content, self.serialize)
+        """Sends a message, or its raw bytes."""
+        message = EncodedMessage(self.name, content, self._serialize)
         limit = self._node.limits.sent_bytes
         if message.size > limit:
             self._fail(f"message of {message.size} bytes dropped (limit {limit})")
@@ -101,7 +92,7 @@ class Topic:
         now_s = self._clock()
         receiving: dict[str, list[Receiver]] = {}
         for receiver, flow in self.clients.items():
-            if self._takes_raw(flow) is isinstance(content, bytes) and now_s >= flow.due_s:
+            if now_s >= flow.due_s:
                 flow.due_s = now_s + flow.throttle_s
                 receiving.setdefault(flow.compression, []).append(receiver)
         for compression, receivers in receiving.items():
@@ -146,7 +137,8 @@ class Topics:
     def __init__(self, node: ServedNode) -> None:
         """Starts without topics. Called in the event loop."""
         self._node = node
-        self._topics: dict[str, Topic] = {}
+        self._topics: dict[tuple[str, bool], Topic] = {}
+        """By name, and whether clients receive raw bytes of the middleware; those that have threads give them."""
         self._published: dict[str, str] = {}
         """Type of each topic that clients publish on."""
         self._lock = asyncio.Lock()
@@ -154,7 +146,7 @@ class Topics:
 
     def publish_log(self, line: LogLine) -> None:
         """Publishes a log line on `/rosout`, for a middleware without this topic."""
-        rosout = self._topics.get(ROSOUT)
+        rosout = self._topics.get((ROSOUT, False))
         if rosout is None:
             return
         header = {"seq": 0, "stamp": wall_stamp(), "frame_id": ""}
@@ -168,36 +160,34 @@ class Topics:
         or the middleware does not respond.
         """
         async with self._lock:
-            topic = self._topics.get(name) or Topic(name, self._node)
+            wanted = None
             if flow is not None:
-                known = topic.type_name or await self._node.topic_type(name)
-                _require_same_type(name, known, type_name)
-                if not topic.type_name:
-                    topic.type_name = known or type_name
-                    topic.serialize = serializer(topic.type_name)
-            self._topics[name] = topic
-            topic.set_flow(receiver, flow)
-            try:
-                await self._update(topic)
-            except BaseException:  # also if the connection ends meanwhile
+                wanted = name, flow.compression == "cbor-raw" and self._node.threads
+                await self._join(receiver, wanted, type_name, flow)
+            for key in ((name, False), (name, True)):
+                topic = self._topics.get(key)
+                if topic is None or key == wanted:
+                    continue
                 topic.set_flow(receiver, None)
-                raise
-            finally:
                 if not topic.clients:
-                    del self._topics[name]
+                    del self._topics[key]
+                    if topic.source is not None:
+                        await self._node.call(self._node.middleware.unsubscribe, topic.source)
 
-    async def _update(self, topic: Topic) -> None:
-        """Subscribes to what the clients of a topic need, and ends what they no longer need."""
-        if not self._node.threads and topic.name == ROSOUT and topic.type_name == ROSOUT_TYPE:
-            return
-        middleware, needed = self._node.middleware, topic.needs()
-        for raw in (True, False):
-            if raw in topic.sources and raw not in needed:
-                await self._node.call(middleware.unsubscribe, topic.sources.pop(raw))
-            if raw in needed and raw not in topic.sources:
+    async def _join(self, receiver: Receiver, key: tuple[str, bool], type_name: str, flow: Flow) -> None:
+        name, raw = key
+        other = self._topics.get(key) or self._topics.get((name, not raw))
+        known = await self._node.topic_type(name) if other is None else other.type_name
+        _require_same_type(name, known, type_name)
+        topic = self._topics.get(key) or Topic(name, known or type_name, self._node)
+        topic.set_flow(receiver, flow)
+        if key not in self._topics:
+            if self._node.threads or (name, topic.type_name) != (ROSOUT, ROSOUT_TYPE):
+                middleware = self._node.middleware
                 subscribe: Callable[..., Subscription] = middleware.subscribe_raw if raw else middleware.subscribe
                 take = self._node.hand_over((lambda message: topic.deliver(message[0])) if raw else topic.deliver)
-                topic.sources[raw] = await self._node.call(subscribe, topic.name, topic.type_name, take)
+                topic.source = await self._node.call(subscribe, name, topic.type_name, take)
+            self._topics[key] = topic
 
     async def advertise(self, topic: str, type_name: str) -> None:
         """Advertises a topic for a client; without a type, the topic must exist.

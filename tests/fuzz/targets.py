@@ -38,9 +38,9 @@ from robot_health_monitor.rosbridge.protocol import Limits, ProtocolError, Wire,
 from robot_health_monitor.rosbridge.protocol.codec import topic_of_message
 from robot_health_monitor.rosbridge.protocol.definitions import parse, serializer
 from robot_health_monitor.rosbridge.protocol.operations import COMPRESSIONS
-from robot_health_monitor.rosbridge.server.access import Access, TokenCheck, is_loopback, matches
 from robot_health_monitor.rosbridge.server.server import Server
 from robot_health_monitor.rosbridge.server.session import Session
+from robot_health_monitor.runtime.access import Access, TokenCheck, is_loopback, matches
 from robot_health_monitor.runtime.bridge.address import host_and_port, shown_address
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -11,8 +11,8 @@ from harness.bridged_bus import BridgedBus
 from harness.port_conformance import ServiceFailed
 from robot_health_monitor.core.values.errors import ServiceError
 from robot_health_monitor.rosbridge.client.middleware import RosbridgeClient, RosbridgeMiddleware
-from robot_health_monitor.rosbridge.server.access import Access
 from robot_health_monitor.rosbridge.server.server import Server
+from robot_health_monitor.runtime.access import Access
 
 EVERYTHING = Access(publish=("*",), services=("*",), offer=("*",))
 

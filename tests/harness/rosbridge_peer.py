@@ -12,8 +12,8 @@ import cbor2
 
 from robot_health_monitor.core.port.local import LocalBus
 from robot_health_monitor.rosbridge.protocol import DEFAULT_LIMITS, Limits
-from robot_health_monitor.rosbridge.server.access import Access
 from robot_health_monitor.rosbridge.server.server import Server
+from robot_health_monitor.runtime.access import Access
 
 DEADLINE_S = 30.0
 FLOAT32 = "std_msgs/Float32"

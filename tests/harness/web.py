@@ -17,7 +17,7 @@ from robot_health_monitor.ops.store.active_silences import Silences
 from robot_health_monitor.ops.store.history import History
 from robot_health_monitor.ops.web import WebInterface
 from robot_health_monitor.rosbridge.server import Server
-from robot_health_monitor.rosbridge.server.access import Access
+from robot_health_monitor.runtime.access import Access
 
 BATTERY: Mapping[str, Any] = {"battery_level": {"unit": "%", "warn_below": 20.0, "hysteresis": 2.0, "latch": True}}
 START_S = 1_795_324_000.0

@@ -18,7 +18,7 @@ from typing import Any
 import pytest
 from harness.rosbridge_peer import Robot, with_robot
 
-from robot_health_monitor.rosbridge.server.access import Access
+from robot_health_monitor.runtime.access import Access
 
 HERE = Path(__file__).parent
 ACCESS = Access(publish=("/in",), services=("/robot/reset", "/offered"), offer=("/offered",))

@@ -18,7 +18,7 @@ from aiohttp import web
 from harness.rosbridge_peer import Peer, Robot, with_robot
 
 from robot_health_monitor.rosbridge.protocol.limits import Limits
-from robot_health_monitor.rosbridge.server.access import Access, Client
+from robot_health_monitor.runtime.access import Access, Client
 
 
 @contextlib.asynccontextmanager

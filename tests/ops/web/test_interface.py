@@ -29,7 +29,7 @@ from robot_health_monitor.ops.store.recurrence import parse_recurrence
 from robot_health_monitor.ops.web.history_requests import past_levels
 from robot_health_monitor.ops.web.requests import WITHOUT_TOKEN
 from robot_health_monitor.ops.web.updates import State, _event
-from robot_health_monitor.rosbridge.server.access import SESSION_S
+from robot_health_monitor.runtime.access import SESSION_S
 
 BEARER = {"Authorization": "Bearer s3cret"}
 EXPECTED = {

@@ -24,9 +24,9 @@ from robot_health_monitor.core.values.field_path import ABSENT
 from robot_health_monitor.rosbridge.client import RosbridgeClient
 from robot_health_monitor.rosbridge.protocol.codec import decode
 from robot_health_monitor.rosbridge.protocol.limits import Limits
-from robot_health_monitor.rosbridge.server.access import Access
 from robot_health_monitor.rosbridge.server.sending import frame
 from robot_health_monitor.rosbridge.server.server import Server
+from robot_health_monitor.runtime.access import Access
 from robot_health_monitor.runtime.bridge.connection import ConnectBackoff
 from robot_health_monitor.runtime.sockets import READ_BYTES
 

@@ -11,7 +11,7 @@ from harness.rosbridge_peer import FLOAT32, Robot, with_robot
 from robot_health_monitor.core.nodes import AlertSystem
 from robot_health_monitor.core.nodes.outlets import Event
 from robot_health_monitor.rosbridge.client import RosbridgeClient
-from robot_health_monitor.rosbridge.server.access import Access
+from robot_health_monitor.runtime.access import Access
 
 EVERYTHING = Access(publish=("*",), services=("*",), offer=("*",))
 

@@ -11,7 +11,7 @@ from harness.rosbridge_peer import Robot, with_robot
 
 from robot_health_monitor.core.values.errors import LinkError, ServiceError
 from robot_health_monitor.rosbridge.client.topics import PublisherLookup
-from robot_health_monitor.rosbridge.server.access import Access
+from robot_health_monitor.runtime.access import Access
 
 EVERYTHING = Access(publish=("*",), services=("*",), offer=("*",))
 

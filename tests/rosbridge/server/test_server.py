@@ -17,7 +17,7 @@ from robot_health_monitor.core.port.local import LocalBus
 from robot_health_monitor.core.port.middleware import Severity
 from robot_health_monitor.core.values.errors import ConfigError
 from robot_health_monitor.rosbridge.server import Server, ServerThread
-from robot_health_monitor.rosbridge.server.access import Access
+from robot_health_monitor.runtime.access import Access
 
 OPEN = Access(publish=("/in",), services=("/robot/reset", "/offered"), offer=("/offered",))
 

@@ -13,10 +13,10 @@ from robot_health_monitor.core.port.local import LocalBus
 from robot_health_monitor.core.values.errors import LinkError, ServiceError
 from robot_health_monitor.rosbridge.protocol import Limits
 from robot_health_monitor.rosbridge.protocol.operations import ServiceResponse
-from robot_health_monitor.rosbridge.server.access import Access
 from robot_health_monitor.rosbridge.server.served_node import ServedNode
 from robot_health_monitor.rosbridge.server.server import Server
 from robot_health_monitor.rosbridge.server.services import Services
+from robot_health_monitor.runtime.access import Access
 
 
 @with_robot(Access(offer=("/offered",)))

@@ -7,7 +7,7 @@ from typing import Any
 from harness.rosbridge_peer import FLOAT32, Robot, with_robot
 
 from robot_health_monitor.rosbridge.protocol import Limits
-from robot_health_monitor.rosbridge.server.access import Access
+from robot_health_monitor.runtime.access import Access
 
 EVERYTHING = Access(publish=("*",), services=("*",), offer=("*",))
 

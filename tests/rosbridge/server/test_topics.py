@@ -15,9 +15,9 @@ from harness.rosbridge_peer import FLOAT32, Robot, with_robot
 from robot_health_monitor.core.values.errors import ConfigError, ServiceError
 from robot_health_monitor.rosbridge.protocol.limits import Limits
 from robot_health_monitor.rosbridge.protocol.operations import Subscribe
-from robot_health_monitor.rosbridge.server.access import Access
 from robot_health_monitor.rosbridge.server.sending import EncodedMessage
 from robot_health_monitor.rosbridge.server.topics import MOST_PUBLISHED, Flow, Topic, merge
+from robot_health_monitor.runtime.access import Access
 from robot_health_monitor.runtime.event_loops import ThreadPool
 
 
@@ -38,8 +38,7 @@ def run(scenario: Callable[[Topic, list[str]], Awaitable[None]], **options: Any)
         pool = ThreadPool("encode", 1, 100)
         problems: list[str] = []
         node: Any = SimpleNamespace(dropped=0, codec=pool, log=problems.append, limits=Limits(**options), threads=False)
-        topic = Topic("/a", node)
-        topic.type_name = "std_msgs/String"
+        topic = Topic("/a", "std_msgs/String", node)
         await asyncio.wait_for(scenario(topic, problems), 60.0)
         pool.close()
 
@@ -161,6 +160,7 @@ def test_a_message_that_cannot_be_sent_is_counted_and_reported() -> None:
     async def scenario(topic: Topic, problems: list[str]) -> None:
         client = Receiver()
         topic.set_flow(client, Flow(compression="cbor-raw"))
+        topic._serialize = None
         topic.deliver({"data": "a"})
         topic.deliver({"data": "x" * 20_000})
         assert (client.frames, topic._node.dropped) == ([], 2)

@@ -18,14 +18,14 @@ import secrets
 import time
 from collections import deque
 from dataclasses import dataclass, field
-from typing import NamedTuple, Sequence
+from typing import Sequence
 from urllib.parse import urlsplit
 
 from aiohttp import web
 
-from ...core.values import Clock, describe
-from ...runtime.http_answers import json_error, json_response
-from ...runtime.origins import is_own_origin
+from ..core.values import Clock, describe
+from .http_answers import json_error, json_response
+from .origins import is_own_origin
 
 _LOCAL_PAGES = ("http://localhost", "http://127.0.0.1", "http://[::1]")
 """Origins of the web pages of this machine, on any port."""
@@ -128,15 +128,12 @@ class TokenCheck:
         self.required = bool(token)
         """Whether clients must present a token."""
 
-    def client(self, request: web.Request) -> Client:
-        """Returns who sends a request."""
-        cookie = request.cookies.get(_cookie_name(request), "")
-        return Client(self, request, self._judge_request(request), self.judge_cookie(cookie))
-
     def judge(self, presented: object) -> Credentials:
-        """Returns whether this is the token."""
+        """Returns whether this is the token; None is none."""
         if not self.required:
             return Credentials.VALID
+        if presented is None:
+            return Credentials.MISSING
         is_token = isinstance(presented, str) and hmac.compare_digest(_bytes(presented), self._token)
         return Credentials.VALID if is_token else Credentials.WRONG
 
@@ -173,28 +170,24 @@ class TokenCheck:
         claim = f"{int(self._wall_time_s()) + SESSION_S}.{secrets.token_hex(16)}"
         return f"{claim}.{self._sign(claim)}"
 
-    def _judge_request(self, request: web.Request) -> Credentials:
-        authorization = request.headers.get("Authorization")
-        if authorization is not None:
-            scheme, _, presented = authorization.partition(" ")
-            return self.judge(presented.strip() if scheme.lower() == "bearer" else "")
-        if "token" in request.query or not self.required:
-            return self.judge(request.query.get("token"))
-        return Credentials.MISSING
-
     def _sign(self, text: str) -> str:
         return hmac.new(b"robot-health session\n" + self._token, _bytes(text), hashlib.sha256).hexdigest()
 
 
-class Client(NamedTuple):
+class Client:
     """Who sends a request."""
 
-    check: TokenCheck
-    request: web.Request
-    token: Credentials
-    """Of the token in the request itself."""
-    cookie: Credentials
-    """Of the cookie, which browsers add to each request."""
+    def __init__(self, check: TokenCheck, request: web.Request) -> None:
+        """Judges what the request presents."""
+        self._check, self._request = check, request
+        presented = request.query.get("token")
+        if "Authorization" in request.headers:
+            scheme, _, token = request.headers["Authorization"].partition(" ")
+            presented = token.strip() if scheme.lower() == "bearer" else ""
+        self.token = check.judge(presented)
+        """Of the token in the request itself."""
+        self.cookie = check.judge_cookie(request.cookies.get(_cookie_name(request), ""))
+        """Of the cookie, which browsers add to each request."""
 
     @property
     def admitted(self) -> bool:
@@ -204,14 +197,14 @@ class Client(NamedTuple):
     def refusal(self) -> web.Response:
         """Returns the answer for a client that is not admitted."""
         is_wrong = Credentials.WRONG in (self.token, self.cookie)
-        return self.check.refuse(self.request.remote or "", Credentials.WRONG if is_wrong else Credentials.MISSING)
+        return self._check.refuse(self._request.remote or "", Credentials.WRONG if is_wrong else Credentials.MISSING)
 
     def login(self, presented: object) -> web.Response:
         """Returns the answer to a login: with the cookie, if this is the token."""
-        credentials = self.check.judge(presented)
+        credentials = self._check.judge(presented)
         if credentials is not Credentials.VALID:
-            return self.check.refuse(self.request.remote or "", credentials)
-        return self._answer(self.check.new_cookie(), SESSION_S)
+            return self._check.refuse(self._request.remote or "", credentials)
+        return self._answer(self._check.new_cookie(), SESSION_S)
 
     def logout(self) -> web.Response:
         """Returns the answer that deletes the cookie."""
@@ -219,11 +212,11 @@ class Client(NamedTuple):
 
     def _answer(self, cookie: str, max_age_s: int) -> web.Response:
         response = json_response({"ok": True})
-        if self.check.required:
-            secure = "; Secure" if self.request.secure else ""
+        if self._check.required:
+            secure = "; Secure" if self._request.secure else ""
             attributes = f"Path=/; Max-Age={max_age_s}; HttpOnly; SameSite=Strict{secure}"
             # set_cookie of aiohttp 3.6 knows no SameSite
-            response.headers.add("Set-Cookie", f"{_cookie_name(self.request)}={cookie}; {attributes}")
+            response.headers.add("Set-Cookie", f"{_cookie_name(self._request)}={cookie}; {attributes}")
         return response
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from aiohttp.test_utils import make_mocked_request
 
-from robot_health_monitor.rosbridge.server.access import (
+from robot_health_monitor.runtime.access import (
     SESSION_S,
     Access,
     Client,
@@ -148,7 +148,7 @@ class Clock:
 
 
 def client(check: TokenCheck, headers: dict[str, str], path: str = "/") -> Client:
-    return check.client(make_mocked_request("GET", path, {**HOST, **headers}))
+    return Client(check, make_mocked_request("GET", path, {**HOST, **headers}))
 
 
 @pytest.mark.parametrize(
