@@ -64,7 +64,7 @@ class SamplesQuery:
 class AlertQuery:
     """Which alert a request asks for."""
 
-    id: str = declared(REQUIRED, any_text=True)
+    id: int = declared(REQUIRED, "", 1, LARGEST_ID)
 
 
 @dataclass(frozen=True)
@@ -138,9 +138,8 @@ def past_alerts(connection: Connection, wall_s: float, query: Query) -> Json:
 
 def past_alert(connection: Connection, wall_s: float, query: AlertQuery) -> Json:
     """Returns the answer of `/api/history/ID`, but for what its signal's configuration has; raises ApiError."""
-    number = int(query.id) if query.id.isdecimal() and len(query.id) < 19 else 0  # no alert has this id
-    transition = _transition(connection, number)
-    samples = queries.evidence(connection, number)
+    transition = _transition(connection, query.id)
+    samples = queries.evidence(connection, query.id)
     begun = queries.transition(connection, transition.alert_id) or transition
     return {
         "alert": {**_alert(connection, transition), "effects": begun.effects},
@@ -194,7 +193,7 @@ def past_samples(connection: Connection, wall_s: float, query: SamplesQuery) -> 
     return {"samples": [samples_fields(each) for each in stored[:_MOST_SAMPLES]], "more": len(stored) >= most}
 
 
-def past_levels(connection: Connection, wall_s: float) -> Json:
+def past_levels(connection: Connection, wall_s: float, query: LevelsQuery) -> Json:
     """Returns the answer of `/api/history/levels`."""
     begin_s = (wall_s // samples.CELL_S - _CELLS + 1) * samples.CELL_S
     cells: Dict[str, List[str]] = {}
@@ -228,10 +227,10 @@ def _seconds(time: Optional[Time]) -> Optional[float]:
 
 def _id(given: Union[str, int], of: str) -> int:
     """Returns the number of what a request names; `of` says what is numbered."""
-    text = str(given)[:20]
-    if not (text.isascii() and text.isdigit()):
-        raise ApiError(400, f"id: expected the id of {of}")
-    return min(int(text), LARGEST_ID)
+    try:
+        return min(int(str(given)[:20]), LARGEST_ID)
+    except ValueError:
+        raise ApiError(400, f"id: expected the id of {of}") from None
 
 
 def new_note(history: History, new: NewNote) -> Json:

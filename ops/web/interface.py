@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import math
-import time
 from functools import partial
 from sqlite3 import Connection
 from typing import (
@@ -28,7 +26,7 @@ from ...core.nodes.outlets import Event
 from ...core.values import ConfigError, Fault, Level, ServiceError, Transition, package_version
 from ...runtime.access import Client
 from ...runtime.event_loops import ThreadPool
-from ...runtime.http_answers import API_HEADERS, ApiError, json_response
+from ...runtime.http_answers import API_HEADERS, ApiError, json_bytes, json_response
 from ...runtime.times import iso_time
 from ..black_box.folder import find_file
 from ..store.active_silences import Silences
@@ -62,7 +60,6 @@ _READ_TIMEOUT_S = 5.0
 _ROBOTS_AT_ONCE = 5  # are read without a pause for others in the same loop
 MOST_READ = 200
 """Robots that an update of the pages reads in turn, besides those that announced something or are plotted."""
-_LEVELS_KEPT_S = 5.0  # how long the levels of a day, which are read from many rows, serve further requests
 _PAST_AT_ONCE = 1  # requests that read the history: each contends with the monitor for the interpreter
 _MOST_PAST_PENDING = 50
 
@@ -112,11 +109,8 @@ class WebInterface:
         self._readers: dict[AlertSystem, RobotReader] = {}
         self._announced: set[str] = set()
         self._next_read = 0
-        self._levels_until_s = -math.inf
         self._own_state = OwnState(robots, process_faults)
         self._metrics = Metrics(notifications_waiting, history.wall_s, lambda: len(self._own_state.texts()))
-        self.updates = Updates(self._read_update, self._read_samples)
-        """The open pages."""
 
     def watch(self, alert_system: AlertSystem) -> None:
         """Counts the transitions of a robot, and sends them to open pages. Call once for each robot."""
@@ -135,7 +129,8 @@ class WebInterface:
         What a handler raises is answered by the server: ConfigError, MessageError and ServiceError.
         """
         self._client_of = client_of
-        self.updates.begin()
+        self.updates = Updates(self._read_update, self._read_samples)
+        """The open pages."""
         get, post, history, silences = web.get, web.post, self._history, self._silences
         change = self._worker.run
         return [
@@ -143,7 +138,7 @@ class WebInterface:
             get("/api/events", self._for_clients(self.updates.serve), allow_head=False),
             get("/api/history", self._past_route(Query, past_alerts)),
             get("/api/history/samples", self._past_route(SamplesQuery, past_samples)),
-            get("/api/history/levels", self._past_route(LevelsQuery, self._past_levels)),
+            get("/api/history/levels", self._past_route(LevelsQuery, past_levels)),
             get("/api/history/{id}", self._past_route(AlertQuery, self._past_alert)),
             get("/api/black_box/{name}", self._for_clients(self._get_black_box)),
             post("/api/login", self._login),
@@ -242,7 +237,7 @@ class WebInterface:
         self, readers: Sequence[RobotReader], known: Mapping[str, RobotState], window: bool = False
     ) -> State:
         unknown = [reader for reader in readers if reader.robot not in known]
-        states = await self._read_each(unknown, lambda reader: RobotState.of(reader.state(window=window)))
+        states = await self._read_each(unknown, lambda reader: _encoded(reader.state(window=window)))
         read = {**known, **{reader.robot: state for reader, state in zip(unknown, states)}}
         robots = {reader.robot: read[reader.robot] for reader in readers}
         now_s = self._history.wall_s()
@@ -292,12 +287,6 @@ class WebInterface:
 
     # History
 
-    def _past_levels(self, connection: Connection, wall_s: float, asked: LevelsQuery) -> Json:
-        if time.monotonic() >= self._levels_until_s:
-            self._levels = past_levels(connection, wall_s)
-            self._levels_until_s = time.monotonic() + _LEVELS_KEPT_S
-        return self._levels
-
     def _past_alert(self, connection: Connection, wall_s: float, asked: AlertQuery) -> Json:
         past = past_alert(connection, wall_s, asked)
         alert = past["alert"]
@@ -331,6 +320,10 @@ class WebInterface:
             return json_response({"ok": True, "faults": self._own_state.texts()} if admitted else {"ok": True})
         oldest_s = max(robot.tick_age_s for robot in late)
         return json_response({"ok": False, "error": f"no tick for {oldest_s:.0f} s"}, 503)
+
+
+def _encoded(state: Json) -> RobotState:
+    return RobotState(state["level"], json_bytes(state))
 
 
 async def _streamed(request: web.Request, parts: Iterable[bytes], content_type: str) -> web.StreamResponse:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import threading
 import time
 from typing import Any, Callable, Dict, Mapping, NamedTuple, Sequence
 
@@ -108,7 +107,6 @@ class RobotReader:
         self.robot = alert_system.robot
         self._own_state = own_state
         self._wall_time_s = wall_time_s
-        self._lock = threading.Lock()
         self._offset_s = math.nan
         """Wall time minus the monitor's clock. Kept while it hardly changes, so that times do not change with it."""
 
@@ -118,10 +116,28 @@ class RobotReader:
         def read(monitor: Monitor, now_s: float) -> Json:
             self._follow_clock(now_s)
             judgements = monitor.judgements(now_s)
-            return self._robot(monitor, judgements, window=window)
+            signals = {
+                name: self._signal(name, judgement, monitor.shown_samples(name, MOST_SAMPLES) if window else ())
+                for name, judgement in judgements.items()
+            }
+            level = Level.worst(judgement.level for judgement in judgements.values())
+            cause, shown = None, {"message": "", "since": None}
+            if level is not Level.OK:
+                worst = [name for name, judgement in judgements.items() if judgement.level is level]
+                cause = next((name for name in worst if not judgements[name].cause), worst[0])
+                shown = signals[cause]
+            return {
+                "level": level.name,
+                "link": {None: None, True: "up", False: "down"}[monitor.link_up],
+                "signal": cause,
+                "message": shown["message"],
+                "since": shown["since"],
+                "monitor": self._own_state.of_robot(self.alert_system),
+                "show": list(monitor.config.main_signals),
+                "signals": signals,
+            }
 
-        with self._lock:
-            return self.alert_system.read(read)
+        return self.alert_system.read(read)
 
     def samples(self, before: Samples | None = None) -> Samples:
         """Returns the samples of the windows: those since `before`, an earlier result, or all if it is None."""
@@ -142,8 +158,7 @@ class RobotReader:
             last_s = {name: new[-1][0] if new else since_s.get(name, -math.inf) for name, new in shown.items()}
             return Samples(event, last_s, now_s, self._offset_s)
 
-        with self._lock:
-            return self.alert_system.read(read)
+        return self.alert_system.read(read)
 
     def _shown(self, samples: Sequence[tuple[float, float]]) -> list[list[float]]:
         return [[round(t + self._offset_s, 3), value] for t, value in samples]
@@ -152,27 +167,6 @@ class RobotReader:
         offset_s = self._wall_time_s() - now_s
         if not abs(offset_s - self._offset_s) <= _OFFSET_TOLERANCE_S:  # also the first time
             self._offset_s = offset_s
-
-    def _robot(self, monitor: Monitor, judgements: Mapping[str, Judgement], *, window: bool) -> Json:
-        signals = {}
-        for name, judgement in judgements.items():
-            samples = monitor.shown_samples(name, MOST_SAMPLES) if window else ()
-            signals[name] = self._signal(name, judgement, samples)
-        level = Level.worst(judgement.level for judgement in judgements.values())
-        cause = None
-        if level is not Level.OK:
-            worst = [name for name, judgement in judgements.items() if judgement.level is level]
-            cause = next((name for name in worst if not judgements[name].cause), worst[0])
-        return {
-            "level": level.name,
-            "link": {None: None, True: "up", False: "down"}[monitor.link_up],
-            "signal": cause,
-            "message": signals[cause]["message"] if cause is not None else "",
-            "since": signals[cause]["since"] if cause is not None else None,
-            "monitor": self._own_state.of_robot(self.alert_system),
-            "show": list(monitor.config.main_signals),
-            "signals": signals,
-        }
 
     def _signal(self, name: str, judgement: Judgement, samples: Sequence[tuple[float, float]]) -> Json:
         config, forecast = judgement.config, judgement.forecast

@@ -36,11 +36,6 @@ class RobotState(NamedTuple):
     level: str
     data: bytes  # as in `/api/state`
 
-    @classmethod
-    def of(cls, state: Json) -> RobotState:
-        """Encodes a state."""
-        return cls(state["level"], json_bytes(state))
-
 
 class State(NamedTuple):
     """The state of all robots."""
@@ -64,8 +59,7 @@ class _Page:
         self.robots = robots  # those whose samples it gets
         self.address = request.remote or ""
         self._transport = request.transport
-        # `retry`, `state` and `samples` come first.
-        self._waiting: asyncio.Queue[bytes] = asyncio.Queue(MOST_WAITING + 2 + MOST_ROBOTS)
+        self._waiting: asyncio.Queue[bytes] = asyncio.Queue(MOST_WAITING + 2)  # `retry` and `state` come first
         self._has_ended = False
 
     def send(self, event: bytes) -> None:
@@ -99,7 +93,7 @@ class Updates:
         read_state: Callable[[State | None, Collection[str]], Awaitable[State]],
         read_samples: Callable[[str, Samples | None], Awaitable[Samples | None]],
     ) -> None:
-        """Takes what reads.
+        """Takes what reads. Called in the server's loop.
 
         Args:
             read_state: returns the state without samples; takes the one before, which is None if there is none, and the
@@ -113,10 +107,6 @@ class Updates:
         self._encoded_state: bytes | None = None
         self._samples: dict[str, Samples] = {}
         self._task: asyncio.Task[None] | None = None
-        self._closed = False
-
-    def begin(self) -> None:
-        """Call in the server's loop, before the first page is opened."""
         self._loop = asyncio.get_event_loop()
         self._wake = asyncio.Event()
         self._reading = asyncio.Lock()
@@ -130,10 +120,8 @@ class Updates:
     async def serve(self, request: web.Request) -> web.StreamResponse:
         """Answers `/api/events` until the page or the server closes the connection.
 
-        Raises ApiError if the server is closing, too many robots are asked for, or there is no such robot.
+        Raises ApiError if too many robots are asked for, or there is no such robot.
         """
-        if self._closed:
-            raise ApiError(503, "the monitor is closing")
         robots = list(dict.fromkeys(filter(None, request.query.getall("robot", []))))
         if len(robots) > MOST_ROBOTS:
             raise ApiError(400, f"robot: expected at most {MOST_ROBOTS} names, got {len(robots)}")
@@ -151,12 +139,6 @@ class Updates:
 
     def close(self) -> None:
         """Disconnects every page. Call in the loop."""
-        self._closed = True
-        self._disconnect_all()
-        if self._task is not None:
-            self._task.cancel()
-
-    def _disconnect_all(self) -> None:
         for page in self.pages:
             page.end()
 
@@ -167,20 +149,14 @@ class Updates:
             for robot in page.robots:
                 if robot not in self._state.robots:
                     raise no_robot(robot)
+                self._samples.pop(robot, None)  # the next update has all of them
+                self._wake.set()
             page.send(_RETRY)
             page.send(self._state_event())
             self._make_room()
             self.pages[page] = None
             if self._task is None:
                 self._task = asyncio.ensure_future(self._run())
-            for robot in page.robots:
-                try:
-                    samples = await self._read_samples(robot, None)
-                except ServiceError:
-                    samples = None
-                if samples is not None:
-                    self._samples.setdefault(robot, samples)
-                    page.send(_event("samples", json_bytes(samples.event)))
 
     def _make_room(self) -> None:
         """Disconnects pages for a new one. One that is not read, or kept by a browser for going back, looks open."""
@@ -219,7 +195,7 @@ class Updates:
             except ServiceError:
                 pass  # without events the pages show that they have lost the monitor
             except Exception:
-                self._disconnect_all()  # they connect again: the first event fails too, and the server logs why
+                self.close()  # they connect again: the first event fails too, and the server logs why
 
     async def _update(self) -> None:
         async with self._reading:

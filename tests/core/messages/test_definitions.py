@@ -139,7 +139,7 @@ ATTACKS = {
     "a constant of many words": ("idl", "module a { const " + "a " * 400_000 + ";"),
     "a constant of many spaces": ("idl", "module a { const a" + " " * 900_000 + ";"),
     "a long size": ("idl", f"module a {{ const long X = {'9' * 900_000}; struct T {{ long x[X]; }}; }};"),
-    "a size that is no number": ("idl", "module a { const string X = \"3\"; struct T { long x[X]; }; };"),
+    "a size that is no number": ("idl", 'module a { const string X = "3"; struct T { long x[X]; }; };'),
     "many names": ("idl", "module a { struct T { long x" + ",x" * 400_000 + "$; }; };"),
     "an endless comment": ("idl", "/*" * 500_000),
     "an endless text": ("idl", '"' + "\\" * 500_000),

@@ -8,6 +8,7 @@ from typing import Any
 
 from robot_health_monitor.ops.web import updates
 from robot_health_monitor.ops.web.updates import RobotState, State
+from robot_health_monitor.runtime.http_answers import json_bytes
 
 
 def state() -> dict[str, Any]:
@@ -17,7 +18,7 @@ def state() -> dict[str, Any]:
 
 
 def encoded(found: dict[str, Any]) -> State:
-    robots = {name: RobotState.of(robot) for name, robot in found["robots"].items()}
+    robots = {name: RobotState(robot["level"], json_bytes(robot)) for name, robot in found["robots"].items()}
     return State({key: value for key, value in found.items() if key != "robots"}, robots)
 
 
