@@ -6,7 +6,7 @@ import itertools
 import math
 from dataclasses import dataclass
 from functools import partial
-from typing import Callable, Collection, Iterator, Mapping, Sequence
+from typing import Callable, Collection, Mapping, Sequence
 
 from ...core.config import LINK, MonitorConfig
 from ...core.messages.raw_messages import RawFormat
@@ -135,11 +135,21 @@ class Capture:
                 types[signal.topic] = types.get(signal.topic) or signal.type
         if self.is_simulated:
             types[CLOCK] = CLOCK_TYPE
-        matching = itertools.islice(self._matching(self._followed), _MOST_MATCHING)
-        wanted = dict.fromkeys((*types.items(), *((name, "") for name in self._named), *matching))
-        for topic in [topic for key, topic in self._topics.items() if key not in wanted]:
-            self._end(topic)
-        self._topics = {key: topic for key, topic in self._topics.items() if key in wanted}
+        matching = (
+            each
+            for each in sorted(self._followed.items())
+            if each[0] not in self._own
+            and canonical_type(each[1]) not in LARGE_TYPES
+            and any(matches_pattern(each[0], pattern) for pattern in self._patterns)
+        )
+        names = ((name, "") for name in self._named)
+        wanted = dict.fromkeys((*types.items(), *names, *itertools.islice(matching, _MOST_MATCHING)))
+        known, self._topics = self._topics, {}
+        for key, topic in known.items():
+            if key not in wanted:
+                self._end(topic)
+            elif topic.subscription is not None or not topic.resolved:  # else it is recorded under another name
+                self._topics[key] = topic
         for key in wanted:
             if key not in self._topics:
                 self._topics[key] = self._subscribe(key)
@@ -149,13 +159,6 @@ class Capture:
         for topic in self._topics.values():
             self._end(topic)
         self._topics = {}
-
-    def _matching(self, topics: Mapping[str, str]) -> Iterator[tuple[str, str]]:
-        """Yields the topics with their types that a pattern selects."""
-        for name, type_name in sorted(topics.items()):
-            is_wanted = name not in self._own and canonical_type(type_name) not in LARGE_TYPES
-            if is_wanted and any(matches_pattern(name, pattern) for pattern in self._patterns):
-                yield name, type_name
 
     def _subscribe(self, key: tuple[str, str]) -> _Topic:
         topic = _Topic(key[0])
@@ -184,12 +187,5 @@ class Capture:
             self._add(taken)
 
     def _end(self, topic: _Topic) -> None:
-        """Ends a subscription; what is recorded by it under another name can be subscribed to by that."""
         if topic.subscription is not None:
             self._middleware.unsubscribe(topic.subscription)
-            topic.subscription = None
-            self._topics = {
-                key: each
-                for key, each in self._topics.items()
-                if each is topic or each.subscription is not None or each.resolved != topic.resolved
-            }

@@ -10,7 +10,7 @@ import json
 from typing import Any, Callable, Mapping
 
 from ...core.config import flatten
-from ...core.messages.definitions import Definitions, Field
+from ...core.messages.definitions import Definitions
 from ...core.port import Graph, NodeInfo
 from ...core.values import JsonObject, ServiceError, canonical_type
 from ..protocol.definitions import parse, service_definition
@@ -18,7 +18,6 @@ from .sending import wall_stamp
 from .served_node import ServedNode
 
 PREFIX = "/rosapi/"
-_EXAMPLES = {"string": "", "bool": "False", "float32": "0.0", "float64": "0.0"}
 
 Values = JsonObject
 
@@ -124,16 +123,10 @@ def _typedefs(known: Definitions) -> Values:
                 "fieldnames": [field.name for field in fields],
                 "fieldtypes": [field.kind for field in fields],
                 "fieldarraylen": [-1 if field.size is None else max(field.size, 0) for field in fields],
-                "examples": [_example(field) for field in fields],
+                "examples": [""] * len(fields),
                 "constnames": [name for name, _ in constants],
                 "constvalues": [value for _, value in constants],
             }
             for type_name, (fields, constants) in known.items()
         ]
     }
-
-
-def _example(field: Field) -> str:
-    if field.size is not None:
-        return "[]"
-    return "{}" if "/" in field.kind or field.kind in ("time", "duration") else _EXAMPLES.get(field.kind, "0")
