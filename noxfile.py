@@ -80,7 +80,7 @@ FAULT_TESTS = [
 """Programs that are killed, stopped, attacked and filled, and the page in a browser."""
 
 RANDOM_TESTS = [
-    *("tests/core/test_fast_path.py", "tests/core/test_invariants.py", "tests/core/judge/test_announcer.py"),
+    *("tests/core/test_fast_path.py", "tests/core/test_invariants.py", "tests/core/judge/test_flapping.py"),
     *("tests/core/judge/test_forecast.py", "tests/core/judge/test_restoration.py"),
     *(f"tests/core/test_referee_{name}.py" for name in ("count", "numpy", "predict_linear", "promtool")),
     *(

@@ -10,21 +10,31 @@ Three levels are kept apart:
 While an alert is held, a transition to a level that is worse than the announced one is not announced; a transition to a
 better one always is: creation is suppressed, resolution never. A signal is held by its own source while that is silent,
 and by what it depends on (causes.py).
+
+Storms: a signal that announces more than one transition per second for a minute flaps, whatever its configuration. A
+value that is noisy around its bound at 400 Hz must not be 400 alerts per second.
 """
 
 from __future__ import annotations
 
 import math
+from typing import Sequence
 
 from ..config import SignalConfig
 from ..values import Level, Transition, duration_text, fingerprint
-from .announcer import Announcer
-from .rule import TIME_TOLERANCE_S
+from . import wording
+from .flapping import FlapDetector
+from .rule import TIME_TOLERANCE_S, Rule
 from .saved_state import SavedState
 from .staleness import LONG_DOWNTIME_S, Staleness
 from .wording import Judgement
 
 _OK, _STALE = Level.OK, Level.STALE
+
+MOST = 60
+"""Most transitions in `PERIOD_S` that are no storm."""
+PERIOD_S = 60.0
+_STORM = f"more than {MOST} transitions in {PERIOD_S:g} s"
 
 
 class Held:
@@ -85,26 +95,42 @@ class Held:
             self.caused_s, self.ended_s = min(self.caused_s, now_s), min(self.ended_s, now_s)
 
 
-class Alert(Announcer):
+class Alert:
     """The levels of a signal or a source. Methods return the one transition that they cause, or None.
 
     By itself it is OK, and STALE while it is silent for too long. Times (`now_s`) are in seconds.
     """
 
     __slots__ = (
-        "_fingerprint", "_level", "_level_since_s", "_robot", "held", "staleness",
+        "_announced_at_s", "_fingerprint", "_level", "_level_since_s", "_robot", "_times", "_unknown_since_s",
+        "_was_known", "announced", "announced_rule", "announced_since_s", "config", "flaps", "held", "staleness",
     )  # fmt: skip
 
     def __init__(self, config: SignalConfig, robot: str, now_s: float) -> None:
         """Starts before the first sample: the startup grace counts from `now_s`."""
         self.staleness = Staleness(config, now_s)
-        super().__init__(config, now_s)
+        self.announced = _OK
+        """The level of the last transition."""
+        self.announced_since_s = now_s
+        """When it was announced first; for OK moved forward by the time in which the level was unknown."""
+        self._unknown_since_s: float | None = now_s
+        """Since when the level has been unknown; None while it is known."""
+        self._was_known = False
+        """Whether the level has ever been known."""
+        self.announced_rule: Rule | None = None
+        """The rule that explained the last transition."""
+        self._announced_at_s = now_s
+        self.flaps = FlapDetector(math.inf, 0.0)
+        """Follows the level after each good sample."""
+        self._times: list[float] = []  # most signals have none, and an empty deque takes 760 bytes
+        """When the latest transitions were announced: at most one more than are no storm."""
         self._robot = robot
         self._fingerprint = fingerprint(robot, config.name)
         self._level = _OK
         self._level_since_s = now_s
         self.held: Held | None = None
         """Why worse levels are not announced; None if nothing holds them back."""
+        self._configure(config, now_s)
 
     @property
     def level(self) -> Level:
@@ -182,7 +208,8 @@ class Alert(Announcer):
         """Freezes it: from `now_s` on, the robot cannot be reached."""
         if self.staleness.unreachable_since_s is None:
             self.staleness.unreachable_since_s = now_s
-            self.note_unknown(now_s)
+            if self._unknown_since_s is None:
+                self._unknown_since_s = now_s
 
     def _end_downtime(self, now_s: float, *, is_link: bool) -> float:
         """Ends `inhibit`; returns how long that was. `is_link`: the link was down; else nothing watched the robot."""
@@ -195,16 +222,55 @@ class Alert(Announcer):
 
     def restart_time(self, now_s: float, back_s: float) -> None:
         """Restarts what waits: time went back to `now_s` by `back_s`."""
+        self._times = [time_s - back_s for time_s in self._times]
         self._level_since_s = min(self._level_since_s, now_s)
-        super().restart_time(now_s, back_s)
+        self.announced_since_s = min(self.announced_since_s, now_s)
+        if self._unknown_since_s is not None:
+            self._unknown_since_s = min(self._unknown_since_s, now_s)
+        self._announced_at_s = min(self._announced_at_s, now_s)
         self.staleness.restart(now_s)
         if self.held is not None:
             self.held.restart(now_s, self._settles_s)
 
     def _configure(self, config: SignalConfig, now_s: float) -> None:
         """Applies a new configuration of the same name; durations stay."""
-        super()._configure(config, now_s)
+        self.config = config
+        self.flaps.configure(config.flap_high if config.flap_detection else math.inf, config.flap_low)
+        self._end_flapping_unless_allowed(now_s)
         self.staleness.configure(config, now_s)
+
+    def _end_flapping_unless_allowed(self, now_s: float) -> None:
+        if not self.config.flap_detection and not self.is_storm(now_s):
+            self.flaps.end()
+
+    def is_storm(self, now_s: float, more: int = 0) -> bool:
+        """Whether more than `MOST` transitions lie within the last `PERIOD_S`, with that many more."""
+        return len(self._recent(now_s)) + more > MOST
+
+    def _recent(self, now_s: float) -> list[float]:
+        return [time_s for time_s in self._times if now_s - time_s < PERIOD_S - TIME_TOLERANCE_S]
+
+    def note_sample(self, level: Level, now_s: float) -> None:
+        """Notes the level after a good sample."""
+        flaps = self.flaps
+        flaps.add(level, is_storm=flaps.flapping and self.is_storm(now_s, more=1))
+
+    def note_known(self, now_s: float) -> None:
+        """Notes that the level is known. Time in which it was not never counts as OK."""
+        if self._unknown_since_s is None:
+            return
+        if self.announced is _OK:
+            self.announced_since_s = (
+                self.announced_since_s + (now_s - self._unknown_since_s) if self._was_known else now_s
+            )
+        self._unknown_since_s = None
+        self._was_known = True
+
+    def is_repeat_due(self, now_s: float) -> bool:
+        """Whether the level is to be announced again (`repeat_s`)."""
+        if self.config.repeat_s <= 0.0 or self.announced is _OK or self.flaps.flapping:
+            return False
+        return now_s - self._announced_at_s >= self.config.repeat_s - TIME_TOLERANCE_S
 
     def judgement(self, now_s: float, *, with_statistics: bool = True) -> Judgement:
         """Returns the state after the last call, as of `now_s`; without statistics in half the time. Reads only."""
@@ -231,11 +297,27 @@ class Alert(Announcer):
         )
 
     def exchange(self, state: SavedState) -> None:
-        """Writes the state, or continues from one, before the first sample.
+        """Writes the state, or continues from one, before the first sample, unknown at least since nothing watched.
 
         After an UnusableStateError it must not be used.
         """
-        super().exchange(state)
+        rules = self._explaining_rules
+        announced = state.section("announced")
+        rule = announced.value("rule", None if self.announced_rule is None else rules.index(self.announced_rule), float)
+        self.announced_rule = rules[int(rule)] if rule in range(len(rules)) else None
+        self.announced = announced.value("level", self.announced, _OK)
+        self._was_known = not announced.value("never_known", not self._was_known, False)
+        self.announced_since_s = state.since_s("announced", self.announced_since_s)
+        unknown_since_s = state.since_s("unknown", self._unknown_since_s)
+        repeats = self.config.repeat_s > 0.0 and self.announced is not _OK
+        waited_s = announced.waited_s("repeat_waited_s", state.now_s - self._announced_at_s if repeats else 0.0)
+        self._times = state.times_s("storm", self._times, MOST + 1)
+        if state.is_saved:
+            self._unknown_since_s = max(self.announced_since_s, min(unknown_since_s, state.unwatched_since_s))
+            self._announced_at_s = state.now_s - waited_s
+        if state.is_saved or self.config.flap_detection or self.flaps.flapping:
+            self.flaps.exchange(announced.section("flaps"))
+            self._end_flapping_unless_allowed(state.now_s)
         # A silence that is announced as its source's is known again after a restart, by itself or with its source.
         is_open = self.announced.severity >= _STALE.severity
         is_stale = state.value("stale", self.staleness.stale and is_open, False)
@@ -250,12 +332,55 @@ class Alert(Announcer):
         if cause and state.is_saved:
             self._get_held().begin(cause, caused_s)
 
+    def announce(self, judgement: Judgement, message: str | None = None, *, caused: str = "") -> Transition:
+        """Announces the level of a signal; `message` replaces the reason, `caused` the level and time before it."""
+        if judgement.level is not self.announced:
+            self._times = [*self._recent(judgement.now_s)[-MOST:], judgement.now_s]
+        if self.is_storm(judgement.now_s):
+            self.flaps.flapping = True
+            judgement = judgement._replace(flapping=True, storm=_STORM)
+        self.flaps.note_announced(judgement.level)
+        status = wording.status(judgement, message)
+        unknown_s = None if self._was_known else judgement.now_s - self.announced_since_s
+        self.note_known(judgement.now_s)
+        transition = Transition(
+            signal=judgement.config.name,
+            from_level=self.announced,
+            to_level=judgement.level,
+            value=judgement.datum if judgement.is_invalid else judgement.judged,
+            statistic=judgement.config.statistic,
+            bound=None if judgement.rule is None else judgement.rule.bound,
+            now_s=judgement.now_s,
+            since_s=self.announced_since_s,
+            robot=judgement.robot,
+            fingerprint=judgement.fingerprint,
+            text=wording.alert_line(
+                judgement, status.message, self.announced, self.announced_since_s, unknown_s, caused
+            ),
+            status=status,
+            statistics=judgement.statistics,
+            repeat=judgement.level is self.announced,
+            hint=judgement.hint,
+            cause=judgement.cause,
+        )
+        if not transition.repeat:
+            self.announced = judgement.level
+            self.announced_since_s = judgement.now_s
+        self.announced_rule = judgement.rule
+        self._announced_at_s = judgement.now_s
+        return transition
+
     def end(self, now_s: float) -> Transition | None:
         """Returns the transition with which an alert that is open leaves the configuration."""
         if not self.is_announced:
             return None
         ended = self.judgement(now_s)._replace(level=_OK, rule=None, is_invalid=False, flapping=False, hint="")
         return self.announce(ended, "no longer watched")
+
+    @property
+    def _explaining_rules(self) -> Sequence[Rule]:
+        """The rules that can explain a level; the one that does is saved by its index."""
+        return ()
 
     def _true_level(self) -> Level:
         return _STALE if self.staleness.stale else _OK
@@ -282,7 +407,7 @@ class Alert(Announcer):
             elif is_worse:
                 self.note_known(now_s)
                 return None
-        if level is self.announced or not self.is_due(level, is_news=self._is_news(level)):
+        if level is self.announced or (self.flaps.withholds(level) and not self._is_news(level)):
             self.note_known(now_s)
             return None
         return self.announce(self.judgement(now_s), caused=caused)

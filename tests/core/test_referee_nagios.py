@@ -15,7 +15,7 @@ from harness.nagios import RESULTS, announcements, last_21, percent_state_change
 from harness.seeds import fixed_seed
 
 from robot_health_monitor.core import Level, Monitor, Sample, load_config
-from robot_health_monitor.core.judge.announcer import FlapDetector
+from robot_health_monitor.core.judge.flapping import FlapDetector
 
 pytestmark = pytest.mark.newest_python
 

@@ -12,25 +12,26 @@ from hypothesis import strategies as st
 
 from robot_health_monitor.core import Level, Monitor, Sample, Transition, load_config
 from robot_health_monitor.core.config.signal_config import read_signal
-from robot_health_monitor.core.judge.announcer import Announcer, FlapDetector
+from robot_health_monitor.core.judge.alert import Alert
+from robot_health_monitor.core.judge.flapping import FlapDetector
 from robot_health_monitor.core.judge.saved_state import Downtime, SavedState
 from robot_health_monitor.core.judge.signal_monitor import SignalMonitor
 
 OK, WARN, ERROR, STALE = Level.OK, Level.WARN, Level.ERROR, Level.STALE
 
 
-def announcer(**settings: Any) -> Announcer:
-    return Announcer(read_signal("battery", {"flap_detection": True, **settings}), 0.0)
+def alert(**settings: Any) -> Alert:
+    return Alert(read_signal("battery", {"flap_detection": True, **settings}), "atlas", 0.0)
 
 
-def announce(under_test: Announcer, level: Level, now_s: float = 1.0) -> Any:
+def announce(under_test: Alert, level: Level, now_s: float = 1.0) -> Any:
     judgement = SignalMonitor(read_signal("battery", {}), "atlas", 0.0).judgement(now_s)
     return under_test.announce(judgement._replace(level=level, flapping=under_test.flaps.flapping))
 
 
-def flapping(announced: Level) -> Announcer:
-    """An announcer whose signal flaps, with `announced` as the transition that reached the limit."""
-    under_test = announcer()
+def flapping(announced: Level) -> Alert:
+    """An alert that flaps, with `announced` as the transition that reached the limit."""
+    under_test = alert()
     for number in range(21):
         under_test.flaps.add(WARN if number % 2 else OK)
     assert under_test.flaps.flapping
@@ -38,58 +39,53 @@ def flapping(announced: Level) -> Announcer:
     return under_test
 
 
-def test_only_a_change_is_due() -> None:
-    assert not announcer().is_due(OK, is_news=False)
-    assert announcer().is_due(WARN, is_news=False)
+def test_nothing_is_withheld_without_flapping() -> None:
+    assert not alert().flaps.withholds(OK)
+    assert not alert().flaps.withholds(WARN)
 
 
 @pytest.mark.parametrize(
-    ("announced", "level", "is_news", "due"),
+    ("announced", "level", "is_withheld"),
     [
-        (WARN, OK, False, False),
-        (WARN, ERROR, False, True),
-        (WARN, STALE, True, True),
-        (WARN, STALE, False, True),
-        (ERROR, ERROR, True, False),
-        (ERROR, STALE, False, False),
-        (STALE, WARN, False, False),
-        (STALE, ERROR, False, True),
-        (ERROR, STALE, True, True),
-        (OK, WARN, False, True),
+        (WARN, OK, True),
+        (WARN, ERROR, False),
+        (WARN, STALE, False),
+        (ERROR, STALE, True),
+        (STALE, WARN, True),
+        (STALE, ERROR, False),
+        (OK, WARN, False),
     ],
 )
-def test_flapping_withholds_what_is_not_worse_but_never_silence_or_invalid_data(
-    announced: Level, level: Level, is_news: bool, due: bool
-) -> None:
-    assert flapping(announced).is_due(level, is_news=is_news) is due
+def test_flapping_withholds_what_is_not_worse(announced: Level, level: Level, is_withheld: bool) -> None:
+    assert flapping(announced).flaps.withholds(level) is is_withheld
 
 
 def test_a_worse_level_is_news_only_once() -> None:
     under_test = flapping(WARN)
     announce(under_test, ERROR)
-    assert not under_test.is_due(WARN, is_news=False)
+    assert under_test.flaps.withholds(WARN)
     announce(under_test, STALE)
-    assert not under_test.is_due(ERROR, is_news=False)
+    assert under_test.flaps.withholds(ERROR)
 
 
 def test_transitions_chain() -> None:
-    under_test = announcer()
+    under_test = alert()
     first, second = announce(under_test, WARN, 3.0), announce(under_test, ERROR, 5.0)
     assert (first.from_level, first.to_level, second.from_level, second.to_level) == (OK, WARN, WARN, ERROR)
     assert (first.since_s, second.since_s) == (3.0, 3.0)  # it was never known to be OK
 
 
 def test_time_in_which_the_level_was_unknown_does_not_count_as_ok() -> None:
-    under_test = announcer()  # at 0 s
+    under_test = alert()  # at 0 s
     under_test.note_known(4.0)
-    under_test.note_unknown(6.0)
-    under_test.note_unknown(7.0)
+    under_test.inhibit(6.0)
+    under_test.inhibit(7.0)
     first = announce(under_test, WARN, 10.0)
     assert (first.since_s, first.text[-16:]) == (8.0, "(was OK for 2 s)")
 
 
 def test_a_level_that_is_not_ok_is_repeated_every_repeat_s() -> None:
-    under_test = announcer(repeat_s=10.0)
+    under_test = alert(repeat_s=10.0)
     assert not under_test.is_repeat_due(100.0)
     announce(under_test, WARN, 100.0)
     assert not under_test.is_repeat_due(109.0)
@@ -278,7 +274,7 @@ def test_turning_flap_detection_off_ends_flapping_without_a_storm() -> None:
 
 @pytest.mark.newest_python
 def test_the_memory_is_bounded() -> None:
-    under_test = announcer()
+    under_test = alert()
     for number in range(1_000):
         announce(under_test, WARN if number % 2 == 0 else OK, number * 0.001)
     saved: dict[str, Any] = {}
@@ -343,6 +339,6 @@ def test_data_that_come_once_per_second_are_judged_as_before(signal: Mapping[str
     signal = {**signal, "stale_after_s": 5.0}
     limited = [str(each) for each in observed(monitor(**signal), values, step_s=1.0)]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Announcer, "is_storm", lambda self, now_s, more=0: False)
+        patch.setattr(Alert, "is_storm", lambda self, now_s, more=0: False)
         unlimited = [str(each) for each in observed(monitor(**signal), values, step_s=1.0)]
     assert limited == unlimited
