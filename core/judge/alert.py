@@ -272,8 +272,8 @@ class Alert:
             return False
         return now_s - self._announced_at_s >= self.config.repeat_s - TIME_TOLERANCE_S
 
-    def judgement(self, now_s: float, *, with_statistics: bool = True) -> Judgement:
-        """Returns the state after the last call, as of `now_s`; without statistics in half the time. Reads only."""
+    def judgement(self, now_s: float) -> Judgement:
+        """Returns the state after the last call, as of `now_s`. Reads only."""
         staleness, flaps = self.staleness, self.flaps
         return Judgement(
             config=self.config,

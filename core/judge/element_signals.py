@@ -24,8 +24,7 @@ MOST_REFUSED = 1000
 LEAST_NAMES = 60
 """Fewest names of elements that are new to a template in a minute and still watched; otherwise `max_elements`."""
 _MINUTE_S = 60.0
-_REFUSED_FOR_S = 60.0
-"""An excess of elements is over when none of them came for this long."""
+"""Also how long none of them came when an excess of elements is over."""
 _SHARED_KEYS = ("topic", "type", "field", "stale_after_s", "startup_grace_s", "repeat_s")
 """Keys of a template that also hold for its own state."""
 
@@ -41,8 +40,6 @@ class ElementSignals:
         self.signals: dict[str, SignalMonitor] = {}
         """The elements by the names of their signals, first seen first."""
         self._robot = robot
-        self._by_element: dict[str, SignalMonitor] = {}
-        """The same by their names as received."""
         self._is_bad = False
         """Whether the latest message was invalid as a whole."""
         self._unknown_since_s = now_s
@@ -63,18 +60,13 @@ class ElementSignals:
         self._is_bad = False
         observed: list[SignalMonitor] = []
         for element, datum in value:
-            signal = self._by_element.get(element) if type(element) is str else None
-            if signal is None:
-                signal = self._admit(element, now_s, begin)
-                if signal is None:
-                    continue
-            transition = signal.observe(datum, now_s)
-            if transition is not None:
-                changes.append(transition)
-            observed.append(signal)
+            signal = self._signal_of(element, now_s, begin)
+            if signal is not None:
+                changes.add(signal.observe(datum, now_s))
+                observed.append(signal)
         return observed
 
-    def _admit(self, element: object, now_s: float, begin: Begin) -> SignalMonitor | None:
+    def _signal_of(self, element: object, now_s: float, begin: Begin) -> SignalMonitor | None:
         """Returns the signal of an element by its name as received, a new one if there is room; None if not."""
         text = element if isinstance(element, str) else datum_text(element)
         name = element_signal_name(self.config.name, text)
@@ -90,10 +82,8 @@ class ElementSignals:
                 return None
             self._admitted += 1
             signal = self.signals[name] = SignalMonitor(replace(self.config, name=name), self._robot, now_s)
-            signal.note_unknown_since(self._unknown_since_s)
+            signal.announced_since_s = self._unknown_since_s
             begin(signal)
-        if len(text) <= LONGEST_NAME and len(self._by_element) < 2 * self.config.max_elements:
-            self._by_element[text] = signal
         return signal
 
     @property
@@ -108,7 +98,7 @@ class ElementSignals:
 
     def forget_silent(self, now_s: float, changes: Changes) -> bool:
         """Ends the elements that have been silent for `forget_after_s`; returns whether there were any."""
-        if self._refused and now_s - self._refused_s > _REFUSED_FOR_S:
+        if self._refused and now_s - self._refused_s > _MINUTE_S:
             self._refused.clear()
         limit_s = self.config.forget_after_s
         if limit_s <= 0.0:
@@ -150,8 +140,6 @@ class ElementSignals:
             changes.add(self.signals.pop(name).end(now_s))
         if names:
             self._unknown_since_s = now_s
-            kept = set(map(id, self.signals.values()))
-            self._by_element = {raw: signal for raw, signal in self._by_element.items() if id(signal) in kept}
 
 
 def element_signal_name(template: str, element: str) -> str:

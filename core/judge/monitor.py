@@ -14,7 +14,6 @@ from typing import (
     AbstractSet,
     Callable,
     Iterable,
-    Iterator,
     KeysView,
     Mapping,
     Sequence,
@@ -188,27 +187,20 @@ class Monitor:
 
     def report(self, now_s: float) -> Report:
         """Returns the whole state as of the last `observe` or `tick`, with ages at `now_s`. Reads only."""
-        now_s, signals = self._to_show(now_s)
-        statuses = {name: wording.status(each) for name, each in self._judged(signals, now_s)}
+        statuses = {name: wording.status(each) for name, each in self.judgements(now_s).items()}
         overall = Level.worst(status.level for status in statuses.values())
-        return Report(overall, statuses, now_s, self.robot)
+        return Report(overall, statuses, self._to_show(now_s)[0], self.robot)
 
     def excess_elements(self) -> Mapping[str, int]:
         """Returns how many elements beyond `max_elements` came lately, by signal; counted up to 1,000."""
         return {name: template.excess for name, template in self._templates().items() if template.excess}
 
     def judgements(self, now_s: float) -> Mapping[str, Judgement]:
-        """Returns the state of every signal, without the texts and statistics of `report`. Reads only."""
+        """Returns the state of every signal, without the texts of `report`. Reads only."""
         now_s, signals = self._to_show(now_s)
-        return dict(self._judged(signals, now_s, with_statistics=False))
-
-    def _judged(
-        self, signals: Mapping[str, Alert], now_s: float, *, with_statistics: bool = True
-    ) -> Iterator[tuple[str, Judgement]]:
         effects = self.effects()
-        for name, signal in signals.items():
-            judgement = signal.judgement(now_s, with_statistics=with_statistics)
-            yield name, judgement._replace(affects=len(effects.get(name, ())))
+        judged = ((name, signal.judgement(now_s)) for name, signal in signals.items())
+        return {name: each._replace(affects=len(effects.get(name, ()))) for name, each in judged}
 
     def causes(self) -> Mapping[str, str]:
         """Returns the nearest cause of each signal that has one, by its name."""
@@ -239,11 +231,11 @@ class Monitor:
 
     def status(self, signal: str, now_s: float) -> Status | None:
         """Returns the status of one signal as in `report`; None for an unknown signal or before the first call."""
-        known = self._signals.get(signal) or self._shown().get(signal)
+        known = self._shown().get(signal)
         if known is None:
             return None
-        ((_, judgement),) = self._judged({signal: known}, self._to_show(now_s)[0])
-        return wording.status(judgement)
+        judgement = known.judgement(self._to_show(now_s)[0])
+        return wording.status(judgement._replace(affects=len(self.effects().get(signal, ()))))
 
     def levels(self) -> Mapping[str, tuple[Level, str]]:
         """Returns level and state of each signal, as in `report`, without the cost of texts."""

@@ -14,7 +14,7 @@ from ..config import SignalConfig
 from ..values import DriverStatus, Level, Transition
 from .alert import Alert, Held
 from .forecast import ForecastWindow, window_for
-from .quality import number_of, received, suspicion_of
+from .quality import number_of, received
 from .rule import Rule, SignalRules
 from .sample_summary import SampleCollector, SampleSummary
 from .saved_state import SavedState
@@ -181,25 +181,12 @@ class SignalMonitor(Alert):
             self._rules.advance(now_s)
         return self._settle(now_s)
 
-    def note_unknown_since(self, since_s: float) -> None:
-        """Notes since when the level was unknown before the first sample, if that is longer than it was watched."""
-        self.announced_since_s = since_s
-
-    def judgement(self, now_s: float, *, with_statistics: bool = True) -> Judgement:
-        """Returns the state after the last call, as of `now_s`; without statistics in half the time. Reads only."""
-        level, rules = self.level, self._rules
+    def judgement(self, now_s: float) -> Judgement:
+        """Returns the state after the last call, as of `now_s`. Reads only."""
+        level, rules, window, latest_good = self.level, self._rules, self.window, self.latest_good
         is_invalid = level is _ERROR and rules.invalid.fires
         is_silent = level is _STALE and self.staleness.frozen  # else its driver reports that it is stale
         announced = self.announced_rule if self.announced is not _OK else None
-        window, latest_good = self.window, self.latest_good
-        statistics = window.statistics() if with_statistics else {}
-        if self.judged is None:
-            statistics.pop(self.config.statistic, None)
-        elif with_statistics:
-            statistics[self.config.statistic] = self.judged
-        forecast = window.forecast() if latest_good is not None and isinstance(window, ForecastWindow) else None
-        if forecast is not None and with_statistics:
-            statistics["trend_per_min"] = forecast.slope_per_s * 60.0
         return (
             super()
             .judgement(now_s)
@@ -212,11 +199,11 @@ class SignalMonitor(Alert):
                 is_bad=rules.invalid.condition,
                 good_samples=self._good_samples,
                 bad_samples=self._bad_samples,
-                statistics=statistics,
-                forecast=forecast,
+                window=window,
+                forecast=(
+                    window.forecast() if isinstance(window, ForecastWindow) and latest_good is not None else None
+                ),
                 window_samples=min(len(window), self.config.window_samples),
-                window_is_long_enough=window.is_long_enough,
-                suspicion=suspicion_of(self.config, self._latest, self._good_samples, self._bad_samples, window),
             )
         )
 

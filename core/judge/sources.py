@@ -81,7 +81,7 @@ class Source(Alert):
         head = self.head or self
         return head.name if head.speaks or not head.signals else head.signals[0].config.name
 
-    def judgement(self, now_s: float, *, with_statistics: bool = True) -> Judgement:
+    def judgement(self, now_s: float) -> Judgement:
         """Returns the state, as of a signal, with the number of signals and the other topics."""
         seen = 1.0 if self.staleness.seen else None
         judgement = super().judgement(now_s)._replace(latest=seen, judged=seen, good_samples=int(seen or 0))

@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import math
-from types import MappingProxyType
 from typing import Mapping, NamedTuple, Sequence
 
 from ..config import ACTIVE, CONDITIONS, LINK, SignalConfig, doubt_of
@@ -29,8 +28,9 @@ from ..values import (
     printable,
     with_unit,
 )
-from .quality import as_float, number_of
+from .quality import as_float, number_of, suspicion_of
 from .rule import Rule, State
+from .window import Window
 
 STATES: Mapping[str, str] = {
     "waiting": "no sample yet; the level is unknown",
@@ -59,6 +59,8 @@ _LONGEST_MESSAGE = 200
 """Most characters of a driver's message in a reason."""
 _MOST_TOPICS = 3
 """Most topics that a reason names; one more takes no more room than the number of the rest."""
+_NO_WINDOW = Window(0.0, 0)
+"""That of a source."""
 _KEEPING = "still firing until keep_firing_for_s has passed"
 
 
@@ -110,16 +112,11 @@ class Judgement(NamedTuple):
     """Whether the latest datum is invalid."""
     good_samples: int = 0
     bad_samples: int = 0
-    statistics: Mapping[str, float] = MappingProxyType({})
-    """The statistics of the window that can be computed, the judged one where it is defined, and the trend of a
-    forecast (`trend_per_min`)."""
+    window: Window = _NO_WINDOW
+    """The samples, to be read before the next call."""
     forecast: Forecast | None = None
     """None if the statistic is not `forecast` or is undefined, or if the latest value is not known (`latest_good`)."""
     window_samples: int = 0
-    window_is_long_enough: bool = False
-    """Whether samples have come for `window_min_s`."""
-    suspicion: str = ""
-    """`suspicious data: ...`, or empty."""
     storm: str = ""
     """Why it flaps, if that is for the number of its transitions; else empty."""
     source_signals: int = 0
@@ -128,6 +125,15 @@ class Judgement(NamedTuple):
     """The other topics of the alert of a source."""
     affects: int = 0
     """How many signals are worse than announced because of it."""
+
+    @property
+    def statistics(self) -> Mapping[str, float]:
+        """What can be computed of the window, the judged statistic where it is defined, the trend of a forecast."""
+        if self.window is _NO_WINDOW:
+            return {}
+        trend = None if self.forecast is None else self.forecast.slope_per_s * 60.0
+        values = {**self.window.statistics(), self.config.statistic: self.judged, "trend_per_min": trend}
+        return {name: value for name, value in values.items() if value is not None}
 
     @property
     def datum(self) -> object:
@@ -237,8 +243,9 @@ def reason(judgement: Judgement) -> str:
     if is_stale or not (judgement.seen or config.statistic == "count"):
         return _silence_reason(judgement, is_stale=is_stale)
     text = _invalid_reason(judgement) if judgement.is_invalid else _value_reason(judgement)
-    if judgement.suspicion:
-        text = f"{text}, {judgement.suspicion}"
+    suspicion = suspicion_of(config, judgement.latest, judgement.good_samples, judgement.bad_samples, judgement.window)
+    if suspicion:
+        text = f"{text}, {suspicion}"
     if isinstance(judgement.latest, (Age, Reduced)) and judgement.latest.remark:
         text = f"{text}, {judgement.latest.remark}"
     return f"{text}, no sample for {_silence_text(judgement)}" if judgement.is_stale else text
@@ -544,7 +551,7 @@ def _undefined_reason(judgement: Judgement) -> str:
         return f"count is undefined until window_s ({duration_text(config.window_s)}) has passed"
     if judgement.window_samples == 0:
         return "no valid sample since time went back"
-    if not judgement.window_is_long_enough:
+    if not judgement.window.is_long_enough:
         return f"{config.statistic} is undefined until window_min_s ({duration_text(config.window_min_s)}) has passed"
     return f"{config.statistic} is undefined: too few samples"
 

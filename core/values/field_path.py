@@ -15,7 +15,6 @@ from __future__ import annotations
 import base64
 import re
 from functools import lru_cache
-from operator import itemgetter
 from typing import Any, Callable, Iterable, NamedTuple, Sequence, Union
 
 from .elements import (
@@ -157,15 +156,10 @@ def steps_getter(steps: Sequence[Step]) -> Getter:
     """Returns a function that reads a path which is split into steps, as `mapping_getter`."""
     if not steps:
         return lambda message: message
-    if len(steps) == 1 and isinstance(steps[0], str):
-        read = itemgetter(steps[0])
-
-        def get_field(message: Any) -> Any:
-            value = read(message)
-            return _whole(value) if type(value) is dict else value
-
-        return get_field
-    return bind_steps(steps, _whole if isinstance(steps[-1], str) else _element_value)
+    finish = _whole if isinstance(steps[-1], str) else _element_value
+    if isinstance(steps[0], str):
+        return lambda message: _read(message, steps, finish)
+    return lambda message: _read([message], steps, finish)
 
 
 def key_field(fields: Iterable[str]) -> str | None:
@@ -187,97 +181,45 @@ def number_of_text(text: Any) -> Any:
         return text
 
 
-def named_element(elements: Sequence[Any], names: Sequence[Any], key: str, array: str, place: str) -> Any:
-    """Returns the element with a name; ABSENT for an empty array: not measured. `place` is that of the names."""
-    if len(elements) != len(names):
-        return unequal(array, place, len(elements), len(names)) if len(elements) else ABSENT
-    return elements[names.index(key)] if key in names else _unnamed_among(names, place) or ABSENT
+def _read(message: Any, steps: Sequence[Step], finish: Getter, above: Any = None, array: str = "") -> Any:
+    """Reads the rest of a path, whose value `finish` returns from what it leads to.
 
-
-def named_elements(
-    elements: Sequence[Any], names: Sequence[Any], array: str, place: str, pattern: str, read: Getter
-) -> Any:
-    """Returns the values of the elements whose names match; ABSENT if there are none. `place` is that of the names.
-
-    `read` returns ABSENT for an element that is left out.
+    An array is the field `array` of the message `above`, if it has that name.
     """
+    if not steps:
+        return finish(message)
+    step, rest = steps[0], steps[1:]
+    if isinstance(step, str):
+        return _read(message[step], rest, finish, message, step)
+    elements = _listed(message)
+    if isinstance(step, int):
+        return _read(elements[step], rest, finish) if step < len(elements) else None
+    if step == Every():
+        named = numbered(elements)
+        is_plain = not rest and len(elements) and type(elements[0]) in (int, float)
+        return named if is_plain or isinstance(named, BadDatum) else _read_all(named, rest, finish)
+    names, place = _names_of(elements, above, array)
     if len(elements) != len(names):
-        return unequal(array, place, len(elements), len(names)) if len(elements) else ABSENT
+        return unequal(array, place, len(elements), len(names)) if len(elements) else ABSENT  # not measured
+    unnamed_at = (unnamed(f"{place}[{at}]", name) for at, name in enumerate(names) if type(name) is not str)
+    if isinstance(step, Keyed):
+        if step.key in names:
+            return _read(elements[names.index(step.key)], rest, finish)
+        return next(unnamed_at, ABSENT)
     if len(elements) > MOST_ELEMENTS:
         return too_many(len(elements))
-    chosen = ((name, element) for name, element in zip(names, elements) if matches_pattern(name, pattern))
-    return _unnamed_among(names, place) or _read_all(chosen, read) or ABSENT
+    chosen = (pair for pair in zip(names, elements) if matches_pattern(pair[0], step.pattern or ""))
+    return next(unnamed_at, None) or _read_all(chosen, rest, finish) or ABSENT
 
 
-def _unnamed_among(names: Sequence[Any], place: str) -> BadDatum | None:
-    """Returns the datum for the first name that is not a text; None if all are."""
-    return next((unnamed(f"{place}[{at}]", name) for at, name in enumerate(names) if type(name) is not str), None)
+def _read_all(elements: Iterable[tuple[str, Any]], steps: Sequence[Step], finish: Getter) -> Elements:
+    """Reads the rest of a path from each element.
 
-
-def numbered_elements(elements: Sequence[Any], read: Getter | None) -> Any:
-    """Returns the values of all elements, named by their index; without `read`, the elements are the values."""
-    named = numbered(elements)
-    return _read_all(named, read) if isinstance(named, Elements) and read is not None else named
-
-
-def _read_all(elements: Iterable[tuple[str, Any]], read: Getter) -> Elements:
-    """Reads the rest of the path from each element; those that lack a keyed element there are left out."""
-    values = ((name, read(element)) for name, element in elements)
-    return Elements((name, value) for name, value in values if value is not ABSENT)
-
-
-def bind_steps(steps: Sequence[Step], finish: Getter) -> Getter:
-    """Returns a function that reads a path which is not empty, as `mapping_getter`.
-
-    `finish` returns the value of what the path leads to; numbers without a name are passed on without it.
+    Statuses of this package's nodes, and elements without the keyed one, are left out.
     """
-    at = next((number for number, step in enumerate(steps) if isinstance(step, Every)), len(steps))
-    before, after = steps[:at], steps[at + 1 :]
-    every: Any = steps[at] if at < len(steps) else None
-    read = _element_reader(after, finish)
-
-    def get(message: Any) -> Any:
-        above: Any = None
-        array = ""
-        for step in before:
-            if isinstance(step, str):
-                above, array, message = message, step, message[step]
-            elif isinstance(step, int):
-                elements = _listed(message)
-                if step >= len(elements):
-                    return None
-                above, message = None, elements[step]
-            else:
-                elements = _listed(message)
-                names, place = _names_of(elements, above, array)
-                key = step.key  # type: ignore[union-attr]
-                message = named_element(elements, names, key, array, place)
-                if message is ABSENT or type(message) is BadDatum:
-                    return message
-                above = None
-        if every is None:
-            return finish(message)
-        elements = _listed(message)
-        if every.pattern is None:
-            is_plain = not after and len(elements) and type(elements[0]) in (int, float)
-            return numbered_elements(elements, None if is_plain else read)
-        names, place = _names_of(elements, above, array)
-        return named_elements(elements, names, array, place, every.pattern, read)
-
-    return get if isinstance(steps[0], str) else lambda message: get([message])
-
-
-def _element_reader(steps: Sequence[Step], finish: Getter) -> Getter:
-    """Returns a function that reads the rest of a path from one of several elements."""
-    read_rest = bind_steps(steps, finish) if steps else finish
-
-    def read(element: Any) -> Any:
-        if _is_own(element):
-            return ABSENT
-        value = read_rest(element)
-        return NOT_A_NUMBER if type(value) in (dict, list, memoryview) else value
-
-    return read
+    values = ((name, _read(element, steps, finish)) for name, element in elements if not _is_own(element))
+    kept = ((name, value) for name, value in values if value is not ABSENT)
+    return Elements((name, NOT_A_NUMBER if type(value) in (dict, list, memoryview) else value) for name, value in kept)
 
 
 def _is_own(element: Any) -> bool:

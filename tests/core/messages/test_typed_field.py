@@ -188,6 +188,7 @@ def test_names_that_are_not_text_are_a_bad_datum_where_they_are_needed() -> None
     assert found == "name[1] is not a text: 5"
     status = {**MESSAGE, "status": [*MESSAGE["status"], {"name": None, "level": 0, "message": ""}]}
     assert mapping_getter('status["*"].level')(status) == "status[2] is not a text: None"
+    assert mapping_getter('status["a*"].level')(status) == "status[2] is not a text: None"
 
 
 @pytest.mark.parametrize("field", ["effort[*]", 'effort["*"]', 'status["*"]'])
