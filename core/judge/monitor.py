@@ -30,7 +30,7 @@ from ..config import (
     is_element_name,
     template_name,
 )
-from ..values import Changes, ConfigError, Elements, Level, LinkDown, Report, Sample, Status, printable
+from ..values import Changes, ConfigError, Elements, Level, LinkDown, Report, Sample, Status, count_text, printable
 from . import wording
 from .alert import Alert
 from .element_signals import ElementSignals, config_of, element_of, own_config, unconfigured
@@ -46,8 +46,6 @@ _UNKNOWN = frozenset([""])
 """No causes: those that are active have to be found."""
 _LINK_GRACE_S = 60.0
 """A restored link of which nothing is reported for this long is no longer watched."""
-_MOST_NOTICES = 10
-"""Most saved states that cannot be used and are named."""
 
 
 class Monitor:
@@ -463,9 +461,9 @@ class Monitor:
             elif not isinstance(template, ElementSignals):
                 self._watched[name] = signal
         self._sources.relate(of_sources, now_s, changes)
-        more = len(unusable) - _MOST_NOTICES
-        rest = [f"... and {more} more saved states"] if more > 0 else []
-        changes.notices = (*unusable[:_MOST_NOTICES], *rest)
+        if unusable:
+            more = f" (and {count_text(len(unusable) - 1, 'other signal')})" if len(unusable) > 1 else ""
+            changes.notices = (f"{unusable[0]}{more}",)
 
     def _arrange(self) -> None:
         """Puts the signals in the order of the configuration, after some were added or removed."""

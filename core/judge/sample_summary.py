@@ -122,10 +122,11 @@ class SampleCollector:
 
     def _close(self) -> None:
         if self._level is not None or self._good + self._bad:
-            start_s, level, last = self._number * PERIOD_S, self._level or Level.OK, self._last
-            summary = NO_SAMPLES._replace(start_s=start_s, good=self._good, bad=self._bad, level=level)
-            if last is not None:
-                summary = summary._replace(least=self._least, most=self._most, mean=self._mean, last=last)
+            start_s, level = self._number * PERIOD_S, self._level or Level.OK
+            values = self._least, self._most, self._mean, self._last
+            summary = SampleSummary(start_s, *values, self._good, self._bad, level)
+            if self._last is None:
+                summary = summary._replace(least=None, most=None, mean=None)
             self._waiting.append(summary)
             del self._waiting[:-_MOST_PERIODS]
         self._clear()

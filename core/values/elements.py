@@ -140,7 +140,7 @@ def numbered(values: Sequence[Any]) -> Elements | BadDatum:
     """Returns all elements of an array, named by their index."""
     if len(values) > MOST_ELEMENTS:
         return too_many(len(values))
-    return Elements(zip(_index_names(len(values)), values))
+    return Elements(zip(map(str, range(len(values))), values))
 
 
 def too_many(number: int) -> BadDatum:
@@ -156,13 +156,3 @@ def unequal(array: str, names_field: str, elements: int, names: int) -> BadDatum
 def unnamed(place: str, name: Any) -> BadDatum:
     """Returns the datum for an element whose name is not a text."""
     return BadDatum(f"{place} is not a text: {datum_text(name)}")
-
-
-_index_texts: list[str] = []
-
-
-def _index_names(number: int) -> Sequence[str]:
-    """Returns at least this many names of elements: "0", "1", ..."""
-    if len(_index_texts) < number:
-        _index_texts[:] = map(str, range(number))
-    return _index_texts

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import Callable, NamedTuple
+from operator import itemgetter
+from typing import Callable, Iterable, NamedTuple
 
 from .elements import NOT_A_NUMBER, Age, BadDatum, DriverStatus, Elements
 
@@ -59,33 +60,21 @@ def reduced(elements: Elements, reduction: str, number_of: Callable[[object], fl
 
     Elements that are not finite numbers there are not measured; `count` also counts texts and messages.
     """
-    numbers: list[float] = []
-    names: list[str] = []
-    present = 0
-    for name, value in elements:
-        number = number_of(value)
-        if math.isfinite(number):
-            numbers.append(number)
-            names.append(name)
-        elif reduction == "count" and _is_present(value):
-            present += 1
-    measured = len(numbers) + present
-    result: float | None = None
+    all_numbers = [number_of(value) for _, value in elements]
+    measured = [Element(name, number) for (name, _), number in zip(elements, all_numbers) if math.isfinite(number)]
+    count, result = len(measured), math.nan
     decided: tuple[Element, ...] = ()
     if reduction == "count":
-        result = float(measured)
-    elif reduction in ("sum", "mean"):
-        total = _sum(numbers)
-        result = total if reduction == "sum" else total / len(numbers) if numbers else None
-    elif numbers:
-        ends = {"min": (min,), "max": (max,), "spread": (min, max)}[reduction]
-        places = [numbers.index(end(numbers)) for end in ends]
-        decided = tuple(Element(names[at], numbers[at]) for at in places)
-        result = decided[-1].value - decided[0].value if reduction == "spread" else decided[0].value
-    if result is None or (not numbers and reduction != "count"):
-        result = math.nan
+        count = sum(math.isfinite(each) or _is_present(value) for each, (_, value) in zip(all_numbers, elements))
+        result = float(count)
+    elif measured and reduction in ("sum", "mean"):
+        result = _sum(each.value for each in measured) / (1 if reduction == "sum" else count)
+    elif measured:
+        least, most = (end(measured, key=itemgetter(1)) for end in (min, max))
+        decided = {"min": (least,), "max": (most,), "spread": (least, most)}[reduction]
+        result = decided[-1].value - (least.value if reduction == "spread" else 0.0)
     remark = next((value.remark for _, value in elements if type(value) is Age and value.remark), "")
-    return Reduced(result, decided, measured, len(elements) - measured, remark)
+    return Reduced(result, decided, count, len(elements) - count, remark)
 
 
 def _is_present(value: object) -> bool:
@@ -93,7 +82,7 @@ def _is_present(value: object) -> bool:
     return value is NOT_A_NUMBER or (isinstance(value, (str, DriverStatus)) and not isinstance(value, BadDatum))
 
 
-def _sum(numbers: list[float]) -> float:
+def _sum(numbers: Iterable[float]) -> float:
     try:
         return math.fsum(numbers)
     except OverflowError:

@@ -18,14 +18,13 @@ from .formatting import describe
 from .patterns import matches_pattern
 
 _COMPARED = re.compile(
-    r"""\s*(?P<operator>[=!<>]=|[<>])\s*(?:
+    r"""\s*(?:(?P<equality>[=!]=)|(?P<order>[<>]=?))\s*(?:
         (?P<number>[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)(?![\w.])
     |   (?P<constant>[A-Za-z_]\w*)
-    |   "(?P<text>(?:[^"\\]|\\"|\\(?!"))*)"
-    )""",
+    |   (?(equality)"(?P<text>(?:[^"\\]|\\"|\\(?!"))*)"|(?!))  # a text is equal or not
+    )(?:\s+and\s+(?=\S)|\Z)""",
     re.ASCII | re.VERBOSE,
 )
-_AND = re.compile(r"\s+and\s+")
 _WHERE = " where "
 LONGEST_TEXT = 10_000
 """Characters of a text in a message that are compared: a hostile one must not delay judging."""
@@ -76,37 +75,24 @@ def parse_where(where: str) -> list[Comparison]:
     """Returns the comparisons of a condition, all of which must hold; raises ValueError if it is none."""
     comparisons: list[Comparison] = []
     rest = where.strip()
-    while True:
+    while rest or not comparisons:
         steps, behind = leading_path(rest)
         match = _COMPARED.match(behind)
-        if not steps or match is None:
-            raise ValueError(f"expected a comparison such as level >= ERROR, got {describe(rest)}")
-        path, number, constant, text = (
-            rest[: len(rest) - len(behind)],
-            match["number"],
-            match["constant"],
-            match["text"],
-        )
-        if any(isinstance(step, Every) for step in steps):
-            raise ValueError(f"expected the path of one value, got {describe(path)}")
-        if text is not None and match["operator"] not in ("==", "!="):
-            raise ValueError(f"expected == or != before a text, got {describe(match['operator'])}")
-        if constant in _BOOLEANS:
-            number, constant = str(_BOOLEANS[constant]), None
+        is_one_value = steps and not any(isinstance(step, Every) for step in steps)
+        number = match and match["number"]
+        if match is None or not is_one_value or (number and math.isinf(float(number))):
+            raise ValueError(f'expected comparisons such as level >= ERROR and name == "*arm*", got {describe(rest)}')
+        constant = match["constant"] or ""
         exact: float | None = None
-        if number is not None:
+        if constant in _BOOLEANS:
+            exact, constant = _BOOLEANS[constant], ""
+        elif number:
             # As it is written: an id of 64 bits has more digits than a float.
             exact = int(number) if number.lstrip("+-").isdigit() and len(number) <= _MOST_DIGITS else float(number)
-            if not math.isfinite(exact):
-                raise ValueError(f"expected a finite number, got {describe(number)}")
-        comparisons.append(Comparison(path, match["operator"], exact, constant or "", (text or "").replace('\\"', '"')))
+        path, text = rest[: len(rest) - len(behind)], (match["text"] or "").replace('\\"', '"')
+        comparisons.append(Comparison(path, match["equality"] or match["order"], exact, constant, text))
         rest = behind[match.end() :]
-        if not rest:
-            return comparisons
-        conjunction = _AND.match(rest)
-        if conjunction is None:
-            raise ValueError(f"expected `and` between two comparisons, got {describe(rest)}")
-        rest = rest[conjunction.end() :]
+    return comparisons
 
 
 def selection(field: str, where: str) -> str | None:

@@ -264,7 +264,10 @@ def test_a_file_of_thousands_of_mistakes_ends_after_a_hundred(robot_health: Star
             "where: s: rosgraph_msgs/Log has no constant ",
         ),
         ("{type: rosgraph_msgs/Log, field: '', where: 'lvl >= ERROR'}", "where: s: rosgraph_msgs/Log has no field lvl"),
-        ("{field: '', where: 'level >= '}", "where: expected a comparison such as level >= ERROR, got 'level >='"),
+        (
+            "{field: '', where: 'level >= '}",
+            "where: expected comparisons such as level >= ERROR and name == \"*arm*\", got 'level >='",
+        ),
         ("{topic: my arm, type: std_msgs/Float32}", "topic: expected the name of a topic, got 'my arm'"),
         ("{type: sensor_msgs/Imu}", "field: s: sensor_msgs/Imu has no field data;"),
         ("{type: sensor_msgs/Imu, field: 'orientation_covariance[9]'}", "field: s: sensor_msgs/Imu has no field "),

@@ -146,8 +146,11 @@ def test_where_concerns_the_whole_message_with_elements_and_reductions() -> None
 @pytest.mark.parametrize(
     ("changes", "problem"),
     [
-        ({"where": "level >="}, "where: expected a comparison such as level >= ERROR, got 'level >='"),
-        ({"where": ""}, "where: expected a comparison such as level >= ERROR, got ''"),
+        (
+            {"where": "level >="},
+            "where: expected comparisons such as level >= ERROR and name == \"*arm*\", got 'level >='",
+        ),
+        ({"where": ""}, "where: expected comparisons such as level >= ERROR and name == \"*arm*\", got ''"),
         ({"window_min_s": 0.0}, "window_min_s: a count is defined from the start; remove this key"),
         ({"error_above": 6001}, "error_above: expected at most window_samples (6000), got 6001"),
         ({"forecast_s": 60.0}, "forecast_s: expected statistic: forecast with it, got 'count'"),
