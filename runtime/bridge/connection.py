@@ -26,18 +26,9 @@ from ...core.port import LimitedLog, Severity
 from ...core.values import Clock, MessageError, printable
 from ..backoff import Backoff
 from ..sockets import FloodError, Incoming, within
-from .address import host_and_port, shown_address
+from .address import host_and_port, http_address, shown_address
 from .cause import UP, Cause, cause_of_close, cause_of_error
-from .websocket import (
-    HostLookup,
-    SendQueue,
-    Socket,
-    Wire,
-    close_socket,
-    create_session,
-    open_socket,
-    wait_until_unanswered,
-)
+from .websocket import HostLookup, Socket, Wire, create_session, wait_until_unanswered, write
 
 LARGEST_MESSAGE_BYTES = 64_000_000
 """Default size above which a message ends the connection."""
@@ -46,6 +37,10 @@ LONGEST_TEXT = 200
 """Characters of an error of a server that are shown."""
 _MESSAGES = (aiohttp.WSMsgType.TEXT, aiohttp.WSMsgType.BINARY)
 _FLOODED = Cause("connection closed: the server floods it with pings or empty messages")
+_CONNECT_TIMEOUT_S = 5.0
+_CLOSE_TIMEOUT_S = 1.0
+_MOST_WAITING = 10_000
+"""Messages that may wait to be sent. A lost subscription would be a silent failure: one more ends the connection."""
 _HELD_S = 10.0
 """A connection that lasted this long, in s, is a good one: the delays start again from the shortest."""
 _FIRST_DELAY_S = 0.2
@@ -57,7 +52,7 @@ _LONGEST_AFTER_CLOSE_S = 30.0
 """Longest delay for a server that accepts connections only to close them within `_SHORT_LIVED_S`."""
 
 
-class ConnectBackoff:
+class ConnectBackoff(Backoff):
     """Delays that double with every attempt until a connection has held for `_HELD_S`.
 
     Each delay is shortened by a random part of up to half, so that a fleet does not reconnect all at once.
@@ -65,14 +60,13 @@ class ConnectBackoff:
 
     def __init__(self, chance: Clock = random.random) -> None:
         """Starts with the shortest delay; `chance` returns a random number from 0 to 1."""
-        self._backoff = Backoff(_FIRST_DELAY_S, _LONGEST_DELAY_S, spread=0.5, chance=chance)
+        super().__init__(_FIRST_DELAY_S, _LONGEST_DELAY_S, spread=0.5, chance=chance)
 
-    def next_s(self, held_s: float | None) -> float:
+    def after_s(self, held_s: float | None) -> float:
         """Returns the delay before the next attempt, in s; the last connection held for `held_s`, or failed: None."""
         if held_s is not None and held_s >= _HELD_S:
-            self._backoff.reset()
-        closed_at_once = held_s is not None and held_s < _SHORT_LIVED_S
-        return self._backoff.next_s(_LONGEST_AFTER_CLOSE_S if closed_at_once else None)
+            self.reset()
+        return self.next_s(_LONGEST_AFTER_CLOSE_S if held_s is not None and held_s < _SHORT_LIVED_S else None)
 
 
 class BridgeConnection(abc.ABC):
@@ -137,7 +131,9 @@ class BridgeConnection(abc.ABC):
         """That in which `run` runs; None before."""
         self._thread = 0
         self._closed = False
-        self._queue: SendQueue | None = None
+        self._wires: asyncio.Queue[Wire] | None = None
+        """Messages that wait to be sent; None while the connection is down."""
+        self._overflowed: asyncio.Event
         self._reported: tuple[bool, Cause] | None = None
         self._moved: asyncio.Event | None = None
         self._lookup = HostLookup()
@@ -215,7 +211,7 @@ class BridgeConnection(abc.ABC):
             while not self._closed:
                 if moved.is_set():
                     moved.clear()
-                    backoff = ConnectBackoff()
+                    backoff.reset()
                 held_s = None
                 try:
                     held_s = await self._connect_once(moved)
@@ -225,7 +221,7 @@ class BridgeConnection(abc.ABC):
                     self._report(False, Cause(f"internal error: {type(error).__name__}"))
                 if not self._closed:
                     with contextlib.suppress(asyncio.TimeoutError):
-                        await within(backoff.next_s(held_s), moved.wait())
+                        await within(backoff.after_s(held_s), moved.wait())
         finally:
             for task in tasks:
                 task.cancel()
@@ -237,9 +233,7 @@ class BridgeConnection(abc.ABC):
         headers = {"Authorization": f"Bearer {self._token}"} if self._token else {}
         async with create_session(self._lookup, headers) as session:
             try:
-                socket = await open_socket(
-                    session, self._url, self.subprotocols, self._ssl_context, self._largest_message_bytes
-                )
+                socket = await within(_CONNECT_TIMEOUT_S, self._open(session))
             except (aiohttp.ClientError, OSError, asyncio.TimeoutError, ValueError) as error:
                 self._report(False, self._cause_of(error))
                 return None
@@ -255,18 +249,28 @@ class BridgeConnection(abc.ABC):
                 if cause is not UP:
                     self._report(False, cause)
                 if cause is not _FLOODED:  # a closing handshake would read the whole flood
-                    await close_socket(socket)
+                    with contextlib.suppress(Exception):
+                        await within(_CLOSE_TIMEOUT_S, socket.close())
             return asyncio.get_event_loop().time() - start_s
+
+    async def _open(self, session: aiohttp.ClientSession) -> Socket:
+        tls: dict[str, Any] = {} if self._ssl_context is None else {"ssl": self._ssl_context}
+        size = self._largest_message_bytes
+        socket: aiohttp.ClientWebSocketResponse[Any] = await session.ws_connect(
+            http_address(self._url), protocols=self.subprotocols, autoping=False, max_msg_size=size, **tls
+        )
+        return socket
 
     async def _talk(self, socket: Socket, moved: asyncio.Event) -> Cause:
         """Uses a new connection until it ends; returns why it ended."""
-        queue = self._queue = SendQueue()
+        wires = self._wires = asyncio.Queue(_MOST_WAITING)
+        self._overflowed = asyncio.Event()
         silent = functools.partial(wait_until_unanswered, socket, self._heartbeat_s)
         ends = (
             self._read(socket),
             self._refusal(),
-            _after(functools.partial(queue.write_to, socket), UP),
-            _after(queue.overflowed.wait, Cause("the server does not read what is sent to it")),
+            _after(functools.partial(write, wires, socket), UP),
+            _after(self._overflowed.wait, Cause("the server does not read what is sent to it")),
             _after(moved.wait, Cause("the address has changed")),
             _after(silent, self._cause_of(asyncio.TimeoutError())),
         )
@@ -283,7 +287,7 @@ class BridgeConnection(abc.ABC):
             for task in tasks:
                 task.cancel()
             await asyncio.wait(tasks)
-            self._queue = None
+            self._wires = None
 
     async def _read(self, socket: Socket) -> Cause:
         incoming = Incoming(socket)
@@ -314,8 +318,11 @@ class BridgeConnection(abc.ABC):
         return cause_of_error(error, bool(self._token), self.server_kind)
 
     def _enqueue(self, wire: Wire) -> None:
-        if self._queue is not None:
-            self._queue.put(wire)
+        if self._wires is not None:
+            try:
+                self._wires.put_nowait(wire)
+            except asyncio.QueueFull:
+                self._overflowed.set()
 
     def _report(self, up: bool, cause: Cause) -> None:
         if (up, cause) == self._reported or (self._moved is not None and self._moved.is_set()):

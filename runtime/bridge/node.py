@@ -73,8 +73,8 @@ class BridgeClient(abc.ABC, Generic[Node]):
         *,
         clock: Clock = time.monotonic,
         wall_clock: Clock = time.time,
-        on_log: Callable[[LogLine], None] | None = None,
-        on_link: Callable[[bool, Cause], None] | None = None,
+        on_log: Callable[[LogLine], None],
+        on_link: Callable[[bool, Cause], None],
         **options: Any,
     ) -> None:
         """Creates a client that is not connected; `run` connects.
@@ -83,21 +83,19 @@ class BridgeClient(abc.ABC, Generic[Node]):
             url: address of the server.
             clock: monotonic seconds, for nodes without simulated time.
             wall_clock: seconds since 1970, for the ages of stamps.
-            on_log: called with every log line; None keeps them in `log_lines`.
+            on_log: called with every log line.
             on_link: called in the loop when the connection is up (with an empty cause), when it is down, and when the
-                cause changes. None logs each.
+                cause changes.
             options: those of the connection, which are described at `BridgeConnection` and its subclass.
 
         Raises:
             ConfigError: `url` is not the address of such a server.
         """
-        self.log_lines: list[LogLine] = []
-        self.on_log: Callable[[LogLine], None] = on_log or self.log_lines.append
+        self.on_log = on_log
         self.clock = clock
         self.wall_clock = wall_clock
-        self.on_link = on_link or self._log_link
         self._nodes: list[Node] = []
-        self.connection = self.connection_class(url, on_change=self.on_link, on_log=self.log, clock=clock, **options)
+        self.connection = self.connection_class(url, on_change=on_link, on_log=self.log, clock=clock, **options)
 
     @abc.abstractmethod
     async def known_topics(self) -> list[KnownTopic]:
@@ -152,12 +150,6 @@ class BridgeClient(abc.ABC, Generic[Node]):
     def log(self, severity: Severity, text: str) -> None:
         """Logs a line about the connection."""
         self.on_log(LogLine(self.clock(), self.log_name, severity, text))
-
-    def _log_link(self, up: bool, cause: Cause) -> None:
-        if up:
-            self.log(Severity.INFO, f"connected to {self.connection.address}")
-        else:
-            self.log(Severity.WARN, f"no connection to {self.connection.address}: {cause.text}")
 
 
 class BridgeNode(MappingNode):

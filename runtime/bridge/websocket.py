@@ -1,4 +1,4 @@
-"""The WebSocket to a server: looking up the host, opening, the send queue, and whether the server still answers."""
+"""The WebSocket to a server: looking up the host, sending, and whether the server still answers."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import contextlib
 import functools
 import math
 import socket as sockets
-import ssl
 import struct
 from typing import Any, Mapping, Sequence, Union
 
@@ -16,11 +15,8 @@ from aiohttp.abc import AbstractResolver
 
 from ..event_loops import run_in_daemon_thread
 from ..sockets import ignore_result, limit_reads, within
-from .address import http_address
 from .cause import RedirectError
 
-_CONNECT_TIMEOUT_S = 5.0
-_CLOSE_TIMEOUT_S = 1.0
 _ALLOWED_PERIODS = 0.5
 """How long a server may take to answer, in periods of the pings."""
 _KERNEL_CLOCK_S = 0.02
@@ -45,35 +41,6 @@ def create_session(lookup: HostLookup, headers: Mapping[str, str]) -> aiohttp.Cl
     trace.on_request_redirect.append(refuse)
     connector = _Connector(resolver=lookup, use_dns_cache=False)
     return aiohttp.ClientSession(headers=headers, connector=connector, trace_configs=[trace])
-
-
-async def open_socket(
-    session: aiohttp.ClientSession,
-    url: str,
-    subprotocols: Sequence[str],
-    ssl_context: ssl.SSLContext | None,
-    largest_message_bytes: int,
-) -> Socket:
-    """Connects; raises what aiohttp raises, or asyncio.TimeoutError."""
-    options: dict[str, Any] = {} if ssl_context is None else {"ssl": ssl_context}
-
-    async def connect() -> Socket:
-        socket: aiohttp.ClientWebSocketResponse[Any] = await session.ws_connect(
-            http_address(url),
-            protocols=subprotocols,
-            autoping=False,
-            max_msg_size=largest_message_bytes,
-            **options,
-        )
-        return socket
-
-    return await within(_CONNECT_TIMEOUT_S, connect())
-
-
-async def close_socket(socket: Socket) -> None:
-    """Closes a connection; a server that does not answer does not delay this for long."""
-    with contextlib.suppress(Exception):
-        await within(_CLOSE_TIMEOUT_S, socket.close())
 
 
 class _Connector(aiohttp.TCPConnector):
@@ -123,37 +90,19 @@ def _look_up(host: str, port: int, family: int) -> Sequence[dict[str, Any]]:
     return addresses
 
 
-class SendQueue:
-    """What waits to be sent to a server: subscriptions and calls. Used in the event loop only."""
-
-    def __init__(self, most: int = 10_000) -> None:
-        """Starts empty; at most `most` messages wait."""
-        self._wires: asyncio.Queue[Wire] = asyncio.Queue(most)
-        self.get = self._wires.get
-        """Waits for the next message and removes it."""
-        self.overflowed = asyncio.Event()
-        """Set once a message did not fit."""
-
-    def put(self, wire: Wire) -> None:
-        """Adds a message, unless it does not fit: a lost subscription would be a silent failure."""
+async def write(wires: asyncio.Queue[Wire], socket: Socket) -> None:
+    """Sends what is put, until it is cancelled: when the connection ends, its reader finds out why."""
+    while True:
+        wire = await wires.get()
         try:
-            self._wires.put_nowait(wire)
-        except asyncio.QueueFull:
-            self.overflowed.set()
-
-    async def write_to(self, socket: Socket) -> None:
-        """Sends what is put, until it is cancelled: when the connection ends, its reader finds out why."""
-        while True:
-            wire = await self.get()
-            try:
-                if isinstance(wire, bytes):
-                    await socket.send_bytes(wire)
-                else:
-                    await socket.send_str(wire)
-            except UnicodeEncodeError:
-                continue  # a lone surrogate in a text: this one operation cannot be sent
-            except (ConnectionError, RuntimeError, aiohttp.ClientError):
-                await asyncio.Event().wait()
+            if isinstance(wire, bytes):
+                await socket.send_bytes(wire)
+            else:
+                await socket.send_str(wire)
+        except UnicodeEncodeError:
+            continue  # a lone surrogate in a text: this one operation cannot be sent
+        except (ConnectionError, RuntimeError, aiohttp.ClientError):
+            await asyncio.Event().wait()
 
 
 async def wait_until_unanswered(socket: Socket, period_s: float) -> None:

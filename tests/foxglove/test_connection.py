@@ -278,4 +278,4 @@ async def test_large_lists_of_channels_are_parsed_beside_the_loop() -> None:
 @pytest.mark.parametrize("url", ["http://robot:8765", "foxglove://", "foxglove://robot:99999", "robot"])
 def test_an_address_that_is_none_is_a_configuration_error(url: str) -> None:
     with pytest.raises(ConfigError, match="foxglove://host:port"):
-        FoxgloveClient(url)
+        FoxgloveClient(url, on_link=lambda *link: None, on_log=lambda line: None)

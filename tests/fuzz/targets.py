@@ -401,7 +401,9 @@ class FoxgloveClients(Target):
 
     def use(self, data: list[Wire]) -> None:
         lines: list[LogLine] = []
-        client = FoxgloveClient("foxglove://robot:8765", clock=lambda: 0.0, on_log=lines.append)
+        client = FoxgloveClient(
+            "foxglove://robot:8765", clock=lambda: 0.0, on_log=lines.append, on_link=lambda up, cause: None
+        )
         node = client.node("a")
         for field in ("data", "data[0]", "data[*].d", "", None):
             node.subscribe("/a", "", lambda value, now_s: None, field=field)

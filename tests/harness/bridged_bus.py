@@ -30,12 +30,18 @@ class BridgedBus:
 
     def make_client(self, kind: Callable[..., Any], url: str) -> None:
         up = self._up
-        self.client = kind(url, probation_s=0.0, on_link=lambda is_up, cause: up.set() if is_up else up.clear())
+        self._lines: list[Any] = []
+        self.client = kind(
+            url,
+            probation_s=0.0,
+            on_link=lambda is_up, cause: up.set() if is_up else up.clear(),
+            on_log=self._lines.append,
+        )
 
     def run_client(self, loop: LoopThread) -> None:
         """Returns when the client is connected."""
         self.running = asyncio.run_coroutine_threadsafe(self.client.run(), loop.loop)
-        assert self._up.wait(30.0), self.client.log_lines
+        assert self._up.wait(30.0), self._lines
 
     def settle(self) -> None:
         """Returns when what was sent until now, in either direction, is processed."""
@@ -74,7 +80,7 @@ class BridgedBus:
         assert all(node.now_s() == now_s for node in self._nodes if not node.closed)
 
     def log_lines(self) -> Sequence[LogLine]:
-        return [LogLine(line.severity, line.text) for line in tuple(self.client.log_lines)]
+        return [LogLine(line.severity, line.text) for line in tuple(self._lines)]
 
     def wait_until(self, predicate: Callable[[], bool]) -> None:
         poll_until(predicate, self.settle)

@@ -68,7 +68,7 @@ async def look_at(port: int, token: str) -> list[Any]:
 
 async def _capture(url: str, token: str) -> tuple[Capture, list[float], Any]:
     """Returns what a node of the client captures of a topic, what it judges meanwhile, and counts in the graph."""
-    client = RosbridgeClient(url, token=token, on_link=lambda up, cause: None)
+    client = RosbridgeClient(url, token=token, on_link=lambda up, cause: None, on_log=lambda line: None)
     node, capture, judged = client.node("watcher"), Capture(), Recorder()
     node.subscribe("/battery_level", "", judged, field="data")
     node.subscribe_raw("/battery_level", "", capture)

@@ -10,6 +10,7 @@ from typing import Any, Awaitable, Callable, Sequence
 import aiohttp
 from aiohttp import web
 
+from robot_health_monitor.core.port.local import LogLine
 from robot_health_monitor.core.port.middleware import Severity
 from robot_health_monitor.foxglove import FoxgloveClient
 from robot_health_monitor.runtime.bridge.cause import Cause
@@ -40,7 +41,9 @@ class Watched:
     def __init__(self, url: str, *, probation_s: float = 0.0, **options: Any) -> None:
         self.ups: list[bool] = []
         self.causes: list[str] = []
-        self.client = FoxgloveClient(url, on_link=self._on_link, probation_s=probation_s, **options)
+        self.log_lines: list[LogLine] = []
+        shared = {"on_link": self._on_link, "on_log": self.log_lines.append, "probation_s": probation_s}
+        self.client = FoxgloveClient(url, **shared, **options)
         self.node = self.client.node("watcher")
         self.heard: list[Any] = []
         self.task = asyncio.ensure_future(self.client.run())
@@ -55,7 +58,7 @@ class Watched:
         self.heard.append(value)
 
     def problems(self) -> list[str]:
-        return [line.text for line in self.client.log_lines if line.severity >= Severity.WARN]
+        return [line.text for line in self.log_lines if line.severity >= Severity.WARN]
 
     async def close(self) -> None:
         self.client.close()

@@ -10,6 +10,7 @@ import aiohttp
 from aiohttp import web
 
 from harness.reserved import free_port
+from robot_health_monitor.core.port.local import LogLine
 from robot_health_monitor.core.port.middleware import Severity
 from robot_health_monitor.rosbridge.client import Cause, RosbridgeClient
 
@@ -41,9 +42,9 @@ class Watched:
     def __init__(self, url: str, *, use_sim_time: bool = False, probation_s: float = 0.0, **options: Any) -> None:
         self.ups: list[bool] = []
         self.causes: list[str] = []
-        self.client = RosbridgeClient(
-            url.replace("http", "ws", 1), on_link=self._on_link, probation_s=probation_s, **options
-        )
+        self.log_lines: list[LogLine] = []
+        shared = {"on_link": self._on_link, "on_log": self.log_lines.append, "probation_s": probation_s}
+        self.client = RosbridgeClient(url.replace("http", "ws", 1), **shared, **options)
         self.node = self.client.node("watcher", use_sim_time=use_sim_time)
         self.heard: list[Any] = []
         self.task = asyncio.ensure_future(self.client.run())
@@ -58,7 +59,7 @@ class Watched:
         self.heard.append(value)
 
     def problems(self) -> list[str]:
-        return [line.text for line in self.client.log_lines if line.severity >= Severity.WARN]
+        return [line.text for line in self.log_lines if line.severity >= Severity.WARN]
 
     async def call(self, service: str) -> Any:
         return await self.client.connection.call(service, {}, 10.0)

@@ -68,7 +68,9 @@ def test_a_process_that_stood_still_reports_it() -> None:
         jump_s = 0.0
         real_time = loop.time
         loop.time = lambda: real_time() + jump_s  # type: ignore[method-assign]
-        client = RosbridgeClient("ws://127.0.0.1:1", clock=loop.time, on_link=lambda up, cause: None)
+        client = RosbridgeClient(
+            "ws://127.0.0.1:1", clock=loop.time, on_link=lambda *link: None, on_log=lambda line: None
+        )
         events: list[Event] = []
         system = AlertSystem(client.node("alert_system"), {"test": events.append})
         task = asyncio.ensure_future(client.run())

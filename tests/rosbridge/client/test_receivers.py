@@ -191,9 +191,9 @@ async def test_bytes_are_captured_again_after_a_reconnection(robot: Robot) -> No
         await until(is_captured)
         assert {each.profile for _, _, each in capture.items} == {"ros1"}
         connection = watched.client.connection
-        before = connection._queue
+        before = connection._wires
         connection.move(robot.url.replace("http", "ws", 1), token="", ssl_context=None)
-        await until(lambda connection=connection, before=before: connection._queue not in (None, before))
+        await until(lambda connection=connection, before=before: connection._wires not in (None, before))
         capture.items.clear()
         watched.heard.clear()
     await until(is_captured)

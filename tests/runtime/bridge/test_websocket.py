@@ -13,7 +13,7 @@ from harness.virtual_loop import run_in_virtual_time
 
 pytest.importorskip("aiohttp", reason="aiohttp, which carries the WebSockets, is not installed")
 
-from robot_health_monitor.runtime.bridge.websocket import HostLookup, SendQueue, wait_until_unanswered
+from robot_health_monitor.runtime.bridge.websocket import HostLookup, wait_until_unanswered, write
 
 
 def test_the_addresses_are_numeric() -> None:
@@ -162,37 +162,31 @@ def test_a_connection_that_has_ended_cannot_be_asked() -> None:
     run_in_virtual_time(run())
 
 
-def test_messages_leave_in_the_order_in_which_they_came() -> None:
+class Writer:
+    """The end of a connection to which messages are written."""
+
+    def __init__(self) -> None:
+        self.sent: list[str | bytes] = []
+
+    async def send_str(self, text: str) -> None:
+        text.encode()
+        self.sent.append(text)
+
+    async def send_bytes(self, data: bytes) -> None:
+        self.sent.append(data)
+
+
+def test_messages_are_written_in_their_order_but_for_one_that_is_no_text() -> None:
     async def scenario() -> None:
-        queue = SendQueue()
-        queue.put("one")
-        queue.put(b"two")
-        assert [await queue.get(), await queue.get()] == ["one", b"two"]
-
-    asyncio.run(scenario())
-
-
-def test_what_does_not_fit_is_left_out_and_known() -> None:
-    async def scenario() -> None:
-        queue = SendQueue(most=2)
-        queue.put("one")
-        queue.put("two")
-        assert not queue.overflowed.is_set()
-        queue.put("three")
-        assert queue.overflowed.is_set()
-        assert [await queue.get(), await queue.get()] == ["one", "two"]
-
-    asyncio.run(scenario())
-
-
-def test_a_reader_waits_for_the_next_message() -> None:
-    async def scenario() -> None:
-        queue = SendQueue()
-        for text in ("first", "second"):
-            reading = asyncio.ensure_future(queue.get())
+        wires: asyncio.Queue[str | bytes] = asyncio.Queue()
+        writer: Any = Writer()
+        writing = asyncio.ensure_future(write(wires, writer))
+        for wire in ("one", b"two", "\ud800", "three"):
+            wires.put_nowait(wire)
+        await asyncio.sleep(0)
+        while len(writer.sent) < 3:
             await asyncio.sleep(0)
-            assert not reading.done()
-            queue.put(text)
-            assert await reading == text
+        assert writer.sent == ["one", b"two", "three"]
+        writing.cancel()
 
     asyncio.run(scenario())
