@@ -104,10 +104,6 @@ class Master:
         """Sets a parameter; a mapping replaces everything below it."""
         self._call("setParam", name, value)
 
-    def delete_parameter(self, name: str) -> None:
-        """Deletes a parameter and everything below it, if it is set."""
-        self._call("deleteParam", name, default=None)
-
     def identity(self, node: str) -> tuple[Any, ...] | None:
         """Returns what differs after a restart of the master; None if this master does not know the node."""
         if self._call("lookupNode", node, default=None) is None:

@@ -83,7 +83,7 @@ class Ros2Middleware(NativeNode):
         super().__init__(self.node.get_fully_qualified_name(), messages.native, sim_time_s)
         self.parameters = NodeParameters(self.node)
         self._states = LifecycleStates(self.node)
-        self._channels: dict[tuple[str, Any, bool], _Channel] = {}
+        self._channels: dict[tuple[str, Any], _Channel] = {}
         self._wake = self.node.create_timer(
             _LONGEST_WAIT_S, self._run_timers, clock=Clock(clock_type=ClockType.STEADY_TIME)
         )
@@ -242,17 +242,16 @@ class Ros2Middleware(NativeNode):
         """Subscribes, sharing rclpy's subscription with others to the topic: its cost per message is high."""
         cls = messages.message_class(type_name)
         topic = subscription.topic
-        if subscription.is_raw and (topic, cls, False) not in self._channels:  # else it receives what the signals do
-            subscription.is_latched = subscription.is_latched or are_latched(self.node, topic)
-        latched, own = (topic, cls, True), (topic, cls, subscription.is_latched)
-        channel = (
-            self._channels.get(latched)
-            or self._channels.get(own)
-            or _Channel(own, subscription.native_name, SerializedType(topic, messages.raw_format(type_name)))
+        key = topic, cls
+        channel = self._channels.get(key) or _Channel(
+            key, subscription.native_name, SerializedType(topic, messages.raw_format(type_name))
         )
         subscription.get = _reader(subscription, channel.messages)
-        if channel.native is None:
-            self._channels[own] = channel
+        is_first = channel.native is None
+        is_latched = subscription.is_latched or (subscription.is_raw and is_first and are_latched(self.node, topic))
+        if is_first or is_latched > channel.is_latched:
+            channel.is_latched = is_latched
+            self._channels[key] = channel
             self._open(channel)
         others = channel.readers
         channel.readers = (subscription, *others) if subscription.is_raw else (*others, subscription)
@@ -269,8 +268,10 @@ class Ros2Middleware(NativeNode):
                 self.node.destroy_subscription(channel.native)
 
     def _open(self, channel: _Channel) -> None:
-        """Creates rclpy's subscription: reliable, unless there is a best-effort publisher already."""
-        topic, cls, is_latched = channel.key
+        """Creates rclpy's subscription, or creates it again: reliable, unless there is a best-effort publisher."""
+        topic, cls = channel.key
+        if channel.native is not None:
+            self.node.destroy_subscription(channel.native)
 
         def deliver(data: bytes) -> None:
             with self._lock:
@@ -279,13 +280,13 @@ class Ros2Middleware(NativeNode):
 
         channel.is_best_effort = has_best_effort(self.node, topic)
         reliability = ReliabilityPolicy.BEST_EFFORT if channel.is_best_effort else ReliabilityPolicy.RELIABLE
-        depth = _STATIC_QUEUE_SIZE if is_latched else _SUBSCRIBER_QUEUE_SIZE
+        depth = _STATIC_QUEUE_SIZE if channel.is_latched else _SUBSCRIBER_QUEUE_SIZE
         # rclpy's default event handlers only log, and the executor checks each of them for every message.
         channel.native = self.node.create_subscription(
             cls,
             channel.native_name,
             deliver,
-            QoSProfile(depth=depth, reliability=reliability, durability=_DURABILITY[is_latched]),
+            QoSProfile(depth=depth, reliability=reliability, durability=_DURABILITY[channel.is_latched]),
             event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
             raw=True,
         )
@@ -324,21 +325,17 @@ class Ros2Middleware(NativeNode):
                     self._start(subscription, type_name)
                 except ConfigError as error:
                     self.failures.write(subscription.topic, Severity.ERROR, str(error))
-        numbers = {topic: self.node.count_publishers(topic) for topic, _, _ in self._channels}
+        numbers = {topic: self.node.count_publishers(topic) for topic, _ in self._channels}
         self._lookup.remember(numbers)
         for channel in tuple(self._channels.values()):
-            topic, cls, _ = channel.key
+            topic, _ = channel.key
             if numbers[topic] <= channel.native.get_publisher_count():
                 continue
-            own = (topic, cls, False)
-            becomes_volatile = channel.may_be_volatile and own not in self._channels
-            if becomes_volatile and not are_latched(self.node, topic):
-                del self._channels[channel.key]
-                channel.key, self._channels[own] = own, channel
-            elif channel.is_best_effort or not has_best_effort(self.node, topic):
-                continue
-            self.node.destroy_subscription(channel.native)
-            self._open(channel)
+            insists = not channel.is_latched or any(reader.is_latched for reader in channel.readers)
+            becomes_volatile = not insists and not are_latched(self.node, topic)
+            if becomes_volatile or (not channel.is_best_effort and has_best_effort(self.node, topic)):
+                channel.is_latched = channel.is_latched and not becomes_volatile
+                self._open(channel)
 
 
 @dataclass(eq=False)
@@ -366,22 +363,16 @@ class Subscription:
 class _Channel:
     """A subscription of rclpy, replaced when the QoS changes, and its readers."""
 
-    key: tuple[str, Any, bool]
-    """Topic, class of its messages, whether it receives latched ones.
-
-    Messages arrive as bytes.
-    """
+    key: tuple[str, Any]
+    """Topic and class of its messages, which arrive as bytes."""
     native_name: str
     messages: SerializedType
     """Their type, which deserializes a message at most once for all readers."""
     native: Any = None
+    is_latched: bool = False
+    """Whether it receives latched messages: a reader insists, or all publishers were latched when it began."""
     is_best_effort: bool = False
     readers: tuple[Subscription, ...] = ()
-
-    @property
-    def may_be_volatile(self) -> bool:
-        """Whether it receives latched messages only because all publishers were latched when it began."""
-        return self.key[2] and all(reader.is_raw or not reader.is_latched for reader in self.readers)
 
 
 def _reader(subscription: Subscription, messages: SerializedType) -> Getter:

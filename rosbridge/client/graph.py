@@ -97,33 +97,29 @@ class GraphReader:
 
     async def _count(self, wanted: Collection[Wanted]) -> Counts:
         keys = {key for key, _ in wanted}
+        if "subscribers" in keys and not self._server:
+            await self._find_server()
+            if not self._server:
+                wanted = [each for each in wanted if each[0] != "subscribers"]
         nodes = await self._ask("nodes") if keys & {"node", "lifecycle"} else []
-        publishers = await self._endpoints("publishers", wanted, ())
-        subscribers = await self._endpoints("subscribers", wanted, self._connection.subscriptions.topics)
-        unknown = {key for key, topics in (("publishers", publishers), ("subscribers", subscribers)) if topics is None}
-        known = [each for each in wanted if each[0] not in unknown]
-        counts = count(known, [node for node in nodes if node != NOT_COUNTED], publishers or (), subscribers or ())
+        publishers = await self._endpoints("publishers", wanted)
+        subscribers = await self._endpoints("subscribers", wanted)
+        own_topics = self._connection.subscriptions.topics
+        counts = count(
+            wanted,
+            [node for node in nodes if node != NOT_COUNTED],
+            [topic for topic, _ in publishers],
+            [topic for topic, node in subscribers if node != self._server or topic not in own_topics],
+        )
         self._read_states({name for key, name in wanted if key == "lifecycle"}, nodes, counts)
         return counts
 
-    async def _endpoints(self, key: str, wanted: Collection[Wanted], own_topics: Collection[str]) -> list[str] | None:
-        """Returns the topic of each node with such an endpoint, without the server's own for this monitor.
-
-        None while the server's own node is not known.
-        """
+    async def _endpoints(self, key: str, wanted: Collection[Wanted]) -> list[tuple[str, str]]:
+        """Returns topic and node of each such endpoint."""
         topics = {name for its_key, name in wanted if its_key == key}
         if any(map(is_pattern, topics)):
             topics = matching(wanted, key, await self._ask("topics"))
-        if not self._server and topics.intersection(own_topics):
-            await self._find_server()
-            if not self._server:
-                return None
-        endpoints: list[str] = []
-        for topic in topics:
-            users = await self._ask(key, topic=topic)
-            own = self._server if topic in own_topics else ""
-            endpoints += [topic for user in users if user not in (own, NOT_COUNTED)]
-        return endpoints
+        return [(topic, node) for topic in topics for node in await self._ask(key, topic=topic) if node != NOT_COUNTED]
 
     async def _find_server(self) -> None:
         """Finds the server's own node, which may need some readings: ROS 2 has to discover its subscription first."""

@@ -84,7 +84,6 @@ class PublisherLookup:
         while True:
             await asyncio.sleep(period_s)
             with contextlib.suppress(LinkError, MessageError, ServiceError):  # no rosapi, or no connection
-                self._publishers = {topic: nodes for topic, nodes in self._publishers.items() if topic in set(topics())}
                 for topic in tuple(topics()):
                     await self._publishers_of(topic)
 

@@ -133,19 +133,15 @@ class BridgeClient(abc.ABC, Generic[Node]):
     async def run(self) -> None:
         """Keeps the connection up and the timers going until it is cancelled."""
         self.connection.enter_loop()
-        for node in tuple(self._nodes):
+        for node in self._nodes:
             node.arm()
         await self.connection.run()
 
     def close(self) -> None:
         """Closes every node, and makes `run` end."""
-        for node in tuple(self._nodes):
+        for node in self._nodes:
             node.close()
         self.connection.close()
-
-    def forget(self, node: BridgeNode) -> None:
-        """Removes a node that has closed."""
-        self._nodes = [known for known in self._nodes if known is not node]
 
     def log(self, severity: Severity, text: str) -> None:
         """Logs a line about the connection."""
@@ -236,13 +232,10 @@ class BridgeNode(MappingNode):
                 return
             self.closed = True
             self.cancel_timers()
-            self._waiting.clear()
-            self._on_first_clock.clear()
             for subscription in tuple(self._subscriptions):
                 self.unsubscribe(subscription)
             if self._clock_subscription is not None:
                 self._receivers.remove(self._clock_subscription)
-        self._client.forget(self)
 
     def set_sim_time(self, now_s: float) -> None:
         """See `MappingNode.set_sim_time`; also makes the calls that waited in `call_with_time`."""

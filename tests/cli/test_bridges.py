@@ -73,12 +73,13 @@ def robots() -> Iterator[dict[str, Robot]]:
 
 
 def test_the_address_chooses_the_client() -> None:
-    assert isinstance(bridge_client("ws://robot:9090"), RosbridgeClient)
-    assert isinstance(bridge_client("wss://robot:9090"), RosbridgeClient)
-    assert isinstance(bridge_client("foxglove://robot:8765"), FoxgloveClient)
-    assert isinstance(bridge_client("foxglove+tls://robot:8765"), FoxgloveClient)
+    unheard: dict[str, Any] = {"on_link": lambda *link: None, "on_log": lambda line: None}
+    assert isinstance(bridge_client("ws://robot:9090", **unheard), RosbridgeClient)
+    assert isinstance(bridge_client("wss://robot:9090", **unheard), RosbridgeClient)
+    assert isinstance(bridge_client("foxglove://robot:8765", **unheard), FoxgloveClient)
+    assert isinstance(bridge_client("foxglove+tls://robot:8765", **unheard), FoxgloveClient)
     with pytest.raises(ConfigError):
-        bridge_client("http://robot:8765")
+        bridge_client("http://robot:8765", **unheard)
 
 
 def test_a_fleet_of_both_kinds_gives_the_same_lines(

@@ -118,7 +118,7 @@ def test_a_refusal_writes_the_old_values_back(node: Node, parameters: Any, name:
 def test_what_was_deleted_comes_back_with_a_refusal(node: Node, parameters: Any) -> None:
     parameters(f"{NODE}/ros__parameters/signals/fan/unit", "rpm")
     node.start()
-    node.server.delete_parameter(f"{NODE}/ros__parameters/signals/fan/unit")
+    node.server._call("deleteParam", f"{NODE}/ros__parameters/signals/fan/unit")
     parameters(BOUND, "low")
     assert node.reload()["success"] is False
     assert node.server.parameter(f"{NODE}/ros__parameters", {}) == {
