@@ -15,7 +15,7 @@ from typing import Any, Callable, Iterable, Mapping, NamedTuple, Sequence
 from ..config import Parameter
 from ..values import JsonObject
 from . import daemons, disks, gpu, host, network, operating_system, processes
-from .computer import Computer, Growth, HostPaths, HostReading, load_psutil
+from .computer import Computer, Growth, HostPaths, HostReading, load_psutil, part
 from .source import Source
 
 Options = JsonObject
@@ -68,6 +68,7 @@ def _nodes(paths: HostPaths) -> Iterable[str]:
 
 
 _BATTERY = partial(_asked, "the battery")
+_GPU = partial(_asked, "graphics processor", gpu.read_gpu)
 _SPACE = partial(_asked, "the disk at", disks.read_space, every_s=5.0)
 _CLOCK = partial(_asked, "the time daemon", daemons.read_clock, every_s=5.0)
 _COMMAND = {"command": "*/amcl *", "node": ""}
@@ -87,10 +88,6 @@ def _process(metric: str, unit: str, description: str, *options: Parameter) -> t
 
 def _traffic(counters: slice, scale: float = 1.0) -> Callable[..., Source]:
     return _asked("the network", network.read_counters, network.rate(counters, scale), kind=Growth)
-
-
-def _gpu(name: str) -> Callable[..., Source]:
-    return _asked("graphics processor", gpu.read_gpu, lambda state: gpu.gpu_value(state, name))
 
 
 _OF_CORE = Parameter("core", int, None, "core, counted from 0; left out: all cores together", 0, 65535)
@@ -139,12 +136,12 @@ _TABLE: Sequence[tuple[Any, ...]] = (
         "oom_kills", "", "processes that were killed since the start because memory was used up",
         _asked("the kernel", operating_system.oom_kills),
     ),
-    ("disk_percent", "%", "disk in use", _SPACE(lambda space: space.percent), *_ON_DISK),
-    ("disk_free", "GB", "free disk space", _SPACE(lambda space: space.free_gb), *_ON_DISK),
-    ("disk_inodes_percent", "%", "inodes in use: files and folders", _SPACE(disks.inodes_percent), *_ON_DISK),
+    ("disk_percent", "%", "disk in use", _SPACE(part("disk_percent")), *_ON_DISK),
+    ("disk_free", "GB", "free disk space", _SPACE(part("disk_free")), *_ON_DISK),
+    ("disk_inodes_percent", "%", "inodes in use: files and folders", _SPACE(part("disk_inodes_percent")), *_ON_DISK),
     (
         "disk_read_only", "", "1 while the disk cannot be written, else 0",
-        _SPACE(lambda space: float(space.is_read_only)), *_ON_DISK
+        _SPACE(part("disk_read_only")), *_ON_DISK
     ),
     (
         "disk_latency_ms", "ms", "mean time of a request of the disk",
@@ -166,11 +163,11 @@ _TABLE: Sequence[tuple[Any, ...]] = (
         "throttled", "", "1 while a Raspberry Pi is slowed down by its supply or temperature, else 0",
         _asked("the firmware", operating_system.throttled),
     ),
-    ("gpu_percent", "%", "load of the graphics processor", _gpu("percent"), *_OF_GPU),
+    ("gpu_percent", "%", "load of the graphics processor", _GPU(part("gpu_percent")), *_OF_GPU),
     (
-        "gpu_memory_percent", "%", "memory of the graphics processor in use", _gpu("memory_percent"), *_OF_GPU
+        "gpu_memory_percent", "%", "memory of the graphics processor in use", _GPU(part("gpu_memory_percent")), *_OF_GPU
     ),
-    ("gpu_temperature", "degC", "temperature of the graphics processor", _gpu("celsius"), *_OF_GPU),
+    ("gpu_temperature", "degC", "temperature of the graphics processor", _GPU(part("gpu_temperature")), *_OF_GPU),
     ("battery_percent", "%", "battery charge", _BATTERY(host.battery_percent)),
     ("battery_plugged", "", "1 while the charger is connected, else 0", _BATTERY(host.battery_plugged)),
     ("battery_voltage", "V", "battery voltage", _BATTERY(host.battery_volts)),
@@ -192,11 +189,11 @@ _TABLE: Sequence[tuple[Any, ...]] = (
     ),
     (
         "clock_offset_ms", "ms", "time of the servers minus that of this clock (chrony, systemd-timesyncd)",
-        _CLOCK(daemons.clock_offset_ms),
+        _CLOCK(part("clock_offset_ms")),
     ),
     (
         "clock_synchronized", "", "1 while the clock is synchronized, else 0",
-        _CLOCK(lambda clock: float(clock.is_synchronized))
+        _CLOCK(part("clock_synchronized"))
     ),
     (
         "systemd_failed", "", "failed units of systemd", _asked("systemd", daemons.failed_units, every_s=10.0)

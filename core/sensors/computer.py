@@ -185,6 +185,23 @@ class Growth:
         return self._value
 
 
+def part(name: str) -> Callable[[Mapping[str, float | None]], float]:
+    """Returns what takes one number of an answer by the name of its source.
+
+    It raises NoSuchSensor if the answer does not have it, and SensorError if it is None: not measured now.
+    """
+
+    def value(numbers: Mapping[str, float | None]) -> float:
+        if name not in numbers:
+            raise NoSuchSensor(f"this machine has no {name}")
+        number = numbers[name]
+        if number is None:
+            raise SensorError(f"{name} has not been measured yet")
+        return number
+
+    return value
+
+
 def read_bytes(path: str, most: int = MOST_BYTES) -> bytes:
     """Returns the content of a file of the kernel, at most so many bytes of it; raises OSError."""
     # Not `open`, which takes longer than the kernel does. Only an empty read is the end: a file comes in whole records.

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import subprocess
-from typing import NamedTuple
+from typing import Dict, Optional
 
 from ..values import printable
 from .computer import HostPaths
@@ -17,12 +17,10 @@ from .source import NoSuchSensor, SensorError
 _TIMEOUT_S = 2.0
 
 
-class Clock(NamedTuple):
-    """What the time daemon knows of this computer's clock."""
+Clock = Dict[str, Optional[float]]
+"""What the time daemon knows of this computer's clock, by the names of the sources.
 
-    is_synchronized: bool
-    offset_ms: float | None
-    """Time of the servers minus that of this clock; None if it is not measured."""
+The offset, the time of the servers minus that of this clock, is None if it is not measured."""
 
 
 def read_clock(paths: HostPaths) -> Clock:
@@ -33,14 +31,8 @@ def read_clock(paths: HostPaths) -> Clock:
     folder = os.path.join(paths.run, "systemd", "timesync")
     if not os.path.isdir(folder):
         raise NoSuchSensor(f"no time daemon: chronyc reaches none, and there is no {folder}")
-    return Clock(os.path.exists(os.path.join(folder, "synchronized")), _timesyncd_offset_ms(paths))
-
-
-def clock_offset_ms(clock: Clock) -> float:
-    """Returns the offset; raises SensorError if it is not known."""
-    if clock.offset_ms is None:
-        raise SensorError("the time daemon has not measured the offset yet")
-    return clock.offset_ms
+    is_synchronized = os.path.exists(os.path.join(folder, "synchronized"))
+    return {"clock_synchronized": float(is_synchronized), "clock_offset_ms": _timesyncd_offset_ms(paths)}
 
 
 def read_chrony(*options: str) -> Clock | None:
@@ -53,7 +45,8 @@ def read_chrony(*options: str) -> Clock | None:
     if done.returncode or len(fields) < 14:
         return None
     is_synchronized = fields[-1] != "Not synchronised"
-    return Clock(is_synchronized, 1000.0 * float(fields[4]) if is_synchronized else None)
+    offset_ms = 1000.0 * float(fields[4]) if is_synchronized else None
+    return {"clock_synchronized": float(is_synchronized), "clock_offset_ms": offset_ms}
 
 
 def _run(*command: str) -> subprocess.CompletedProcess[str]:

@@ -10,10 +10,9 @@ from __future__ import annotations
 import contextlib
 import os
 import re
-from typing import NamedTuple
 
 from .computer import HostPaths, chosen, load_psutil, read_bytes
-from .source import NoSuchSensor, SensorError
+from .source import SensorError
 
 _NO_DISK = re.compile(
     r"(?:(?:loop|ram|zram|fd|sr|dm-|md)\d+|[hsv]d[a-z]+\d+|xvd[a-z]+\d+|(?:nvme\d+n\d+|mmcblk\d+)(?:p|boot|rpmb)\d*)\Z"
@@ -21,33 +20,25 @@ _NO_DISK = re.compile(
 """Devices without a latency, those that consist of others, and partitions; they can be selected by their names."""
 
 
-class Space(NamedTuple):
-    """What a file system has left."""
+def read_space(paths: HostPaths, path: str = "/") -> dict[str, float]:
+    """Returns what is known of the space of the disk that is mounted at `path`, by the names of the sources; may hang.
 
-    percent: float
-    """Space in use, of what users may use."""
-    free_gb: float
-    inodes: int
-    """Number of files that it can have; 0 if it can have as many as fit."""
-    free_inodes: int
-    is_read_only: bool
-
-
-def read_space(paths: HostPaths, path: str = "/") -> Space:
-    """Returns the space of the disk that is mounted at `path`; may hang."""
+    The number of inodes is not fixed on every file system.
+    """
     # The empty folder of an unmounted disk would be read as the disk that contains it.
     if not os.path.ismount(path):
         raise SensorError(f"no disk is mounted at {path}")
     stats = os.statvfs(path)
     used = stats.f_blocks - stats.f_bfree
     usable = used + stats.f_bavail
-    return Space(
-        percent=100.0 * used / usable if usable else 0.0,
-        free_gb=stats.f_bavail * stats.f_frsize * 1e-9,
-        inodes=stats.f_files,
-        free_inodes=stats.f_ffree,
-        is_read_only=_is_read_only(paths, os.path.realpath(path), bool(stats.f_flag & os.ST_RDONLY)),
-    )
+    numbers = {
+        "disk_percent": 100.0 * used / usable if usable else 0.0,
+        "disk_free": stats.f_bavail * stats.f_frsize * 1e-9,
+        "disk_read_only": float(_is_read_only(paths, os.path.realpath(path), bool(stats.f_flag & os.ST_RDONLY))),
+    }
+    if stats.f_files:
+        numbers["disk_inodes_percent"] = 100.0 * (stats.f_files - stats.f_ffree) / stats.f_files
+    return numbers
 
 
 def _is_read_only(paths: HostPaths, path: str, is_for_us: bool) -> bool:
@@ -65,13 +56,6 @@ def _is_read_only(paths: HostPaths, path: str, is_for_us: bool) -> bool:
     except OSError:
         pass
     return "ro" in options[-1] if options else is_for_us
-
-
-def inodes_percent(space: Space) -> float:
-    """Returns the inodes in use, in %; raises NoSuchSensor if their number is not fixed."""
-    if not space.inodes:
-        raise NoSuchSensor("this file system has no fixed number of inodes")
-    return 100.0 * (space.inodes - space.free_inodes) / space.inodes
 
 
 def mount_points(paths: HostPaths) -> list[str]:

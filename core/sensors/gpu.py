@@ -6,7 +6,6 @@ NVIDIA's library waits for its driver, so `read_gpu` is called with `Computer.as
 from __future__ import annotations
 
 import os
-from typing import NamedTuple
 
 from .computer import HostPaths, read_float, read_text, sorted_paths
 from .source import NoSuchSensor, SensorError
@@ -16,20 +15,14 @@ _LOADS = ("devices/gpu.0/load", "devices/platform/gpu.0/load", "class/devfreq/*g
 """Where a Jetson's kernel has the load in thousandths: L4T 28 to 32, and Orin."""
 
 
-class Gpu(NamedTuple):
-    """What a graphics processor does."""
+def read_gpu(paths: HostPaths, device: int = 0) -> dict[str, float | None]:
+    """Returns what a graphics processor does, by its number and the names of the sources; raises SensorError. May hang.
 
-    percent: float | None
-    memory_percent: float | None
-    """None if it shares the memory of the computer."""
-    celsius: float | None
-
-
-def read_gpu(paths: HostPaths, device: int = 0) -> Gpu:
-    """Returns what a graphics processor does, by its number; raises SensorError. May hang."""
+    A Jetson shares the memory of the computer.
+    """
     loads = [read_float(load) for pattern in _LOADS for load in sorted_paths(os.path.join(paths.sys, pattern))]
     if device == 0 and loads and loads[0] is not None:
-        return Gpu(loads[0] / 10.0, None, _jetson_celsius(paths))
+        return {"gpu_percent": loads[0] / 10.0, **_jetson_celsius(paths)}
     if not os.path.exists(os.path.join(paths.proc, "driver", "nvidia")):
         raise NoSuchSensor("no graphics processor of NVIDIA: its driver is not loaded")
     try:
@@ -40,26 +33,21 @@ def read_gpu(paths: HostPaths, device: int = 0) -> Gpu:
     try:
         handle = nvml.nvmlDeviceGetHandleByIndex(device)
         memory = nvml.nvmlDeviceGetMemoryInfo(handle)
-        percent = nvml.nvmlDeviceGetUtilizationRates(handle).gpu
-        return Gpu(float(percent), 100.0 * memory.used / memory.total, float(nvml.nvmlDeviceGetTemperature(handle, 0)))
+        return {
+            "gpu_percent": float(nvml.nvmlDeviceGetUtilizationRates(handle).gpu),
+            "gpu_memory_percent": 100.0 * memory.used / memory.total,
+            "gpu_temperature": float(nvml.nvmlDeviceGetTemperature(handle, 0)),
+        }
     finally:
         nvml.nvmlShutdown()
 
 
-def _jetson_celsius(paths: HostPaths) -> float | None:
+def _jetson_celsius(paths: HostPaths) -> dict[str, float | None]:
     for zone in sorted_paths(f"{paths.sys}/class/thermal/thermal_zone*"):
         if (read_text(zone, "type") or "").lower().startswith("gpu"):
             number = read_float(zone, "temp")
-            return None if number is None else number / 1000.0
-    return None
-
-
-def gpu_value(gpu: Gpu, name: str) -> float:
-    """Returns one figure of a graphics processor by its name; raises NoSuchSensor if it does not have it."""
-    value: float | None = getattr(gpu, name)
-    if value is None:
-        raise NoSuchSensor(f"this graphics processor has no {name}; a Jetson shares the memory of the computer")
-    return value
+            return {"gpu_temperature": None if number is None else number / 1000.0}
+    return {}
 
 
 def gpus(paths: HostPaths) -> list[int]:

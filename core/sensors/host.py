@@ -75,19 +75,18 @@ def find_sensors(paths: HostPaths, kind: str) -> dict[str, str]:
     return sensors
 
 
-def _select(paths: HostPaths, kind: str, noun: str, sensor: str) -> dict[str, str]:
+def _sensors(paths: HostPaths, kind: str, noun: str, sensor: str) -> dict[str, str]:
     """Returns the sensors of a kind; only the one with a name, if it is given, so that no other is read."""
     sensors = find_sensors(paths, kind)
-    return chosen(sensors, noun, sensor, ()) if sensor and sensors else sensors
+    if not sensors:
+        raise NoSuchSensor(f"this machine has no {noun}, or no driver for it; set the source to simulated or none")
+    return chosen(sensors, noun, sensor, sensors)
 
 
-def _read(sensors: Mapping[str, str], sensor: str) -> dict[str, float]:
-    """Returns the numbers of the sensors that have one; the one with a name must have one."""
+def _read(sensors: Mapping[str, str]) -> dict[str, float]:
+    """Returns the numbers of the sensors that have one."""
     numbers = {name: read_float(path) for name, path in sensors.items()}
-    readings = {name: number for name, number in numbers.items() if number is not None}
-    if sensor and numbers and not readings:
-        raise SensorError(f"{sensor} cannot be read: it has no number")
-    return readings
+    return {name: number for name, number in numbers.items() if number is not None}
 
 
 def temperature(paths: HostPaths, sensor: str = "") -> float:
@@ -95,39 +94,32 @@ def temperature(paths: HostPaths, sensor: str = "") -> float:
 
     Raises SensorError if there is no such sensor, or if its reading is implausible.
     """
-    sensors = _select(paths, "temp", "temperature sensor", sensor)
+    sensors = _sensors(paths, "temp", "temperature sensor", sensor)
     # A chip that is none of the CPU is not even read if one of the CPU answers.
-    of_cpu = {name: path for name, path in sensors.items() if name.lower().startswith(_CPU_CHIPS)}
-    readings: dict[str, float] = {}
-    for group in (of_cpu, {name: path for name, path in sensors.items() if name not in of_cpu}):
-        readings.update((name, number / 1000.0) for name, number in _read(group, sensor).items())
+    for group in ({name: path for name, path in sensors.items() if name.lower().startswith(_CPU_CHIPS)}, sensors):
+        readings = {name: number / 1000.0 for name, number in _read(group).items()}
         plausible = [celsius for celsius in readings.values() if _is_plausible(celsius)]
         if plausible:
             return max(plausible)
-    if readings:
-        listed = list_text([f"{name} reads {celsius}" for name, celsius in readings.items()], most=3)
-        raise SensorError(f"no plausible temperature: {listed}; set the source to simulated or none")
-    raise NoSuchSensor(
-        f"no temperature sensor in {paths.sys}/class/hwmon or {paths.sys}/class/thermal (virtual machines and "
-        "containers have none); load its driver (sensors-detect), or set the source to simulated or none"
-    )
+    listed = list_text([f"{name} reads {readings.get(name, 'no number')}" for name in sensors], most=3)
+    raise SensorError(f"no plausible temperature: {listed}; set the source to simulated or none")
 
 
 def fan_rpm(paths: HostPaths, sensor: str = "") -> float:
     """Returns the speed of a fan, without a name that of the fastest: a connector without a fan reads 0."""
-    return max(_read_all(paths, "fan", "fan", sensor))
+    return max(_read_some(paths, "fan", "fan", sensor))
 
 
 def rail_volts(paths: HostPaths, sensor: str = "") -> float:
     """Returns a voltage, without a name the first, in V."""
-    return _read_all(paths, "in", "voltage sensor", sensor)[0] / 1000.0
+    return _read_some(paths, "in", "voltage sensor", sensor)[0] / 1000.0
 
 
-def _read_all(paths: HostPaths, kind: str, noun: str, sensor: str) -> list[float]:
+def _read_some(paths: HostPaths, kind: str, noun: str, sensor: str) -> list[float]:
     """Returns the readings of all sensors of a kind, of at least one; only that of `sensor` if there is a name."""
-    readings = _read(_select(paths, kind, noun, sensor), sensor)
+    readings = _read(_sensors(paths, kind, noun, sensor))
     if not readings:
-        raise NoSuchSensor(f"this machine has no {noun}, or no driver for it")
+        raise (SensorError if sensor else NoSuchSensor)(f"no {noun} has a number")
     return [*readings.values()]
 
 

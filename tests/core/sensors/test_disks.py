@@ -12,7 +12,8 @@ import pytest
 from harness.machine import Machine
 
 from robot_health_monitor.core.sensors.catalogue import HOST_SOURCES
-from robot_health_monitor.core.sensors.disks import Space, inodes_percent, read_requests, read_space
+from robot_health_monitor.core.sensors.computer import Computer
+from robot_health_monitor.core.sensors.disks import read_requests, read_space
 from robot_health_monitor.core.sensors.source import NoSuchSensor, NotMeasuredYet, SensorError
 
 # iostats.rst: reads, merged, sectors, ms; writes, merged, sectors, ms; in flight, ms, weighted ms.
@@ -50,7 +51,7 @@ def test_a_disk_is_read_only_if_nobody_can_write_to_it(machine: Machine) -> None
         machine(
             {"/proc/self/mountinfo": f"{first}30 29 0:5 / /dev rw - tmpfs x rw\n{line.format(mount=mount, disk=disk)}"}
         )
-        assert read_space(machine.paths, "/").is_read_only is expected
+        assert read_space(machine.paths, "/")["disk_read_only"] == expected
 
 
 def test_latency_is_the_time_per_request_of_the_slowest_disk(machine: Machine) -> None:
@@ -89,20 +90,26 @@ def test_the_space_of_this_machine_is_what_df_shows(machine: Machine) -> None:
         pytest.skip("df is not installed")
     printed = subprocess.check_output([df, "--output=ipcent,itotal,avail", "-B1000000", "/"], text=True).split()[-3:]
     space = read_space(machine.paths, "/")
-    assert space.inodes == int(printed[1])
-    assert space.free_gb == pytest.approx(int(printed[2]) / 1e3, abs=1.0)
-    assert inodes_percent(space) == pytest.approx(float(printed[0].rstrip("%")), abs=1.0)
-    assert space.is_read_only is False
+    assert space["disk_free"] == pytest.approx(int(printed[2]) / 1e3, abs=1.0)
+    assert space["disk_inodes_percent"] == pytest.approx(float(printed[0].rstrip("%")), abs=1.0)
+    assert space["disk_read_only"] == 0.0
 
 
 def test_a_read_only_disk_and_one_without_fixed_inodes(machine: Machine, monkeypatch: pytest.MonkeyPatch) -> None:
     read_only = [path for path in ("/proc/sys", "/sys", "/sys/firmware") if os.path.ismount(path)]
     for path in read_only:
         if os.statvfs(path).f_flag & os.ST_RDONLY:
-            assert read_space(machine.paths, path).is_read_only is True
-    with pytest.raises(NoSuchSensor, match=r"no fixed number of inodes"):
-        inodes_percent(Space(50.0, 1.0, 0, 0, False))
-    assert inodes_percent(Space(50.0, 1.0, 1000, 40, False)) == 96.0
+            assert read_space(machine.paths, path)["disk_read_only"] == 1.0
+    plain = os.statvfs("/")
+    for inodes, free in ((1000, 40), (0, 0)):
+        stats = os.statvfs_result((*plain[:5], inodes, free, *plain[7:]))
+        monkeypatch.setattr(os, "statvfs", lambda path, stats=stats: stats)
+        read = HOST_SOURCES["disk_inodes_percent"].make(Computer(machine.paths), path="/").read
+        if inodes:
+            assert read(0.0) == 96.0
+        else:
+            with pytest.raises(NoSuchSensor, match=r"^this machine has no disk_inodes_percent$"):
+                read(0.0)
 
     def fail(path: str) -> None:
         raise OSError(5, "Input/output error")

@@ -11,7 +11,7 @@ import pytest
 from harness.machine import Machine
 
 from robot_health_monitor.core.sensors.catalogue import HOST_SOURCES
-from robot_health_monitor.core.sensors.gpu import Gpu, gpu_value, gpus, read_gpu
+from robot_health_monitor.core.sensors.gpu import gpus, read_gpu
 from robot_health_monitor.core.sensors.source import NoSuchSensor, SensorError
 
 DRIVER = {"/proc/driver/nvidia/version": "NVRM version: NVIDIA UNIX x86_64 Kernel Module  535.183.01"}
@@ -44,7 +44,7 @@ def nvml(monkeypatch: pytest.MonkeyPatch) -> Any:
 
 def test_nvidia(machine: Machine, nvml: Any) -> None:
     machine(DRIVER)
-    assert read_gpu(machine.paths, 1) == Gpu(38.0, 25.0, 61.0)
+    assert read_gpu(machine.paths, 1) == {"gpu_percent": 38.0, "gpu_memory_percent": 25.0, "gpu_temperature": 61.0}
     assert list(gpus(machine.paths)) == [0, 1]
 
 
@@ -84,10 +84,10 @@ def test_a_jetson_has_load_and_temperature_and_shares_its_memory(machine: Machin
             "/sys/class/thermal/thermal_zone1/temp": "37000",
         }
     )
-    found = read_gpu(machine.paths, 0)
-    assert found == Gpu(43.7, None, 37.0)
-    assert gpu_value(found, "percent") == 43.7
-    with pytest.raises(NoSuchSensor, match=r"shares the memory of the computer"):
-        gpu_value(found, "memory_percent")
-    with pytest.raises(NoSuchSensor, match=r"has no celsius"):
-        gpu_value(found._replace(celsius=None), "celsius")
+    assert read_gpu(machine.paths, 0) == {"gpu_percent": 43.7, "gpu_temperature": 37.0}
+    with pytest.raises(NoSuchSensor, match=r"^this machine has no gpu_memory_percent$"):
+        HOST_SOURCES["gpu_memory_percent"].make(machine.computer).read(0.0)
+    machine({"/sys/class/thermal/thermal_zone1/temp": ""})
+    with pytest.raises(SensorError, match=r"^gpu_temperature has not been measured yet$") as caught:
+        HOST_SOURCES["gpu_temperature"].make(machine.computer).read(1.0)
+    assert not isinstance(caught.value, NoSuchSensor)

@@ -39,7 +39,7 @@ def test_sensors_in_the_folder_of_the_device_are_read_where_the_chip_has_none(ma
 def test_a_sensor_without_a_number_does_not_hide_the_others(machine: Machine, text: str) -> None:
     machine({f"{HWMON}/hwmon0/temp1_input": text, f"{HWMON}/hwmon0/temp2_input": "41000"})
     assert temperature(machine.paths) == temperature(machine.paths, "unknown/1") == 41.0
-    with pytest.raises(SensorError, match=r"^unknown/0 cannot be read: it has no number$"):
+    with pytest.raises(SensorError, match=r"^no plausible temperature: unknown/0 reads no number; set the source"):
         temperature(machine.paths, "unknown/0")
 
 
