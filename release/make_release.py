@@ -129,25 +129,20 @@ def _run(folder: Path, command: Sequence[str]) -> None:
     _require(not subprocess.run(command, cwd=folder, env=variables).returncode, f"{' '.join(command)} failed")
 
 
-def main() -> int:
-    """Makes a release, or checks one; returns the exit code."""
+def main() -> None:
+    """Makes a release, or checks one."""
     *options, version = sys.argv[1:] or [""]
-    if not version or options not in ([], ["--check"]):
-        print("release: expected a version: make release VERSION=1.0.0", file=sys.stderr)
-        return 2
     try:
-        if options:
+        if options == ["--check"]:
             check_tagged(ROOT, version)
-            return 0
+            return
         files = release(ROOT, version)
     except Refused as problem:
-        print(f"release: {problem}", file=sys.stderr)
-        return 1
+        sys.exit(f"release: {problem}")
     print(f"{version} is committed and tagged, and these are built:")
     print(*(f"  {file.relative_to(ROOT)}" for file in files), sep="\n")
     print(f"To publish it: git push origin HEAD {version}")
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -242,15 +242,25 @@ class Candidates:
                 self.own_topics.update(values[OWN_TOPICS].split(", "))
 
     def _of_topic(self, topic: Topic) -> Iterator[Signal]:
-        """Yields the signals of one topic, and notes its other fields."""
-        only = self._only_signal(topic)
-        if only is not None:
-            yield only
-            return
-        yield self._signal(topic, "rate", "", "rate", statistic="frequency_hz")
-        if topic.type_name in _FRAMES and not topic.topic.endswith("_static"):
-            yield self._signal(topic, "frames", 'transforms["*"].header.stamp', rules=AGE_RULES, unit="s")
-            return
+        """Yields the signals of one topic; goals, the drivers' statuses and the log have one."""
+        short = relative(topic.topic, self.namespace)
+        action = next((short[: -len(end)] for end in STATUS_TOPICS if short.endswith(end)), "")
+        if topic.type_name in STATUS_TYPES and action:
+            given = {"action": action, "statistic": "mean", "window_s": 1200.0, "window_min_s": 0.0}
+            yield Signal(self.names.of(action, "goals"), topic.topic, "action", given)
+        elif topic.type_name == _DIAGNOSTICS:
+            yield self._signal(topic, "statuses", 'status["*"]')
+        elif topic.type_name in _LOGS:
+            yield self._signal(topic, "log", "", "errors", where=_ERRORS, statistic="count", window_s=60.0)
+        else:
+            yield self._signal(topic, "rate", "", "rate", statistic="frequency_hz")
+            if topic.type_name not in _FRAMES or topic.topic.endswith("_static"):
+                yield from self._of_fields(topic)
+            else:
+                yield self._signal(topic, "frames", 'transforms["*"].header.stamp', rules=AGE_RULES, unit="s")
+
+    def _of_fields(self, topic: Topic) -> Iterator[Signal]:
+        """Yields the signals of the fields of a topic, and notes those that have none."""
         fields = list(islice(_walk(topic.definitions or {}, topic.type_name), _MOST_WALKED))
         if topic.definitions is None:
             self.fields[topic.topic, "its fields"] = "the definition of its type is not known"
@@ -280,37 +290,19 @@ class Candidates:
                 yield self._signal(topic, "number", f"{path}[*]", *words, reduce, reduce=reduce, unit=unit)
 
     def _signal(
-        self, topic: Topic, kind: str, field: str, *words: str, rules: Rules | None = None, **settings: str
+        self, topic: Topic, kind: str, field: str, *words: str, rules: Rules | None = None, **settings: Any
     ) -> Signal:
         short = relative(topic.topic, self.namespace)
-        short = topic.topic if short[0].isdigit() else short  # `2d` is no name
         settings = {key: value for key, value in settings.items() if value}
         given = {"topic": short, "type": topic.type_name, "field": field, **settings}
         return Signal(self.names.of(short, *words), topic.topic, kind, given, rules)
-
-    def _only_signal(self, topic: Topic) -> Signal | None:
-        """Returns the signal of a topic that has no other one: goals of an action, the drivers' statuses, the log."""
-        short = relative(topic.topic, self.namespace)
-        words: tuple[str, ...] = (topic.topic,)
-        given: dict[str, Any] = {"topic": topic.topic, "type": topic.type_name}
-        action = next((short[: -len(end)] for end in STATUS_TOPICS if short.endswith(end)), "")
-        if topic.type_name in STATUS_TYPES and action:
-            kind, words = "action", (action, "goals")
-            given = {"action": action, "statistic": "mean", "window_s": 1200.0, "window_min_s": 0.0}
-        elif topic.type_name == _DIAGNOSTICS:
-            kind, given["field"] = "statuses", 'status["*"]'
-        elif topic.type_name in _LOGS:
-            kind, words = "log", (topic.topic, "errors")
-            given.update(field="", where=_ERRORS, statistic="count", window_s=60.0)
-        else:
-            return None
-        return Signal(self.names.of(*words), topic.topic, kind, given)
 
 
 def relative(name: str, namespace: str) -> str:
     """Returns an absolute name as it is written in a namespace, which has no slashes at its ends."""
     prefix = f"/{namespace}/" if namespace else "/"
-    return name[len(prefix) :] if name.startswith(prefix) else name
+    is_inside = name.startswith(prefix) and not name[len(prefix) :][0].isdigit()  # `2d` is no name
+    return name[len(prefix) :] if is_inside else name
 
 
 def absolute(name: str, namespace: str) -> str:

@@ -33,15 +33,14 @@ class Nodes:
         self._publishers: dict[str, set[str]] = {}
         """Names of the nodes that publish each topic."""
         self._has_lifecycle = True
-        self._wanted: tuple[Wanted, ...] = ()
         self._seen: dict[Wanted, set[float]] = {}
-        """The numbers that were counted; of lifecycle nodes their states."""
+        """The numbers of each node that were counted; of lifecycle nodes their states."""
 
     def begin(self, node: Middleware) -> None:
         """Begins to count what `take` adds, if the middleware knows the graph."""
         try:
             node.graph_name("node", "any")
-            node.follow_graph(lambda: self._wanted, self._note)
+            node.follow_graph(lambda: tuple(self._seen), self._note)
             node.graph_name("lifecycle", "any")
         except ConfigError:
             self._has_lifecycle = False
@@ -53,10 +52,9 @@ class Nodes:
         for name, info in nodes.items():
             for topic in info.publishes:
                 self._publishers.setdefault(topic, set()).add(name)
-            wanted = [("node", name)]
+            self._seen.setdefault(("node", name), set())
             if self._has_lifecycle and name + _GET_STATE in info.services:
-                wanted.append(("lifecycle", name))
-            self._wanted += tuple(each for each in wanted if each not in self._wanted)
+                self._seen.setdefault(("lifecycle", name), set())
 
     def add_to(self, proposed: Proposed, candidates: Candidates) -> None:
         """Adds the nodes to what is proposed, and what depends on what where the names make that certain."""
@@ -71,12 +69,12 @@ class Nodes:
                 watched.setdefault(signal.topic, []).append(signal)
         statuses = self._statuses(candidates)
         others: list[str] = []
-        for node in sorted(name for key, name in self._wanted if key == "node" and name not in own):
+        for node in sorted(name for key, name in self._seen if key == "node" and name not in own):
             published = [topic for topic in watched if node in self._publishers.get(topic, ())]
             alone = {topic: watched[topic] for topic in published if len(self._publishers[topic]) == 1}
             for signal in [signal for signals in alone.values() for signal in signals]:
                 _depend_on_driver(signal, statuses.get(node, []))
-            key = "lifecycle" if ("lifecycle", node) in self._wanted else "node"
+            key = "lifecycle" if ("lifecycle", node) in self._seen else "node"
             reason = self._why_not(key, node)
             if not published and (reason or key == "node"):
                 others += [] if _TOOLS.match(node) else [node]
@@ -101,7 +99,7 @@ class Nodes:
         statuses: dict[str, list[str]] = {}
         for template, status in candidates.statuses:
             driver = status.partition(":")[0].strip().lstrip("/")
-            nodes = {node for _, node in self._wanted if driver in (node.lstrip("/"), node.rpartition("/")[2])}
+            nodes = {node for _, node in self._seen if driver in (node.lstrip("/"), node.rpartition("/")[2])}
             name = f"{template}[{status}]"
             if len(nodes) == 1 and is_element_name(name):
                 statuses.setdefault(nodes.pop(), []).append(name)
@@ -109,7 +107,7 @@ class Nodes:
 
     def _why_not(self, key: str, name: str) -> str:
         """Returns why a node, or the state of a lifecycle node, is not watched; empty if it is."""
-        seen = self._seen.get((key, name))
+        seen = self._seen[key, name]
         if _TOOLS.match(name):
             return "a tool, or an anonymous node: these come and go"
         if not seen:
@@ -120,11 +118,11 @@ class Nodes:
 
     def _note(self, numbers: Counts | Unread, now_s: float) -> None:
         if isinstance(numbers, Unread):
-            self.problem = "" if self._seen else numbers.reason
+            self.problem = "" if any(self._seen.values()) else numbers.reason
             return
         self.problem = ""
         for wanted, number in numbers.items():
-            self._seen.setdefault(wanted, set()).add(number)
+            self._seen[wanted].add(number)
 
 
 def _depend_on_driver(signal: Signal, statuses: Sequence[str]) -> None:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import os
 from functools import partial
+from operator import itemgetter
 from typing import Any, Callable, Iterable, Mapping, NamedTuple, Sequence
 
 from ..config import Parameter
@@ -55,10 +56,6 @@ def _asked(
     return make
 
 
-def _load(index: int) -> Callable[..., Source]:
-    return _asked("the load", lambda paths: os.getloadavg()[index])
-
-
 def _pressure(resource: str) -> Callable[..., Source]:
     return _asked("the pressure", lambda paths: operating_system.pressure_percent(paths, resource))
 
@@ -67,6 +64,7 @@ def _nodes(paths: HostPaths) -> Iterable[str]:
     return processes.Processes().scan(paths).nodes()[:50]
 
 
+_LOAD = partial(_asked, "the load", lambda paths: os.getloadavg())
 _BATTERY = partial(_asked, "the battery")
 _GPU = partial(_asked, "graphics processor", gpu.read_gpu)
 _SPACE = partial(_asked, "the disk at", disks.read_space, every_s=5.0)
@@ -112,9 +110,9 @@ _TABLE: Sequence[tuple[Any, ...]] = (
         "cpu_percent", "%", "CPU load", _asked("the CPU", host.core_ticks, host.busy_percent, kind=Growth),
         (_OF_CORE,), host.read_cpu_ticks,
     ),
-    ("load_1min", "", "load average over 1 minute", _load(0)),
-    ("load_5min", "", "load average over 5 minutes", _load(1)),
-    ("load_15min", "", "load average over 15 minutes", _load(2)),
+    ("load_1min", "", "load average over 1 minute", _LOAD(itemgetter(0))),
+    ("load_5min", "", "load average over 5 minutes", _LOAD(itemgetter(1))),
+    ("load_15min", "", "load average over 15 minutes", _LOAD(itemgetter(2))),
     ("memory_percent", "%", "memory in use", _MEMORY(operating_system.memory_percent)),
     (
         "memory_available", "MB", "memory available to programs", _MEMORY(lambda memory: memory.available * 1e-6)

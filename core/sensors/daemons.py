@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import subprocess
-from typing import Dict, Optional
+from typing import Any, Dict, Optional
 
 from ..values import printable
 from .computer import HostPaths
@@ -38,27 +38,26 @@ def read_clock(paths: HostPaths) -> Clock:
 def read_chrony(*options: str) -> Clock | None:
     """Returns what chronyd knows, as chronyc prints it in CSV: the offset is the fifth field. None if none answers."""
     try:
-        done = _run("chronyc", "-n", "-c", *options, "tracking")
-    except (OSError, subprocess.TimeoutExpired):
+        fields = _run("chronyc", "-n", "-c", *options, "tracking").strip().split(",")
+    except (SensorError, subprocess.TimeoutExpired):
         return None
-    fields = done.stdout.strip().split(",")
-    if done.returncode or len(fields) < 14:
+    if len(fields) < 14:
         return None
     is_synchronized = fields[-1] != "Not synchronised"
     offset_ms = 1000.0 * float(fields[4]) if is_synchronized else None
     return {"clock_synchronized": float(is_synchronized), "clock_offset_ms": offset_ms}
 
 
-def _run(*command: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        command,
-        stdin=subprocess.DEVNULL,
-        capture_output=True,
-        timeout=2.0 * _TIMEOUT_S,
-        check=False,
-        encoding="utf-8",
-        errors="replace",
-    )
+def _run(*command: str) -> str:
+    """Returns what a tool prints; raises NoSuchSensor if it is not installed or its daemon is not there."""
+    options: Any = {"stdin": subprocess.DEVNULL, "capture_output": True, "encoding": "utf-8", "errors": "replace"}
+    try:
+        done: subprocess.CompletedProcess[str] = subprocess.run(command, timeout=2.0 * _TIMEOUT_S, **options)
+    except FileNotFoundError:
+        raise NoSuchSensor(f"{command[0]} is not installed") from None
+    if done.returncode:
+        raise NoSuchSensor(f"{command[0]}: {printable(done.stderr.strip()[:200]) or 'no reason given'}")
+    return done.stdout
 
 
 def _timesyncd_offset_ms(paths: HostPaths) -> float | None:
@@ -85,15 +84,6 @@ def read_property(paths: HostPaths, service: str, name: str) -> list[str]:
     Starts no service. Raises SensorError.
     """
     address = os.path.join(paths.run, "dbus", "system_bus_socket")
-    if not os.path.exists(address):
-        raise NoSuchSensor(f"no D-Bus of the system: there is no {address}")
     options = [f"--address=unix:path={address}", "--auto-start=no", f"--timeout={_TIMEOUT_S:g}"]
     names = [service, "/" + service.replace(".", "/"), f"{service}.Manager", name]
-    try:
-        done = _run("busctl", *options, "get-property", *names)
-    except FileNotFoundError:
-        raise NoSuchSensor("no systemd: busctl is not installed") from None
-    if done.returncode:
-        text = printable(done.stderr.strip()[:200])
-        raise NoSuchSensor(f"{service} is not there: {text or 'no reason given'}")
-    return done.stdout.split()
+    return _run("busctl", *options, "get-property", *names).split()

@@ -12,7 +12,7 @@ import socket
 import struct
 from typing import Callable, Sequence
 
-from .computer import HostPaths, chosen, load_psutil, read_bytes, read_text
+from .computer import HostPaths, chosen, load_psutil, read_bytes, read_text, sorted_paths
 from .source import NoSuchSensor, SensorError
 
 _WIRELESS = re.compile(r"^ *([^\s:]+): +\S+ +\S+ +(-?[0-9]+)", re.MULTILINE)
@@ -47,27 +47,24 @@ def rate(counters: slice, scale: float = 1.0) -> Callable[[list[list[float]], fl
 
 def can_interfaces(paths: HostPaths) -> list[str]:
     """Returns the names of the CAN interfaces; raises NoSuchSensor if there is none."""
-    folder = os.path.join(paths.sys, "class", "net")
-    names = [name for name in _names(folder) if read_text(folder, name, "type") == _CAN_TYPE]
+    names = [name for name in _names(paths) if read_text(paths.sys, "class", "net", name, "type") == _CAN_TYPE]
     if not names:
-        raise NoSuchSensor(f"no CAN interface in {folder}")
+        raise NoSuchSensor("this machine has no CAN interface")
     return names
 
 
 def carrier(paths: HostPaths, interface: str = "") -> float:
     """Returns 1 if an interface has a carrier, else 0; without a name, that of any but the loopback."""
-    folder = os.path.join(paths.sys, "class", "net")
-    names = {name: name for name in _names(folder)}
-    chosen_names = chosen(names, "network interface", interface, [name for name in names if name != "lo"])
+    names = _names(paths)
+    chosen_names = chosen(
+        dict.fromkeys(names), "network interface", interface, [name for name in names if name != "lo"]
+    )
     # The file of an interface that is down cannot be read.
-    return float(any(read_text(folder, name, "carrier") == "1" for name in chosen_names))
+    return float(any(read_text(paths.sys, "class", "net", name, "carrier") == "1" for name in chosen_names))
 
 
-def _names(folder: str) -> list[str]:
-    try:
-        return sorted(os.listdir(folder))
-    except OSError:
-        return []
+def _names(paths: HostPaths) -> list[str]:
+    return [os.path.basename(path) for path in sorted_paths(f"{paths.sys}/class/net/*")]
 
 
 def wifi_signals(paths: HostPaths) -> dict[str, float]:

@@ -95,7 +95,7 @@ def test_what_is_missing_is_said_with_the_reason(machine: Machine) -> None:
     assert "{source: process_memory, command: '*/amcl *'}: no process matches command */amcl *" in lines
     for kind, reason in (
         ("throttled", "no Raspberry Pi: there is no "),
-        ("can_errors", "no CAN interface in "),
+        ("can_errors", "this machine has no CAN interface"),
         ("gpu_percent", "no graphics processor of NVIDIA: its driver is not loaded"),
         ("clock_offset_ms", "no time daemon: "),
         ("fan_rpm", "this machine has no fan"),

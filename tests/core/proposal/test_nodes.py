@@ -274,7 +274,7 @@ def test_errors_in_the_log_are_counted_with_a_bound_above_what_was_seen(bus: Loc
     send_log(bus.node("base"), 5.0)
     proposed = listened(bus)
     expected = {
-        "topic": "/rosout", "type": "rosgraph_msgs/Log", "field": "", "statistic": "count", "window_s": 60.0,
+        "topic": "rosout", "type": "rosgraph_msgs/Log", "field": "", "statistic": "count", "window_s": 60.0,
         "where": 'level >= ERROR and name != "*alert_system"', "warn_above": 36.0,
     }  # fmt: skip
     assert errors_of(proposed) == expected

@@ -154,13 +154,10 @@ def test_a_computer_without_systemd_is_no_alert(
     machine: Machine, busctl: Callable[[str], Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     busctl("echo 'Failed to get property: no such name' >&2; exit 1")
-    with pytest.raises(NoSuchSensor, match=r"^org.freedesktop.systemd1 is not there: Failed to get property"):
+    with pytest.raises(NoSuchSensor, match=r"^busctl: Failed to get property"):
         daemons.failed_units(machine.paths)
     monkeypatch.setenv("PATH", str(machine.root / "nowhere"))
-    with pytest.raises(NoSuchSensor, match=r"^no systemd: busctl is not installed$"):
-        daemons.failed_units(machine.paths)
-    (run_folder(machine) / "dbus" / "system_bus_socket").unlink()
-    with pytest.raises(NoSuchSensor, match=r"^no D-Bus of the system: there is no "):
+    with pytest.raises(NoSuchSensor, match=r"^busctl is not installed$"):
         daemons.failed_units(machine.paths)
 
 
@@ -173,7 +170,7 @@ def test_a_real_bus_says_that_systemd_is_not_there(machine: Machine) -> None:
     try:
         assert daemon.stdout is not None
         assert daemon.stdout.readline().startswith(b"unix:path=")
-        with pytest.raises(NoSuchSensor, match=r"^org.freedesktop.systemd1 is not there: .*systemd1"):
+        with pytest.raises(NoSuchSensor, match=r"^busctl: .*systemd1"):
             daemons.failed_units(machine.paths)
     finally:
         daemon.terminate()

@@ -119,5 +119,5 @@ def test_can_errors_are_those_of_can_interfaces(machine: Machine) -> None:
 
 def test_a_machine_without_can_is_no_alert(machine: Machine) -> None:
     machine(counters(eth0="0 0 0"), {"/sys/class/net/eth0/type": "1"})
-    with pytest.raises(NoSuchSensor, match=r"^no CAN interface in "):
+    with pytest.raises(NoSuchSensor, match=r"^this machine has no CAN interface$"):
         HOST_SOURCES["can_errors"].make(machine.computer).read(0.0)
