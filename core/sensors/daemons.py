@@ -53,8 +53,8 @@ def _run(*command: str) -> str:
     options: Any = {"stdin": subprocess.DEVNULL, "capture_output": True, "encoding": "utf-8", "errors": "replace"}
     try:
         done: subprocess.CompletedProcess[str] = subprocess.run(command, timeout=2.0 * _TIMEOUT_S, **options)
-    except FileNotFoundError:
-        raise NoSuchSensor(f"{command[0]} is not installed") from None
+    except OSError as error:
+        raise NoSuchSensor(f"{command[0]} cannot be run: {error.strerror}") from None
     if done.returncode:
         raise NoSuchSensor(f"{command[0]}: {printable(done.stderr.strip()[:200]) or 'no reason given'}")
     return done.stdout
