@@ -103,13 +103,12 @@ def run(arguments: argparse.Namespace, interrupts: Interrupts) -> None:
             listened_s = _listen(robot, candidates, nodes, arguments.seconds, interrupts, show)
     finally:
         progress.clear()
-    proposed, needed_s = propose(candidates), candidates.needed_s
+    proposed = propose(candidates)
     lasted = duration_text(listened_s)
     if not proposed.signals:
         more = f" ({proposed.reasons})" if proposed.not_watched else ""
-        longer_s = max(_USUAL_S, needed_s)
-        if candidates.samples and longer_s > listened_s:
-            more += f"; --seconds {longer_s:.0f} listens longer"
+        if candidates.samples and listened_s < LEAST_RANGE_S:
+            more += "; --seconds 660 listens longer"
         raise ServiceError(f"nothing to watch on {name}: {heard()} in {lasted}{more}")
     nodes.add_to(proposed, candidates)
     if watched is not None:
@@ -120,8 +119,6 @@ def run(arguments: argparse.Namespace, interrupts: Interrupts) -> None:
         heading.append(f"Only what {arguments.against} does not watch.")
     if listened_s < LEAST_RANGE_S:
         heading.append(_COMMENTED)
-    if needed_s:
-        heading.append(f"Some came too rarely to show their range: `--seconds {needed_s:.0f}` is long enough.")
     heading.append("docs/statistics.md explains how each value is computed. Review before use.")
     sys.stdout.write(thresholds_text(heading, {}, proposed))
 

@@ -223,13 +223,6 @@ class Candidates:
         return sum(each.measured.samples for each in self.signals.values() if each.kind in ("rate", "statuses"))
 
     @property
-    def needed_s(self) -> float:
-        """How long to listen, in s, so that all numbers that came have enough samples for bounds; 0 if they have."""
-        measured = [each.measured for each in self.signals.values() if each.kind in ("number", "elements")]
-        parts = [part for each in measured for part in (each, *each.elements.values())]
-        return max((each.needed_s for each in parts), default=0.0)
-
-    @property
     def statuses(self) -> list[tuple[str, str]]:
         """The drivers' statuses that are watched: the name of a signal, and the name of the status."""
         signals = [each for each in self.signals.values() if each.kind == "statuses"]

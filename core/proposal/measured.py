@@ -134,15 +134,6 @@ class Measured:
         """Messages per second from the first to the last; NaN if no time has passed."""
         return self.gaps.count / self.duration_s if self.duration_s > 0.0 else math.nan
 
-    @property
-    def needed_s(self) -> float:
-        """Time in which enough samples come for a bound, in whole minutes, as s; 0 if enough came, or none."""
-        count = self.values.count
-        if not count or not self.duration_s or count >= _LEAST_SAMPLES:
-            return 0.0
-        needed_s = max(_LEAST_DURATION_S, self.duration_s * _LEAST_SAMPLES / count)
-        return 60.0 * math.ceil(1.05 * needed_s / 60.0)
-
     def unsuitable(self) -> str:
         """Returns why no bound can be derived from the values; empty if one can."""
         values = self.values
@@ -150,7 +141,8 @@ class Measured:
             return "no valid value"
         if values.count < _LEAST_SAMPLES:
             seen = f"only {count_text(values.count, 'valid sample')} in {duration_text(self.duration_s)}"
-            return f"{seen}; a range needs {_LEAST_SAMPLES}"
+            needed_s = max(_LEAST_DURATION_S, self.duration_s * _LEAST_SAMPLES / values.count)
+            return f"{seen}; a range needs {_LEAST_SAMPLES}: listen for {60 * math.ceil(1.05 * needed_s / 60.0)} s"
         if self.duration_s < _LEAST_DURATION_S * 0.999:
             return f"seen for {duration_text(self.duration_s)} only; a range needs {duration_text(_LEAST_DURATION_S)}"
         if values.min == values.max:

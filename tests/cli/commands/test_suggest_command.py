@@ -350,7 +350,7 @@ def test_a_sensor_at_1_hz_is_not_left_out_silently(robot_health: Start, tmp_path
     bag = write_bag(tmp_path / "a.bag", [("/battery", "Float64", TRIANGLE[:59], 1.0)])
     process = robot_health("suggest", bag)
     assert process.wait() == 0, process.text
-    reason = "only 59 valid samples in 58 s; a range needs 100"
+    reason = "only 59 valid samples in 58 s; a range needs 100: listen for 120 s"
     assert f"      # /battery, data: no bounds: {reason}" in out(process)
 
 

@@ -167,11 +167,11 @@ def test_how_long_to_listen_is_known_of_what_came_too_rarely() -> None:
     """60 samples of 1 Hz in 59 s: 100 take 100 s, and two minutes are enough."""
     rare: Publisher = ("/a", "std_msgs/Float32", 1.0, lambda now_s: {"data": now_s})
     often: Publisher = ("/b", "std_msgs/Float32", 5.0, lambda now_s: {"data": now_s})
-    candidates = heard([rare, often], 60.0)
-    assert candidates.needed_s == 120.0
-    reason = propose(candidates).fields["/a", "data"]
-    assert reason == "no bounds: only 60 valid samples in 59 s; a range needs 100"
-    assert heard([often], 60.0).needed_s == heard([rare], 120.0).needed_s == 0.0
+    proposed = propose(heard([rare, often], 60.0))
+    reason = "no bounds: only 60 valid samples in 59 s; a range needs 100: listen for 120 s"
+    assert proposed.fields["/a", "data"] == reason
+    assert proposed.fields["/b", "data"] == "no bounds: the value only rises: looks like a counter"
+    assert "listen for" not in propose(heard([rare], 120.0)).fields["/a", "data"]
 
 
 @pytest.mark.newest_python

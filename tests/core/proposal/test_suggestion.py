@@ -88,7 +88,7 @@ def test_short_excursions_give_a_duration_and_long_ones_move_the_bound() -> None
 @pytest.mark.parametrize(
     ("values", "signal", "reason"),
     [
-        (RAMP[:99], {}, "only 99 valid samples in 98 s; a range needs 100"),
+        (RAMP[:99], {}, "only 99 valid samples in 98 s; a range needs 100: listen for 120 s"),
         ([float("nan")] * 200, {}, "no valid value"),
         ([7.0] * 1000, {}, "the value is always 7"),
         ([0.0, 1.0, 4.0] * 400, {}, "only the values 0, 1, 4: looks like a code"),
