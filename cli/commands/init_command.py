@@ -177,19 +177,17 @@ def _listen(
 
     Raises LinkError if there is no connection, ServiceError if topics are not listed or there is no ROS time.
     """
-    start_s: float | None = None
 
     def take(topics: list[Topic], graph: Graph) -> None:
         candidates.add(topics)
         candidates.listen(robot.node, {each.topic for each in topics})
         nodes.take(graph)
 
-    try:
+    looked = robot.look(())
+    start_s = time.monotonic()
+    robot.run(partial(nodes.begin, robot.node))
+    with suppress(KeyboardInterrupt):
         while True:
-            looked = robot.look(candidates.topics)
-            if start_s is None:
-                start_s = time.monotonic()
-                robot.run(partial(nodes.begin, robot.node))
             robot.run(partial(take, *looked))
             listened_s = time.monotonic() - start_s
             if listened_s >= wanted_s:
@@ -198,8 +196,8 @@ def _listen(
                 return wanted_s
             show(listened_s)
             interrupts.wait_until(partial(_is_past, start_s + min(wanted_s, listened_s + _LIST_PERIOD_S)))
-    except KeyboardInterrupt:
-        return time.monotonic() - (start_s or time.monotonic())
+            looked = robot.look(candidates.topics)
+    return time.monotonic() - start_s
 
 
 @contextmanager

@@ -120,28 +120,21 @@ class _Study:
             first, last = recordings.span_ns or (0, 0)
             self._duration_s = (last - first - sum(end - begin for begin, end in recordings.gaps_ns)) / 1e9
 
-    def of_file(self, name: str) -> str:
+    def of_file(self, path: str) -> str:
         """Returns the text of a file with the settings of another one, and suggestions for them."""
-        file = read_yaml(name)
+        file = read_yaml(path)
         section = sections_of_nodes(file)["alert_system"]
         with file.located(section.path):
             config = read_monitor(Section((), section.tree))
-        namespace = self._candidates.namespace
-        topics = {signal: absolute(each.topic, namespace) for signal, each in config.signals.items()}
-        recorded = {channel.topic for channel in self._channels}
-        if not recorded & {*topics.values()}:
-            got = list_text(sorted(recorded)) or "no topic"
-            raise ConfigError(f"no signal is recorded: expected one of {list_text([*topics.values()])}, got {got}")
-        for signal, given in section.tree["signals"].items():
-            self._candidates.signals[signal] = Signal(signal, topics[signal], "given", dict(given))
+        for name, given in section.tree["signals"].items():
+            topic = absolute(config.signals[name].topic, self._candidates.namespace)
+            self._candidates.signals[name] = Signal(name, topic, "given", dict(given))
         with file.located(section.path):
             return self._text({key: value for key, value in section.tree.items() if key != "signals"})
 
     def of_recorded_topics(self) -> str:
         """Returns the text of a file for everything that is recorded."""
         self._candidates.add(_topic(channel) for channel in self._channels)
-        if not self._candidates.topics:
-            raise ConfigError("no topic is recorded")
         return self._text({})
 
     def _text(self, others: JsonObject) -> str:
@@ -166,7 +159,7 @@ class _Study:
         """Returns what is proposed after a replay of the first proposal, and its alerts."""
         trial = propose(self._candidates, {})
         if not trial.signals:
-            raise ConfigError(f"nothing to watch: {trial.reasons}")
+            raise ConfigError(f"nothing to watch: {trial.reasons or 'no topic is recorded'}")
         alerts = self._replay(_watched(trial))
         proposed = propose(self._candidates, alerts.longest_s)
         if _watched(proposed) != _watched(trial):

@@ -41,7 +41,6 @@ MOST_SIGNALS = 300
 """Signals that are looked at: of arrivals first, then of batteries, temperatures and ages; and as many of numbers."""
 MOST_FIELDS = 100
 """Numbers of one topic that are looked at; the standard messages have at most 20."""
-_TOO_MANY = f"more than {MOST_SIGNALS} signals"
 
 _LONGEST_NAME = 200
 """Letters of a signal's name, without a number at its end; YAML allows 1,024 in a key."""
@@ -161,8 +160,8 @@ class Candidates:
         self.fields: Fields = {}
         self.own_topics: set[str] = {TICKS}
         """Topics that this package's nodes publish, as their statuses say: a monitor is not watched by itself."""
-        self._counts: Counter[object] = Counter()
-        """Numbers by their topics, all numbers (True), and all other signals (False)."""
+        self._counts: Counter[str] = Counter()
+        """Numbers by their topics, all `numbers`, and all `others`."""
         self._ages_of_bulk = ages_of_bulk
 
     def add(self, topics: Iterable[Topic]) -> None:
@@ -182,18 +181,18 @@ class Candidates:
             else:
                 new += self._of_topic(each)
         for signal in sorted(new, key=_priority):
-            is_number = _priority(signal) == _NUMBER
             if signal.topic in self.not_watched:
                 continue
-            if is_number and self._counts[signal.topic] >= MOST_FIELDS:
-                self.fields[signal.topic, signal.given["field"]] = f"more than {MOST_FIELDS} numbers"
-            elif self._counts[is_number] < MOST_SIGNALS:
-                self._counts.update([is_number, signal.topic] if is_number else [is_number])
+            is_number = _priority(signal) == _NUMBER
+            limits = {signal.topic: MOST_FIELDS, "numbers": MOST_SIGNALS} if is_number else {"others": MOST_SIGNALS}
+            exceeded = [most for key, most in limits.items() if self._counts[key] >= most]
+            if not exceeded:
+                self._counts.update(limits.keys())
                 self.signals[signal.name] = signal
             elif signal.kind in _ARRIVALS:
-                self.not_watched[signal.topic] = _TOO_MANY
+                self.not_watched[signal.topic] = f"more than {exceeded[0]} signals"
             else:
-                self.fields[signal.topic, signal.given["field"]] = _TOO_MANY
+                self.fields[signal.topic, signal.given["field"]] = f"more than {exceeded[0]} signals"
 
     def begin_recording(self) -> None:
         """Ends the previous recording: the time up to the next one is no gap."""

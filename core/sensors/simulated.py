@@ -47,12 +47,10 @@ class SimulatedBattery(_Simulated):
 
     def read(self, now_s: float) -> float:
         """Returns the charge in %."""
-        elapsed_s = self._elapsed_s(now_s)
         swing = 100.0 - self.charge_at
         discharge_s = swing / self.discharge_rate if self.discharge_rate else math.inf
         charge_s = swing / self.charge_rate if self.charge_rate else math.inf
-        if math.isfinite(discharge_s + charge_s):
-            elapsed_s %= discharge_s + charge_s
+        elapsed_s = self._elapsed_s(now_s) % (discharge_s + charge_s)
         if elapsed_s <= discharge_s:
             return 100.0 - self.discharge_rate * elapsed_s
         return min(self.charge_at + self.charge_rate * (elapsed_s - discharge_s), 100.0)

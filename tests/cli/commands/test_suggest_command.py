@@ -208,31 +208,24 @@ def test_the_output_is_the_same_in_every_run(robot_health_process: Start, tmp_pa
     assert out(runs[0]) == out(runs[1])
 
 
-@pytest.mark.parametrize(
-    ("topics", "arguments", "error"),
-    [
-        (
-            [("/battery", "Float64", TRIANGLE, 1.0)],
-            ["--thresholds", "{file}"],
-            "no signal is recorded: expected one of /arm, got /battery",
-        ),
-        (
-            [("/rosout_agg", "Byte", [0] * 3, 1.0)],
-            [],
-            "nothing to watch: /rosout_agg: a topic of the middleware",
-        ),
-    ],
-)
-def test_recordings_without_a_signal_are_one_line(
-    robot_health: Start, tmp_path: Path, topics: Any, arguments: list[str], error: str
-) -> None:
-    file = tmp_path / "thresholds.yaml"
-    file.write_text("alert_system: {ros__parameters: {signals: {arm: {}}}}\n")
-    bag = write_bag(tmp_path / "a.bag", topics)
-    process = robot_health("suggest", bag, *(str(file) if each == "{file}" else each for each in arguments))
+def test_recordings_without_a_signal_are_one_line(robot_health: Start, tmp_path: Path) -> None:
+    process = robot_health("suggest", write_bag(tmp_path / "a.bag", [("/rosout_agg", "Byte", [0] * 3, 1.0)]))
     assert process.wait() == 2
     assert [line.stream for line in process.lines] == ["err"]
-    assert process.lines[0].text.startswith(f"robot-health suggest: {error}")
+    assert process.lines[0].text.startswith(
+        "robot-health suggest: nothing to watch: /rosout_agg: a topic of the middleware"
+    )
+
+
+def test_a_file_of_signals_that_are_not_recorded_stays_as_it_is(robot_health: Start, tmp_path: Path) -> None:
+    file = tmp_path / "thresholds.yaml"
+    file.write_text("alert_system: {ros__parameters: {signals: {arm: {warn_above: 3.0}}}}\n")
+    bag = write_bag(tmp_path / "a.bag", [("/battery", "Float64", TRIANGLE, 1.0)])
+    process = robot_health("suggest", bag, "--thresholds", file)
+    assert process.wait() == 0, process.text
+    assert "        # no message: unchanged" in out(process)
+    (tmp_path / "suggested.yaml").write_text("\n".join(out(process)))
+    assert load_config(tmp_path / "suggested.yaml").signals["arm"].bounds == {"warn_above": 3.0}
 
 
 def test_a_signal_may_depend_on_one_that_is_not_recorded(robot_health: Start, tmp_path: Path) -> None:

@@ -161,7 +161,7 @@ def test_numbers_of_a_topic_are_limited() -> None:
     text = "\n".join(f"float32 x{number}" for number in range(MOST_FIELDS + 1))
     found = listed([topic("/a", "own_msgs/Wide", text)])
     assert [each.settings["field"] for each in signals(found)][-1] == "x99"
-    assert found.fields == {("/a", "x100"): "more than 100 numbers"}
+    assert found.fields == {("/a", "x100"): "more than 100 signals"}
 
 
 @pytest.mark.newest_python
