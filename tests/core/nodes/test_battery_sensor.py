@@ -131,7 +131,7 @@ def test_files_that_never_answer_are_stale_and_delay_no_other_metric(stage: Stag
     assert threading.active_count() - others < 11  # a thread per file that hangs, however often it is read
     for _, path, _ in HANGING.values():
         (hanging_machine.root / path.lstrip("/")).write_text("5000\n" if "pressure" not in path else "some avg10=1.5\n")
-    wait_for(lambda: all(thread.finished.is_set() for thread in calls._busy))
+    wait_for(lambda: all(each.is_set() for each in calls._running))
     stage.bus.run_until(21.0)
     expected = {name: value for name, (_, _, value) in HANGING.items()}
     assert {name: heard[name][0] for name in HANGING} == pytest.approx({**expected, "pressure": 1.5})

@@ -91,7 +91,7 @@ def test_a_disk_that_hangs_delays_nothing_and_comes_back() -> None:
         computer.ask(6.0, 0.0, "another disk", other.read)
     disk.answers.set()
     other.answers.set()
-    wait_for(lambda: all(thread.finished.is_set() for thread in calls._busy))
+    wait_for(lambda: all(each.is_set() for each in calls._running))
     assert disk.reads == 1  # one thread hangs, however often it is read
     assert computer.ask(7.0, 0.0, "the disk", disk.read) == 1  # the late answer
     calls.close()
