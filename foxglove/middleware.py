@@ -9,8 +9,7 @@ import math
 from typing import Any, Callable, Mapping
 
 from ..core.messages.serialized import SerializedType
-from ..core.messages.standard_messages import check_field
-from ..core.port import Answer, Callback, Severity
+from ..core.port import Answer, Callback, MappingSubscription, Severity
 from ..core.values import ABSENT, ConfigError, canonical_type, printable
 from ..runtime.bridge.node import BridgeClient, BridgeNode, KnownTopic
 from ..runtime.bridge.receivers import BridgeReceiver
@@ -34,7 +33,9 @@ class FoxgloveMiddleware(BridgeNode):
     def _receiver(
         self, topic: str, type_name: str, field: str | None, callback: Callback, *, is_raw: bool = False
     ) -> _Receiver:
-        return _Receiver(self, topic, type_name, field, callback, is_raw)
+        receiver = _Receiver(self, topic, type_name, field, callback)
+        receiver.is_raw = is_raw
+        return receiver
 
     def topic_types(self) -> Mapping[str, str]:
         return {topic: channel.raw_format.type_name for topic, channel in self._channels.topics().items()}
@@ -62,36 +63,20 @@ class FoxgloveClient(BridgeClient[FoxgloveMiddleware]):
         return known
 
 
-class _Receiver(BridgeReceiver):
+class _Receiver(BridgeReceiver, MappingSubscription):
     """A subscription of a node to one topic: to a field, to arrivals if it is None, or to messages as bytes."""
 
     largest_bytes = _LARGEST_JSON_BYTES
-
-    def __init__(
-        self,
-        node: FoxgloveMiddleware,
-        topic: str,
-        type_name: str,
-        field: str | None,
-        callback: Callback,
-        is_raw: bool,
-    ) -> None:
-        """Binds the resolved topic and its type, which is empty if any is taken."""
-        if type_name:
-            check_field(topic, type_name, field or "")
-        self.topic = topic
-        self.active = True
-        self.callback = callback
-        self._node = node
-        self._type_name = canonical_type(type_name)
-        self._field, self.is_raw = field, is_raw
-        self._said: str | None = None
+    is_raw = False
+    _said: str | None = None
+    """The problem that was logged last."""
 
     def bind(self, channel: Channel, messages: SerializedType) -> Callable[[bytes], None] | None:
         """Returns what is called with each message of a channel; None, after one ERROR line, if it cannot be read."""
         type_name = channel.raw_format.type_name
-        if self._type_name and type_name not in ("", self._type_name):
-            problem = f"{self.topic}: expected messages of type {self._type_name}, got {type_name}"
+        expected = canonical_type(self._type_name)
+        if expected and type_name not in ("", expected):
+            problem = f"{self.topic}: expected messages of type {expected}, got {type_name}"
         else:
             try:
                 return self._taker(channel, messages)

@@ -279,14 +279,14 @@ class _Collector(SampleCollector):
 
 
 class Differences:
-    """Passes on transitions that one configuration announced and another did not, at the same time.
+    """Passes on transitions that one of two configurations announced and the other did not, at the same time.
 
     Two transitions are the same if signal, levels and time agree. Holds the transitions of one instant only.
     """
 
-    def __init__(self, files: Sequence[str], on_difference: OnEvent) -> None:
-        """Compares configurations by their names; calls with each transition that not every one announced."""
-        self._files = tuple(files)
+    def __init__(self, first: str, on_difference: OnEvent) -> None:
+        """Calls with each transition that only one configuration announced; `first` is the name of one of them."""
+        self._first = first
         self._on_difference = on_difference
         self._held: list[tuple[JudgedEvent, Any]] = []  # with what two transitions must agree in
 
@@ -301,10 +301,11 @@ class Differences:
 
     def flush(self) -> None:
         """Compares the transitions of the last instant; call at the end."""
-        held, self._held = self._held, []
-        counts = {file: Counter(key for judged, key in held if judged.file == file) for file in self._files}
-        seen: Counter[tuple[str, Any]] = Counter()
-        for judged, key in held:
-            seen[judged.file, key] += 1
-            if seen[judged.file, key] > min(count[key] for count in counts.values()):
+        held, self._held = [(judged, key, 1 if judged.file == self._first else -1) for judged, key in self._held], []
+        excess: Counter[Any] = Counter()
+        for _, key, sign in held:
+            excess[key] += sign
+        for judged, key, sign in held:
+            if excess[key] * sign > 0:
+                excess[key] -= sign
                 self._on_difference(judged)

@@ -12,13 +12,13 @@ from itertools import chain
 from operator import itemgetter
 from typing import Collection, Iterator, Mapping, Sequence
 
-from ..core.values import ConfigError, JsonObject, Problems
 from ..runtime.libraries import RECORDINGS, libraries
 from .recording import LARGEST, Attachment, Channel, RawMessage, RecordedFile, RecordingError, Span, Target, log_time
 from .ros1_bag import Ros1Bag
 from .sqlite_file import SqliteFile
 
 _METADATA = "metadata.yaml"
+_RECORDED = re.compile(r"\.(mcap|db3)(\.zstd)?\Z")
 _LARGEST_METADATA = 2_000_000
 _MOST_FILES = 10_000
 _LARGEST_UNPACKED = 64 << 20
@@ -153,41 +153,36 @@ class Recordings:
         return McapFile(path, name)
 
     def _open_folder(self, path: str) -> list[RecordedFile]:
-        metadata = self._read_metadata(path)
-        names = metadata.get("relative_file_paths")
         try:
-            files = os.listdir(path)
+            present = sorted(filter(_RECORDED.search, os.listdir(path)))
         except OSError as error:
             raise RecordingError(f"cannot be read: {error.strerror or error}", file=path) from None
-        recorded = [name for name in files if re.search(r"\.(mcap|db3)(\.zstd)?\Z", name)]
-        present = sorted(name for name in recorded if os.path.isfile(os.path.join(path, name)))
-        if isinstance(names, list) and names:
-            listed = [os.path.basename(name) for name in names[:_MOST_FILES] if isinstance(name, str)]
-            for name in listed:
-                if name not in present:
-                    self._notes.append(f"{os.path.join(path, name)}: cannot be found: left out")
-            present = [name for name in listed if name in present] or present
+        present = [name for name in present if os.path.isfile(os.path.join(path, name))]
+        listed = self._listed_files(os.path.join(path, _METADATA))
+        for name in listed:
+            if name not in present:
+                self._notes.append(f"{os.path.join(path, name)}: cannot be found: left out")
+        present = [name for name in listed if name in present] or present
         if not present:
             raise RecordingError(f"has no .mcap or .db3 file; {_EXPECTED}", file=path)
-        mode = str(metadata.get("compression_mode") or "").lower()
-        compression = str(metadata.get("compression_format") or "").lower()
-        if mode in ("file", "message") and compression != "zstd":
-            raise RecordingError(f"expected compression zstd, got {compression[:40]!r}", file=path)
         return [self._open_file(os.path.join(path, name)) for name in present]
 
-    def _read_metadata(self, path: str) -> JsonObject:
-        from ..core.config.yaml_loader import load  # here, so that --help does not need PyYAML
+    def _listed_files(self, metadata: str) -> list[str]:
+        """Returns the names of the recorded files that a file of metadata lists; none, with a note, if it has none.
 
-        file = os.path.join(path, _METADATA)
-        with contextlib.suppress(OSError, ConfigError, LookupError, TypeError, ValueError, RecursionError):
-            if os.path.isfile(file):
-                with open(file, encoding="utf-8") as stream:
-                    tree = load(stream.read(_LARGEST_METADATA), {}, Problems())
-                if isinstance(tree["rosbag2_bagfile_information"], dict):
-                    return tree["rosbag2_bagfile_information"]
-        problem = "cannot be read" if os.path.exists(file) else "does not exist (the recorder was stopped early)"
-        self._notes.append(f"{file}: {problem}: all .mcap and .db3 files of the folder are read")
-        return {}
+        Each name has its own line in what rosbag2 writes; older metadata has the folder's former name before it.
+        """
+        text = ""
+        with contextlib.suppress(OSError, ValueError):
+            if os.path.isfile(metadata):
+                with open(metadata, encoding="utf-8") as stream:
+                    text = stream.read(_LARGEST_METADATA)
+        lines = (line.rpartition("path:")[2].strip(" -'\"") for line in text.splitlines())
+        names = list(dict.fromkeys(map(os.path.basename, filter(_RECORDED.search, lines))))
+        if not names:
+            problem = "lists no file" if os.path.exists(metadata) else "does not exist (the recorder was stopped early)"
+            self._notes.append(f"{metadata}: {problem}: all .mcap and .db3 files of the folder are read")
+        return names[:_MOST_FILES]
 
     def _unpack_file(self, path: str) -> str:
         """Unpacks a file that is compressed as a whole; returns the path of the unpacked one."""

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import base64
 import functools
+import itertools
 import json
 import math
-from typing import Any, Mapping, NamedTuple, Sequence
+from typing import Iterator, Mapping, NamedTuple
 
 from ..values import JsonObject, MessageError, canonical_type, split_type_name
-from .definitions import NUMBERS, ROS1_KINDS, TEXTS, Definitions, Field, parse_msg
+from .definitions import NUMBERS, ROS1_KINDS, TEXTS, Definitions, parse_msg
 from .dialect import Message
 
 _MOST_PROPERTIES = 5_000
@@ -73,7 +74,7 @@ def json_format(type_name: str, definition: str) -> RawFormat:
         definitions = parse_msg(root, definition) if definition else {}
     except ValueError:
         definitions = {}
-    schema = {"title": root, **_Schemas(definitions).of_type(root, 0)}
+    schema = {"title": root, **_schema(definitions, root, itertools.repeat(None, _MOST_PROPERTIES))}
     return RawFormat("json", root, "jsonschema", json.dumps(schema, separators=(",", ":")), "")
 
 
@@ -96,31 +97,20 @@ def json_bytes(message: Message) -> bytes:
     return json_text(message).encode("ascii")
 
 
-class _Schemas:
-    """Makes the schemas of types from their definitions."""
-
-    def __init__(self, definitions: Definitions) -> None:
-        self._definitions = definitions
-        self._properties_left = _MOST_PROPERTIES
-
-    def of_type(self, name: str, depth: int) -> dict[str, Any]:
-        definition = self._definitions.get(name)
-        fields: Sequence[Field] = definition.fields if definition is not None and depth < _DEEPEST else ()
-        properties: dict[str, Any] = {}
-        for field in fields:
-            if self._properties_left > 0:
-                self._properties_left -= 1
-                properties[field.name] = self._of_field(field, depth)
-        return {"type": "object", "properties": properties}
-
-    def _of_field(self, field: Field, depth: int) -> JsonObject:
-        kind = ROS1_KINDS.get(field.kind, field.kind)
-        if field.size is not None:
-            return _BASE64 if kind == "uint8" else {"type": "array", "items": self._of_kind(kind, depth)}
-        return self._of_kind(kind, depth)
-
-    def _of_kind(self, kind: str, depth: int) -> JsonObject:
-        return _PLAIN[kind] if kind in _PLAIN else self.of_type(kind, depth + 1)
+def _schema(definitions: Definitions, kind: str, left: Iterator[None], depth: int = 0) -> JsonObject:
+    """Returns the schema of a kind of values, with as many properties as are `left`."""
+    kind = ROS1_KINDS.get(kind, kind)
+    if kind in _PLAIN:
+        return _PLAIN[kind]
+    definition = definitions.get(kind)
+    fields = definition.fields if definition is not None and depth < _DEEPEST else ()
+    properties = {}
+    for (name, of, size, _), _ in zip(fields, left):
+        schema = _schema(definitions, of, left, depth + 1)
+        if size is not None:
+            schema = _BASE64 if ROS1_KINDS.get(of, of) == "uint8" else {"type": "array", "items": schema}
+        properties[name] = schema
+    return {"type": "object", "properties": properties}
 
 
 def _as_base64(value: object) -> str:

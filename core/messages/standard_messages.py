@@ -11,20 +11,42 @@ import operator
 from typing import Any, Callable, Mapping, Sequence
 
 from ..values import STATUS_TYPE, DriverStatus, canonical_type, parse_field_path, split_type_name, steps_getter
-from .definitions import NUMBERS, ROS1_TIMES, Definitions, Field, parse_definition, parse_msg
+from .definitions import ROS1_TIMES, Definitions, Field, parse_definition, parse_msg
 from .dialect import Dialect, Message
 from .native_messages import NativeMessages, bytes_as_text
-from .typed_field import bound_path, typed_getter
+from .typed_field import typed_getter
 
 PACKAGES = ("std_msgs", "std_srvs", "sensor_msgs", "diagnostic_msgs")
 """Packages of which every type is known here."""
 
-_ARRAYS = ("Byte", "Float32", "Float64", "Int16", "Int32", "Int64", "Int8", "UInt16", "UInt32", "UInt64", "UInt8")
-"""Types of std_msgs with an array of the plain type of this name."""
-_SINGLE = (*_ARRAYS, "Bool", "Char", "Duration", "String", "Time")
-"""Types of std_msgs with one value of the plain type of this name."""
-
 _MESSAGES = """
+std_msgs/Byte: byte data
+std_msgs/Float32: float32 data
+std_msgs/Float64: float64 data
+std_msgs/Int16: int16 data
+std_msgs/Int32: int32 data
+std_msgs/Int64: int64 data
+std_msgs/Int8: int8 data
+std_msgs/UInt16: uint16 data
+std_msgs/UInt32: uint32 data
+std_msgs/UInt64: uint64 data
+std_msgs/UInt8: uint8 data
+std_msgs/Bool: bool data
+std_msgs/Char: char data
+std_msgs/Duration: duration data
+std_msgs/String: string data
+std_msgs/Time: time data
+std_msgs/ByteMultiArray: std_msgs/MultiArrayLayout layout; byte[] data
+std_msgs/Float32MultiArray: std_msgs/MultiArrayLayout layout; float32[] data
+std_msgs/Float64MultiArray: std_msgs/MultiArrayLayout layout; float64[] data
+std_msgs/Int16MultiArray: std_msgs/MultiArrayLayout layout; int16[] data
+std_msgs/Int32MultiArray: std_msgs/MultiArrayLayout layout; int32[] data
+std_msgs/Int64MultiArray: std_msgs/MultiArrayLayout layout; int64[] data
+std_msgs/Int8MultiArray: std_msgs/MultiArrayLayout layout; int8[] data
+std_msgs/UInt16MultiArray: std_msgs/MultiArrayLayout layout; uint16[] data
+std_msgs/UInt32MultiArray: std_msgs/MultiArrayLayout layout; uint32[] data
+std_msgs/UInt64MultiArray: std_msgs/MultiArrayLayout layout; uint64[] data
+std_msgs/UInt8MultiArray: std_msgs/MultiArrayLayout layout; uint8[] data
 std_msgs/ColorRGBA: float32 r; float32 g; float32 b; float32 a
 std_msgs/Empty:
 std_msgs/Header: uint32 seq; time stamp; string frame_id
@@ -129,11 +151,7 @@ def _definitions(text: str) -> dict[str, str]:
     return definitions
 
 
-MESSAGES: Mapping[str, str] = {
-    **{f"std_msgs/{name}": f"{name.lower()} data\n" for name in _SINGLE},
-    **{f"std_msgs/{name}MultiArray": f"std_msgs/MultiArrayLayout layout\n{name.lower()}[] data\n" for name in _ARRAYS},
-    **_definitions(_MESSAGES),
-}
+MESSAGES: Mapping[str, str] = _definitions(_MESSAGES)
 """Definition of each message, by type."""
 
 SERVICES: Mapping[str, tuple[str, str]] = {
@@ -149,12 +167,12 @@ ROS2_FIELDS: Mapping[str, str] = {
 }
 """Fields that only ROS 2 has, by type."""
 
-_ROSGRAPH: Mapping[str, str] = {
-    "rosgraph_msgs/Clock": "time clock\n",
-    "rosgraph_msgs/Log": "byte DEBUG=1\nbyte INFO=2\nbyte WARN=4\nbyte ERROR=8\nbyte FATAL=16\n"
-    "std_msgs/Header header\nbyte level\nstring name\nstring msg\nstring file\nstring function\nuint32 line\n"
-    "string[] topics\n",
-}
+_ROSGRAPH = _definitions("""
+rosgraph_msgs/Clock: time clock
+rosgraph_msgs/Log:
+  byte DEBUG=1; byte INFO=2; byte WARN=4; byte ERROR=8; byte FATAL=16; std_msgs/Header header; byte level; string name
+  string msg; string file; string function; uint32 line; string[] topics
+""")
 """Definitions for clients that ask for them; these messages are not checked."""
 
 _UNCHECKED: Mapping[str, str] = {
@@ -287,16 +305,6 @@ def check_field(topic: str, type_name: str, field: str) -> None:
     """Checks a field of a type whose definition is known here; raises ConfigError if there is no such field or type."""
     if check_type(type_name) or canonical_type(type_name) in _KNOWN:
         field_getter(topic, type_name, field)
-
-
-@functools.lru_cache(maxsize=1000)
-def is_number(type_name: str, path: str) -> bool:
-    """Returns whether a field is known to be a number, and no bool."""
-    try:
-        kind = bound_path(_definitions_known(), canonical_type(type_name), parse_field_path(path)).target.kind
-    except ValueError:
-        return False
-    return kind in NUMBERS and kind != "bool"
 
 
 def complete(type_name: str, message: Message) -> dict[str, Any]:

@@ -94,23 +94,6 @@ def large_blobs(folder: Path) -> str:
     )
 
 
-def metadata(folder: Path, text: str) -> str:
-    path = Path(write_folder(folder / "bag", MESSAGES))
-    (path / "metadata.yaml").write_text(text, encoding="utf-8")
-    return str(path)
-
-
-def aliases(folder: Path) -> str:
-    lines = ["a0: &a0 [x, x, x, x, x, x, x, x, x, x]"]
-    lines += [f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 10)}]" for n in range(1, 9)]
-    return metadata(folder, "\n".join([*lines, "rosbag2_bagfile_information: {relative_file_paths: [*a8]}"]))
-
-
-def merged_aliases(folder: Path) -> str:
-    lines = ["a0: &a0 {x: 1}"] + [f"a{n}: &a{n} {{<<: [*a{n - 1}, *a{n - 1}]}}" for n in range(1, 30)]
-    return metadata(folder, "\n".join([*lines, "rosbag2_bagfile_information: *a29"]))
-
-
 def pipe(folder: Path) -> str:
     os.mkfifo(folder / "pipe.bag")
     return str(folder / "pipe.bag")
@@ -237,8 +220,6 @@ ATTACKS: dict[str, Callable[[Path], str]] = {
     "generated blobs": generated_blobs,
     "page that is its own child": page_that_is_its_own_child,
     "large blobs": large_blobs,
-    "aliases": aliases,
-    "merged aliases": merged_aliases,
     "pipe": pipe,
     "pipe in a folder": pipe_in_a_folder,
     "pipe as journal": pipe_as_journal,

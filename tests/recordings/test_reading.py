@@ -68,25 +68,16 @@ def test_packed_messages_are_unpacked_without_metadata_too(tmp_path: Path, stora
     assert read(str(file)).messages == MESSAGES
 
 
-def test_an_unknown_compression_is_refused(tmp_path: Path) -> None:
-    folder = write_folder(tmp_path / "bag", MESSAGES, compression="message")
-    metadata(folder, "compression_format: zstd", "compression_format: brotli")
-    with pytest.raises(RecordingError, match="expected compression zstd, got 'brotli'"):
-        Recordings([folder])
-
-
 def split(tmp_path: Path) -> Path:
     """Returns a folder of two files."""
     folder = tmp_path / "bag"
     folder.mkdir()
-    names = []
+    lines = ["rosbag2_bagfile_information:", "  version: 5", "  storage_identifier: mcap", "  relative_file_paths:"]
     for index, part in enumerate((MESSAGES[:60], MESSAGES[60:])):
         name = f"bag_{index}.mcap"
         write_mcap(folder / name, part)
-        names.append(name)
-    (folder / "metadata.yaml").write_text(
-        f"rosbag2_bagfile_information:\n  version: 5\n  storage_identifier: mcap\n  relative_file_paths: {names}\n"
-    )
+        lines.append(f"    - {name}")
+    (folder / "metadata.yaml").write_text("\n".join(lines))
     return folder
 
 
@@ -291,7 +282,7 @@ def test_messages_out_of_order_are_played_late_with_a_message(tmp_path: Path) ->
 def test_folders_that_were_moved_are_read(tmp_path: Path) -> None:
     """Old metadata has the folder's name in its paths."""
     folder = split(tmp_path)
-    metadata(str(folder), r"'bag_", "'old_name/bag_")
+    metadata(str(folder), "- bag_", "- old_name/bag_")
     shutil.move(str(folder), str(tmp_path / "new_name"))
     assert read(str(tmp_path / "new_name")).messages == MESSAGES
 

@@ -110,24 +110,6 @@ def test_a_rejected_parameter_keeps_the_old_value() -> None:
 
 
 @pytest.mark.parametrize(
-    ("type_name", "value", "expected"),
-    [
-        ("std_msgs/Float32", True, "true"),
-        ("std_msgs/msg/Int8", False, "false"),
-        ("std_msgs/Bool", True, True),
-        ("robot_msgs/Other", True, True),
-        ("std_msgs/Float32", 1, 1),
-    ],
-)
-def test_a_boolean_is_no_number_unless_the_type_has_one(type_name: str, value: Any, expected: Any) -> None:
-    received: list[Any] = []
-    subscription = MappingSubscription(Node(), "/in", type_name, "data", lambda value, now_s: received.append(value))
-    subscription.deliver({"data": value})
-    assert received == [expected]
-    assert type(received[0]) is type(expected)
-
-
-@pytest.mark.parametrize(
     ("field", "message", "value"),
     [
         ("cells[*]", {"cells": [3.5, None]}, "[('0', 3.5), ('1', nan)]"),
