@@ -152,19 +152,23 @@ class Judge:
         """
         tree = parameters if "signals" in parameters else {**parameters, "signals": DEFAULT_SIGNALS}
         config = read_monitor(Section((), tree))
-        node_name = self._player.node_name("alert_system")
-        recordable = {name: signal for name, signal in config.signals.items() if signal.topics}
-        topics = {name: self._topic_of(signal, node_name) for name, signal in recordable.items()}
-        absent = {name: self._player.why_not_recorded(topics[name], signal.type) for name, signal in recordable.items()}
-        missing = {
-            name: absent[name] or self._player.why_unreadable(topics[name], signal.type, signal.selection)
-            for name, signal in recordable.items()
-        }
-        # A topic of which nothing can be read says nothing about the robot: its signal stays `waiting`.
-        signals = {
-            name: {**signal, "stale_after_s": 0.0} if missing.get(name) else signal
-            for name, signal in tree["signals"].items()
-        }
+        signals = dict(tree["signals"])
+        for name, signal in config.signals.items():
+            names = [resolve_name(topic, self._player.node_name("alert_system")) for topic in signal.topics]
+            if not names:
+                continue
+            # An action has two topics.
+            topic = next((each for each in names if not self._player.why_not_recorded(each, "")), names[0])
+            absent = self._player.why_not_recorded(topic, signal.type)
+            missing = absent or self._player.why_unreadable(topic, signal.type, signal.selection)
+            if missing:  # it says nothing about the robot: the signal stays `waiting`
+                signals[name] = {**signals[name], "stale_after_s": 0.0}
+            level = _announced_level(saved, name)
+            since_s = None if level is Level.OK else self._begin_s
+            summary = SignalSummary(file, own_config(signal), topic, not absent, missing, level=level, since_s=since_s)
+            self._signals[file, name] = summary
+            if signal.is_template:
+                self._templates[file, name] = signal
         node = self._player.node("alert_system", {**tree, "signals": signals})
         system = AlertSystem(node, {"replay": lambda event: self._note(file, event)}, log_alerts=False)
         if saved is not None:
@@ -175,18 +179,6 @@ class Judge:
         node.create_timer(1.0, lambda now_s: self._note_effects(file, system.monitor))
         system.monitor.collect_samples(lambda signal: _Collector(partial(self._note_sample, file, signal)))
         self._player.on_gap.append(system.skip)
-        for name, signal in recordable.items():
-            summary = SignalSummary(file, own_config(signal), topics[name], not absent[name], missing[name])
-            self._signals[file, name] = summary
-            summary.level = _announced_level(saved, name)
-            summary.since_s = None if summary.level is Level.OK else self._begin_s
-            if signal.is_template:
-                self._templates[file, name] = signal
-
-    def _topic_of(self, signal: SignalConfig, node_name: str) -> str:
-        """Returns the absolute topic of a signal; of an action, which has two, the one that is recorded."""
-        topics = [resolve_name(topic, node_name) for topic in signal.topics]
-        return next((topic for topic in topics if not self._player.why_not_recorded(topic, "")), topics[0])
 
     def run(self, on_progress: Callable[[float], None] | None = None) -> None:
         """Plays the recordings to their end; calls now and then with the fraction played, 0 to 1, which may raise."""
