@@ -216,10 +216,11 @@ class Operations:
         if self.black_box is None:
             return None
         from ..ops.black_box.robot_black_box import RobotBlackBox
-        from ..ops.store.queries import black_boxes_of_open_alerts
+        from ..ops.store.queries import transitions
 
         try:
-            files = self.history.run(lambda connection: black_boxes_of_open_alerts(connection, robot))
+            alerts = self.history.run(lambda connection: [*transitions(connection, robot=robot, open_only=True)])
+            files = {each.signal: each.black_box for each in alerts if each.black_box and each.robot == robot}
         except ServiceError:  # the history reports it
             files = {}
         return RobotBlackBox(self.black_box, middleware, robot, files)

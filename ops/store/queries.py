@@ -122,13 +122,6 @@ def read_states(connection: Connection, robot: str) -> Dict[str, Any]:
     return states
 
 
-def black_boxes_of_open_alerts(connection: Connection, robot: str) -> Dict[str, str]:
-    """Returns the name of the file that records each open alert of a robot, by signal."""
-    ids = "SELECT transition_id FROM open_alerts WHERE robot = ?"
-    query = f"SELECT signal, black_box FROM transitions WHERE id IN ({ids}) AND black_box != ''"
-    return dict(select(connection, "transitions", (str, str), query, (robot,)))
-
-
 def not_ok_at(connection: Connection, alert: StoredTransition, limit: int) -> List[StoredTransition]:
     """Returns the alerts of other signals of the robot that were open at an alert: the newest of each, newest first."""
     newest = "SELECT max(id) FROM transitions WHERE robot = ? AND id <= ? AND NOT repeat GROUP BY signal"
@@ -142,24 +135,14 @@ def evidence(connection: Connection, transition_id: int) -> Sequence[Tuple[float
     Samples that earlier transitions of the signal have, too, are stored with the earliest only.
     """
     query = "SELECT robot, signal, samples FROM transitions JOIN evidence ON transition_id = id WHERE"
-    latest = connection.execute(f"{query} id = ?", (transition_id,)).fetchone()
-    window = None if latest is None else unpack_samples(latest[2])
-    if window is None:
-        return []
-    first_s = window.first_s
-    first, _ = number_range(connection, first_s - _ROUNDING_S)  # the window's samples were not stored before its begin
+    latest = connection.execute(f"{query} id = ?", (transition_id,)).fetchone() or ("", "", None)
+    first_s = unpack_samples(latest[2])[0] - _ROUNDING_S
+    first, _ = number_range(connection, first_s)  # the window's samples were not stored before its begin
     query = f"{query} id BETWEEN ? AND ? AND robot = ? AND signal = ? ORDER BY id DESC LIMIT ?"
-    rows = connection.execute(query, (first, transition_id, *latest[:2], MAX_EVIDENCE))
     samples: List[Tuple[float, float]] = []
-    for _, _, packed in rows:
-        part = unpack_samples(packed)
-        if part is None:
-            break
+    for _, _, packed in connection.execute(query, (first, transition_id, *latest[:2], MAX_EVIDENCE)).fetchall():
         end_s = samples[0][0] if samples else math.inf
-        samples[:0] = [sample for sample in part.samples if first_s - _ROUNDING_S <= sample[0] < end_s]
-        if part.is_complete or (part.samples and part.samples[0][0] <= first_s):
-            break
-    rows.close()
+        samples[:0] = [sample for sample in unpack_samples(packed)[1] if first_s <= sample[0] < end_s]
     return samples
 
 

@@ -175,28 +175,16 @@ def pack_samples(samples: Sequence[Tuple[float, Any]], stored_until_s: float = -
     return struct.pack(f"<d{len(samples)}f{len(samples)}d", first_s, *times, *values)
 
 
-class UnpackedSamples(NamedTuple):
-    """The samples of `pack_samples`."""
+def unpack_samples(packed: object) -> Tuple[float, List[Tuple[float, float]]]:
+    """Returns the time of the window's first sample, and samples (wall time in s, value) as `pack_samples` has them.
 
-    first_s: float
-    """Time of the window's first sample, in s since 1970."""
-    samples: List[Tuple[float, float]]
-    """Wall time in s and value."""
-
-    @property
-    def is_complete(self) -> bool:
-        """Whether no samples were left out."""
-        return bool(self.samples) and self.samples[0][0] <= self.first_s
-
-
-def unpack_samples(packed: bytes) -> Optional[UnpackedSamples]:
-    """Returns the samples of `pack_samples`; None if there are none, or it is not of this form."""
+    Infinity and no samples if there are none, or `packed` is not of this form.
+    """
     if not isinstance(packed, bytes) or len(packed) % 12 != 8:
-        return None
+        return math.inf, []
     count = len(packed) // 12
     first_s, *numbers = struct.unpack(f"<d{count}f{count}d", packed)
-    samples = [(first_s + time_s, value) for time_s, value in zip(numbers[:count], numbers[count:])]
-    return UnpackedSamples(first_s, samples)
+    return first_s, [(first_s + time_s, value) for time_s, value in zip(numbers[:count], numbers[count:])]
 
 
 def _number(value: Any) -> float:

@@ -13,21 +13,19 @@ import math
 from bisect import bisect_right
 from dataclasses import dataclass, field
 from sqlite3 import Connection
-from typing import Any, Iterator, List, Mapping, Sequence, Tuple
+from typing import Iterator, List, Mapping, Sequence, Tuple
 
 from ...core.config import LINK, template_name
 from ...core.judge.saved_state import Downtime, SavedState
 from ...core.judge.sources import is_source
 from ...core.values import Level, matches_pattern
-from .queries import pattern_condition
-from .rows import AFFECTED, select
+from .queries import pattern_condition, transitions
+from .rows import StoredTransition, select
 
 MOST_LEVELS = 5_000
 """Most changes in the course of a level; after them it is unknown."""
 
-_PAGE = 5_000
 _ROUNDING_S, _ROUNDING = 1e-6, 1e-9
-_TYPES = (int, float, str, str, Level, Level, float, str)
 
 _Spans = List[Tuple[float, float]]
 """Times from begin to end that are sorted and do not overlap."""
@@ -95,21 +93,21 @@ class SignalSummary:
         """Mean of `recoveries_s`; None if there was none."""
         return sum(self.recoveries_s) / len(self.recoveries_s) if self.recoveries_s else None
 
-    def apply(self, wall_s: float, from_level: Level, to_level: Level, lasted_s: float) -> None:
-        """Applies a transition; `from_level` was announced and known for `lasted_s`."""
+    def apply(self, transition: StoredTransition) -> None:
+        """Applies a transition, but a repetition: its earlier level was announced and known since its `since_s`."""
         if self.level is None:
-            self.level = from_level
-        self.advance(wall_s, lasted_s)
-        is_in_time = self.begin_s <= wall_s <= self.end_s
-        if is_in_time and from_level is Level.OK:
+            self.level = transition.from_level
+        self.advance(transition.wall_s, transition.now_s - transition.since_s)
+        is_in_time = self.begin_s <= transition.wall_s <= self.end_s
+        if is_in_time and transition.from_level is Level.OK:
             self.alerts += 1
-        if to_level is Level.OK:
+        if transition.to_level is Level.OK:
             if self.began_in_time and is_in_time:
                 self.recoveries_s.append(self.outage_s)
             self.outage_s = 0.0
         elif self.level is Level.OK:
             self.began_in_time = is_in_time
-        self.level = to_level
+        self.level = transition.to_level
 
     def advance(self, until_s: float, lasted_s: float) -> None:
         """Adds the time since the last call to the level, as far as it is known: of an OK at most the last seconds."""
@@ -172,12 +170,12 @@ def summarize(
         if name in watched and isinstance(signal_name, str):
             signal_of(name, signal_name).lasting_s = _known_s(state, now_s)
     causes: dict[tuple[str, str], str] = {}  # the alert of which each signal was an effect at last
-    for wall_s, name, signal_name, from_level, to_level, lasted_s, affected in _transitions(connection, robot):
-        if name in watched:
-            if signal_name == LINK:
-                _note_link(links_up[name], wall_s, to_level)
-            causes.update(((name, effect), signal_name) for effect in affected.split("\n"))
-            signal_of(name, signal_name).apply(wall_s, from_level, to_level, lasted_s)
+    for each in transitions(connection, robot=robot):
+        if each.robot in watched and not each.repeat:
+            if each.signal == LINK:
+                _note_link(links_up[each.robot], each.wall_s, each.to_level)
+            causes.update(((each.robot, effect), each.signal) for effect in each.effects)
+            signal_of(each.robot, each.signal).apply(each)
     summaries = []
     for (name, signal_name), summary in sorted(signals.items()):
         if summary.duration_s > 0.0 and (signal is None or matches_pattern(signal_name, signal)):
@@ -243,17 +241,3 @@ def _watched(connection: Connection, robot: str | None) -> dict[str, _Spans]:
             end_s = max(end_s, earlier_end_s)
         spans.append((begin_s, max(begin_s, end_s)))
     return merged
-
-
-def _transitions(connection: Connection, robot: str | None) -> Iterator[Sequence[Any]]:
-    """Yields wall time, robot, signal, levels, duration of the earlier level, and effects."""
-    query = f"""
-        SELECT id, wall_s, robot, signal, from_level, to_level, now_s - since_s, {AFFECTED} FROM transitions
-        WHERE id > :id AND NOT repeat AND {pattern_condition(connection, "robot")} ORDER BY id LIMIT {_PAGE}
-    """
-    page: Sequence[Sequence[Any]] = ((0,),)
-    while page:
-        rows = select(connection, "transitions", _TYPES, query, {"id": page[-1][0], "robot": robot})
-        for _, *row in rows:
-            yield row
-        page = rows.raw

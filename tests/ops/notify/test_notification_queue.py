@@ -690,8 +690,7 @@ def test_an_odd_row_stops_no_other_notification(table: str, column: str, odd: st
 @pytest.mark.parametrize(
     ("name", "value"),
     [
-        ("robot", 5), ("text", None), ("to_level", "BAD"), ("from_level", []), ("now_s", "x"),
-        ("since_s", float("inf")), ("repeat", 1), ("hint", 5),
+        ("robot", 5), ("text", None), ("to_level", "BAD"), ("to_level", []), ("repeat", 1),
     ],
 )  # fmt: skip
 def test_an_unexpected_field_makes_it_none(name: str, value: Any) -> None:

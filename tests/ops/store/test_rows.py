@@ -27,10 +27,9 @@ from robot_health_monitor.ops.store.rows import (
 
 def packed_and_unpacked(samples: Sequence[tuple[float, Any]]) -> list[tuple[float, float]]:
     """Returns the samples as they are read again."""
-    unpacked = unpack_samples(pack_samples(samples))
-    assert unpacked is not None
-    assert unpacked.is_complete
-    return unpacked.samples
+    first_s, unpacked = unpack_samples(pack_samples(samples))
+    assert first_s == unpacked[0][0]
+    return unpacked
 
 
 def test_samples_survive_packing() -> None:
@@ -40,7 +39,7 @@ def test_samples_survive_packing() -> None:
 
 def test_no_samples_take_no_space() -> None:
     assert pack_samples([]) == b""
-    assert unpack_samples(b"") is None
+    assert unpack_samples(b"") == (math.inf, [])
 
 
 def test_a_value_that_is_no_number_becomes_nan() -> None:
@@ -61,14 +60,12 @@ def test_samples_that_an_earlier_transition_has_are_left_out() -> None:
 
 def test_all_samples_are_stored_after_the_wall_clock_was_set_back() -> None:
     assert packed_and_unpacked([(10.0, 1.0), (11.0, 2.0)]) == [(10.0, 1.0), (11.0, 2.0)]
-    unpacked = unpack_samples(pack_samples([(10.0, 1.0), (11.0, 2.0)], 500.0))
-    assert unpacked is not None
-    assert unpacked.is_complete
+    assert unpack_samples(pack_samples([(10.0, 1.0), (11.0, 2.0)], 500.0)) == (10.0, [(10.0, 1.0), (11.0, 2.0)])
 
 
 @pytest.mark.parametrize("packed", [None, "text", 5, 2.5, b"odd", b"1" * 9])
-def test_what_is_not_packed_samples_is_none(packed: Any) -> None:
-    assert unpack_samples(packed) is None
+def test_what_is_not_packed_samples_has_none(packed: Any) -> None:
+    assert unpack_samples(packed) == (math.inf, [])
 
 
 ODD = ("'text'", "9e999", "9223372036854775807", "x'ff00'", "CAST(x'ff' AS TEXT)")
