@@ -21,7 +21,7 @@ from ..core.nodes.self_monitor import EMPTY_REPORT, SelfReport
 from ..core.port import Middleware, Severity
 from ..core.values import Clock, Faults, ServiceError
 from ..ops.configuration import SECTIONS, OpsConfig, read_ops
-from ..ops.notify import Notifier
+from ..ops.notify.notifier import Notifier
 from ..ops.store.active_silences import Silences
 from ..ops.store.history import History, RobotHistory
 

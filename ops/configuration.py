@@ -40,12 +40,6 @@ class HistorySettings:
     keep_mb: float = declared(500.0, "largest size of the file with its log, in MB; old entries are deleted", 1, 1e6)
     samples: bool = declared(True, "also store samples: per signal and 10 s smallest, largest, mean and last value")
 
-    def mistakes(self, given: JsonObject) -> Mistakes:
-        """Yields the mistakes of several keys together."""
-        file = str(given.get("file"))
-        if file.endswith("/"):
-            yield "file", f"expected the path of a file, got the folder {file!r}"
-
 
 @dataclass(frozen=True)
 class BlackBoxSettings:
@@ -161,14 +155,8 @@ class OpsConfig:
 
     @property
     def summary(self) -> str:
-        """What is configured, in one line; empty if nothing is."""
-        parts = [] if self.history is None else [f"history in {self.history.file}"]
-        if self.black_box is not None:
-            parts.append(f"black box in {self.black_box.folder}")
-        if self.notify:
-            names = ", ".join(target.name for target in self.notify)
-            parts.append(f"{len(self.notify)} target{'s' if len(self.notify) > 1 else ''} ({names})")
-        return "; ".join(parts + ([] if self.server is None else ["server"]))
+        """Names of the sections that are configured; empty if none are."""
+        return ", ".join(name for name in SECTIONS if getattr(self, name))
 
 
 def read_ops(file: YamlFile) -> OpsConfig:

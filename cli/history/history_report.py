@@ -143,8 +143,8 @@ def _events(
         *silence_events(connection, end_s, start_s, arguments.robot, arguments.signal),
     )
     rows = [(event.wall_s, event_text(event)) for event in events]
-    for gap in queries.gaps(connection, start_s):
-        rows.append((gap.from_s, f"no monitor ran for {duration_text(gap.to_s - gap.from_s)}"))
+    for from_s, to_s in queries.gaps(connection, start_s):
+        rows.append((from_s, f"no monitor ran for {duration_text(to_s - from_s)}"))
     rows.sort(key=lambda event: event[0])
     if len(rows) > MOST_EVENTS:
         problems.append(f"only the first {MOST_EVENTS:,} of {len(rows):,} events of the monitor and silences are shown")

@@ -1,5 +1,1 @@
 """Notifications: what happens to alerts beyond the log, on targets that may be slow, gone or misconfigured."""
-
-from .notifier import Notifier
-
-__all__ = ["Notifier"]

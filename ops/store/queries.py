@@ -15,15 +15,6 @@ _PAGE = 500
 _ROUNDING_S = 0.001  # of the times of samples
 
 
-class Gap(NamedTuple):
-    """A time in which the monitor did not run."""
-
-    from_s: float
-    """When it stopped, or was last known to run, in s since 1970."""
-    to_s: float
-    """When it started again, in s since 1970."""
-
-
 def transitions(
     connection: Connection,
     *,
@@ -146,15 +137,18 @@ def evidence(connection: Connection, transition_id: int) -> Sequence[Tuple[float
     return samples
 
 
-def gaps(connection: Connection, since_s: float = 0.0) -> List[Gap]:
-    """Returns the times in which the monitor did not run, oldest first, without those that ended before `since_s`."""
+def gaps(connection: Connection, since_s: float = 0.0) -> Sequence[Tuple[float, float]]:
+    """Returns the times in which the monitor did not run, oldest first, without those that ended before `since_s`.
+
+    Each is from when it stopped, or was last known to run, to when it started again, in s since 1970.
+    """
     # The present run has no end, and the wall clock may have been set back in the meantime.
     query = """
         SELECT from_s, to_s FROM (
             SELECT id, coalesce(stopped_s, alive_s) AS from_s, lead(started_s) OVER (ORDER BY id) AS to_s FROM runs
         ) WHERE to_s > from_s AND to_s >= ? ORDER BY id
     """
-    return [Gap(*row) for row in select(connection, "runs", (float, float), query, (since_s,))]
+    return select(connection, "runs", (float, float), query, (since_s,))
 
 
 def configuration(connection: Connection, robot: str, at_s: float) -> Optional[Dict[str, Any]]:

@@ -132,7 +132,7 @@ def past_alerts(connection: Connection, wall_s: float, query: Query) -> Json:
     return {
         "alerts": alerts[: query.limit],
         "more": len(alerts) > query.limit,
-        "gaps": [{"from": iso_time(gap.from_s), "to": iso_time(gap.to_s)} for gap in gaps],
+        "gaps": [{"from": iso_time(from_s), "to": iso_time(to_s)} for from_s, to_s in gaps],
     }
 
 
