@@ -22,7 +22,6 @@ All functions run in the history's writer thread, inside its transactions.
 from __future__ import annotations
 
 import json
-import math
 import time
 from collections import Counter
 from sqlite3 import Connection

@@ -21,9 +21,9 @@ from ...core.values import Clock, Faults, JsonObject, ServiceError, Transition, 
 from ..configuration import HistorySettings
 from .database import PART, Database, Job
 from .database_file import is_file_error
-from .present_state import alert_of, note_transition, write_states
+from .present_state import store_transition, write_states
 from .queries import read_states
-from .rows import INSERT_TRANSITION, pack_samples, transition_row
+from .rows import pack_samples, transition_row
 from .samples import StoredSamples, store
 from .schema import altered_error
 
@@ -106,18 +106,16 @@ class History(Database):
         self, connection: Connection, row: Sequence[Any], samples: bytes, transition: Transition, wall_s: float
     ) -> None:
         """Stores a transition, by its row and its packed samples. Call inside a transaction."""
-        began = alert_of(connection, transition)
-        number = connection.execute(INSERT_TRANSITION, (*row[:-1], began or None)).lastrowid or 0
+        number, alert = store_transition(connection, row, transition, wall_s)
         connection.execute("INSERT INTO evidence VALUES (?, ?)", (number, samples))
         if self._retention is not None:
             self._retention.note_transition(row[1], row[2])
-        note_transition(connection, number, began, transition, wall_s)
         self.present_run.note_alive(connection)
         for hook in self.on_record:
             # Their mistakes do not affect the transition.
             connection.execute("SAVEPOINT hook")
             try:
-                hook(connection, began or number, transition, wall_s)
+                hook(connection, alert, transition, wall_s)
             except Exception as error:
                 if is_file_error(error):
                     raise

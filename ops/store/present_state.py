@@ -6,14 +6,14 @@ Used by the writer's thread only, inside its transactions.
 from __future__ import annotations
 
 from sqlite3 import Connection
-from typing import Mapping
+from typing import Any, Mapping, Sequence
 
 from ...core.config import template_name
 from ...core.nodes.outlets import json_line
 from ...core.values import Clock, Level, Transition, package_version, printable
 from .queries import configuration
 from .queries import transition as stored_transition
-from .rows import StoredTransition, select
+from .rows import INSERT_TRANSITION, StoredTransition, select
 
 _DELETE_STATE = "DELETE FROM signal_states WHERE robot = ? AND signal = ?"
 # Not REPLACE, which would change the indexes, too.
@@ -111,19 +111,22 @@ def write_states(connection: Connection, robot: str, states: Mapping[str, str]) 
             connection.execute(_STORE_STATE, (robot, signal, state))
 
 
-def alert_of(connection: Connection, transition: Transition) -> int:
-    """Returns the number of the transition that began the alert of this one; 0 if this one begins it."""
-    name = printable(transition.robot), printable(transition.signal)
-    row = connection.execute("SELECT alert_id FROM open_alerts WHERE robot = ? AND signal = ?", name).fetchone()
-    return 0 if row is None or transition.from_level is Level.OK else int(row[0])
+def store_transition(
+    connection: Connection, row: Sequence[Any], transition: Transition, wall_s: float
+) -> tuple[int, int]:
+    """Stores a transition, by its row, and that it opens, changes or ends an alert.
 
-
-def note_transition(connection: Connection, number: int, alert: int, transition: Transition, wall_s: float) -> None:
-    """Stores that a transition with this number opens, changes or ends an alert (`alert_of`; 0 if it is this one)."""
-    name = printable(transition.robot), printable(transition.signal)
-    is_ok = transition.to_level is Level.OK
-    if is_ok or not (alert or transition.repeat):
+    Returns its number, and that of the transition that began the alert.
+    """
+    name = row[1:3]
+    is_ok, is_new = transition.to_level is Level.OK, transition.from_level is Level.OK
+    query = "SELECT alert_id FROM open_alerts WHERE robot = ? AND signal = ?"
+    known = None if is_new else connection.execute(query, name).fetchone()
+    number = connection.execute(INSERT_TRANSITION, (*row[:-1], known and known[0])).lastrowid or 0
+    alert = number if known is None else int(known[0])
+    if is_ok or (known is None and not transition.repeat):
         connection.execute("DELETE FROM open_alerts WHERE robot = ? AND signal = ?", name)
     if not (is_ok or transition.repeat):
-        row = (*name, alert or number, number, int(transition.to_level), wall_s, wall_s, transition.fingerprint)
-        connection.execute(_STORE_ALERT, row)
+        values = (*name, alert, number, int(transition.to_level), wall_s, wall_s, transition.fingerprint)
+        connection.execute(_STORE_ALERT, values)
+    return number, alert

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from sqlite3 import Connection
-from typing import Any, Dict, Iterator, List, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Dict, Iterator, List, NamedTuple, Sequence, Tuple
 
 from ...core.judge.continuity import MAX_EVIDENCE
 from ...core.values import Level, matches_pattern
@@ -18,13 +18,12 @@ _ROUNDING_S = 0.001  # of the times of samples
 def transitions(
     connection: Connection,
     *,
-    since_s: Optional[float] = None,
-    robot: Optional[str] = None,
-    signal: Optional[str] = None,
-    level: Optional[Level] = None,
-    before_id: Optional[int] = None,
-    limit: Optional[int] = None,
-    newest_first: bool = False,
+    since_s: float | None = None,
+    robot: str | None = None,
+    signal: str | None = None,
+    level: Level | None = None,
+    before_id: int | None = None,
+    newest: int | None = None,
     open_only: bool = False,
 ) -> Iterator[StoredTransition]:
     """Yields transitions, by default in the order in which they happened.
@@ -36,8 +35,7 @@ def transitions(
         signal: of this signal only, likewise.
         level: to this level only.
         before_id: only those with a smaller id.
-        limit: at most so many.
-        newest_first: in reverse order; with a `limit`: the newest ones.
+        newest: so many of the newest at most, the newest first.
         open_only: only those to the present level of the alerts that are open.
     """
     # The unary plus keeps SQLite from sorting what an index on the time would find.
@@ -45,31 +43,24 @@ def transitions(
         WHERE id BETWEEN :first AND :last AND {pattern_condition(connection, "robot", "signal")}
             AND (:since IS NULL OR +wall_s >= :since) AND (:level IS NULL OR to_level = :level)
             {"AND id IN (SELECT transition_id FROM open_alerts)" if open_only else ""}
-        ORDER BY id {"DESC" if newest_first else "ASC"} LIMIT :page
+        ORDER BY id {"ASC" if newest is None else "DESC"} LIMIT :page
     """
     first, last = number_range(connection, since_s)
     last = last if before_id is None else min(last, before_id - 1)
-    left = math.inf if limit is None else limit
-    values = {"since": since_s, "level": level, "robot": robot, "signal": signal}
-    # Page by page: an open query would keep the writer's log from being shortened.
-    while left > 0:
-        page = min(_PAGE, left)
-        rows = _transitions(connection, where, {**values, "first": first, "last": last, "page": page})
+    values = {"since": since_s, "level": level, "robot": robot, "signal": signal, "last": last, "page": newest or _PAGE}
+    while True:  # page by page: an open query would keep the writer's log from being shortened
+        rows = _transitions(connection, where, {**values, "first": first})
         yield from rows
-        if len(rows.raw) < page:
-            break
-        left -= _PAGE
-        if newest_first:
-            last = rows.raw[-1][0] - 1
-        else:
-            first = rows.raw[-1][0] + 1
+        if newest is not None or len(rows.raw) < _PAGE:
+            return
+        first = rows.raw[-1][0] + 1
 
 
 def _transitions(connection: Connection, where: str, values: Values) -> Rows[StoredTransition]:
     return records(connection, "transitions", StoredTransition, where, values, TRANSITION_COLUMNS)
 
 
-def number_range(connection: Connection, since_s: Optional[float]) -> Tuple[int, int]:
+def number_range(connection: Connection, since_s: float | None) -> Tuple[int, int]:
     """Returns the first number that may be as new as `since_s`, and the last number."""
     # Apart: SQLite reads the whole table for both together.
     query = "SELECT (SELECT min(id) FROM transitions), (SELECT max(id) FROM transitions)"
@@ -84,12 +75,12 @@ def number_range(connection: Connection, since_s: Optional[float]) -> Tuple[int,
     return first, last
 
 
-def transition(connection: Connection, number: int) -> Optional[StoredTransition]:
+def transition(connection: Connection, number: int) -> StoredTransition | None:
     """Returns one transition by its id; None if there is none."""
     return next(iter(_transitions(connection, "WHERE id = ?", (number,))), None)
 
 
-def ended_s(connection: Connection, alert: StoredTransition) -> Optional[float]:
+def ended_s(connection: Connection, alert: StoredTransition) -> float | None:
     """Returns when the alert of a transition ended, in s since 1970; None if it has not."""
     is_open = "EXISTS (SELECT 1 FROM open_alerts WHERE alert_id = :alert)"  # then there is no need to look for its end
     end = "id >= :id AND alert_id = :alert AND to_level = 0"
@@ -151,7 +142,7 @@ def gaps(connection: Connection, since_s: float = 0.0) -> Sequence[Tuple[float, 
     return select(connection, "runs", (float, float), query, (since_s,))
 
 
-def configuration(connection: Connection, robot: str, at_s: float) -> Optional[Dict[str, Any]]:
+def configuration(connection: Connection, robot: str, at_s: float) -> Dict[str, Any] | None:
     """Returns the configuration of a robot that was in force at a time in s since 1970, else its first one.
 
     It is what `Continuity.record_configuration` has stored; None if there is none.
@@ -178,7 +169,7 @@ class MonitorEvent(NamedTuple):
     """The version of the software (`started`), the hash of the configuration; else empty."""
 
 
-def monitor_events(connection: Connection, since_s: float = 0.0, robot: Optional[str] = None) -> List[MonitorEvent]:
+def monitor_events(connection: Connection, since_s: float = 0.0, robot: str | None = None) -> List[MonitorEvent]:
     """Returns starts and stops of the monitor, resets and changes of the configuration since then, by time.
 
     `robot`: resets and configurations of this robot only; `*` and `?` work as in file names.

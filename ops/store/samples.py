@@ -132,10 +132,10 @@ def store(connection: Connection, samples: Iterable[StoredSamples]) -> None:
 def read(
     connection: Connection,
     *,
-    robot: Optional[str] = None,
-    signal: Optional[str] = None,
-    since_s: Optional[float] = None,
-    until_s: Optional[float] = None,
+    robot: str | None = None,
+    signal: str | None = None,
+    since_s: float | None = None,
+    until_s: float | None = None,
 ) -> Iterator[StoredSamples]:
     """Yields samples by robot, signal and time.
 
@@ -263,7 +263,7 @@ class SampleUpkeep:
         return len(rows.raw)
 
 
-def _series(connection: Connection, robot: Optional[str] = None, signal: Optional[str] = None) -> List[_Series]:
+def _series(connection: Connection, robot: str | None = None, signal: str | None = None) -> List[_Series]:
     """Returns robot and signal of all samples, sorted, or of those that match; does not read every row."""
     query = f"{_SERIES} AND {pattern_condition(connection, 'robot', 'signal')} ORDER BY robot, signal"
     rows = select(connection, "samples", (str, str), query, {"robot": robot, "signal": signal})

@@ -77,7 +77,7 @@ class Silence(NamedTuple):
         return self.newest_alert > 0
 
     @property
-    def rule(self) -> Optional[Recurrence]:
+    def rule(self) -> Recurrence | None:
         """When it is in force; None if it is all the time."""
         return parse_recurrence(self.every, self.timezone) if self.every else None
 
@@ -154,9 +154,9 @@ def add_silence(
     matchers: Sequence[Matcher],
     now_s: float,
     *,
-    for_s: Optional[float] = None,
+    for_s: float | None = None,
     until_resolved: bool = False,
-    every: Optional[Recurrence] = None,
+    every: Recurrence | None = None,
     reason: str = "",
     author: str = "",
 ) -> Silence:
@@ -226,7 +226,7 @@ def expire_silence(connection: Connection, number: int, now_s: float, *, reason:
     return silence
 
 
-def read_silences(connection: Connection, active_at_s: Optional[float] = None) -> List[Silence]:
+def read_silences(connection: Connection, active_at_s: float | None = None) -> List[Silence]:
     """Returns the silences, oldest first: those that are active at a time in s since 1970, or all."""
     tail = "WHERE ? IS NULL OR (ended_s IS NULL AND (until_s IS NULL OR until_s > ?)) ORDER BY id"
     rows = records(connection, "silences", Silence, tail, (active_at_s, active_at_s), ", ".join(_COLUMNS))
@@ -265,8 +265,8 @@ def silence_events(
     connection: Connection,
     now_s: float,
     since_s: float = 0.0,
-    robot: Optional[str] = None,
-    signal: Optional[str] = None,
+    robot: str | None = None,
+    signal: str | None = None,
 ) -> List[SilenceEvent]:
     """Returns begins and ends of the silences that are stored, by time, not older than `since_s`.
 

@@ -123,9 +123,8 @@ def past_alerts(connection: Connection, wall_s: float, query: Query) -> Json:
         level=query.level,
         since_s=since_s,
         before_id=query.before,
-        limit=query.limit + 1,
+        newest=query.limit + 1,
         open_only=query.open,
-        newest_first=True,
     )
     alerts = [_alert(connection, transition) for transition in transitions]
     gaps = queries.gaps(connection, since_s or 0.0)[-_MOST:]

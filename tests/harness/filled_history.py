@@ -36,7 +36,7 @@ def fill_history(path: Path) -> None:
 
 def read_everything(connection: sqlite3.Connection) -> list[str]:
     """Calls every reader; returns the texts of the transitions."""
-    found = [*queries.transitions(connection), *queries.transitions(connection, since_s=NOW_S, newest_first=True)]
+    found = [*queries.transitions(connection), *queries.transitions(connection, since_s=NOW_S, newest=1000)]
     for each in found:
         queries.transition(connection, each.id)
         queries.evidence(connection, each.id)

@@ -7,7 +7,8 @@ from typing import Any
 
 from robot_health_monitor.core import Level, Status, Transition
 from robot_health_monitor.ops.notify.notification_queue import NotificationQueue
-from robot_health_monitor.ops.store.present_state import alert_of, note_transition
+from robot_health_monitor.ops.store.present_state import store_transition
+from robot_health_monitor.ops.store.rows import transition_row
 
 
 def transition(value: Any = 19.5, to_level: Level = Level.WARN, **fields: Any) -> Transition:
@@ -33,11 +34,8 @@ class StoredAlerts:
 
     def __init__(self, connection: sqlite3.Connection) -> None:
         self._connection = connection
-        self._number = 0
 
     def record(self, queue: NotificationQueue, event: Transition, wall_s: float) -> None:
         """Stores a transition as the history does, as far as the queue is concerned."""
-        self._number += 1
-        began = alert_of(self._connection, event)
-        note_transition(self._connection, self._number, began, event, wall_s)
-        queue.note(self._connection, event, began or self._number, wall_s)
+        _, alert = store_transition(self._connection, transition_row(event, wall_s), event, wall_s)
+        queue.note(self._connection, event, alert, wall_s)

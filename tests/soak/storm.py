@@ -52,8 +52,8 @@ class _Page(threading.Thread):
             if time.monotonic() >= read_at_s:
                 read_at_s = time.monotonic() + 1.0
                 with reading(self._files[0]) as connection:
-                    list(queries.transitions(connection, newest_first=True, limit=1000))
-                    list(queries.transitions(connection, signal="signal_7", newest_first=True, limit=100))
+                    list(queries.transitions(connection, newest=1000))
+                    list(queries.transitions(connection, signal="signal_7", newest=100))
                     queries.gaps(connection)
                     read_silences(connection)
                 self.reads += 1

@@ -24,8 +24,7 @@ from harness.waiting import wait_for
 from robot_health_monitor.core import Level
 from robot_health_monitor.core.values.faults import Faults
 from robot_health_monitor.ops.configuration import TARGET_TYPES, HistorySettings, TargetSettings
-from robot_health_monitor.ops.notify.notifier import Notifier
-from robot_health_monitor.ops.notify.notifier import make_sender
+from robot_health_monitor.ops.notify.notifier import Notifier, make_sender
 from robot_health_monitor.ops.store import history as store_history
 from robot_health_monitor.ops.store.active_silences import Silences
 from robot_health_monitor.ops.store.history import History, RobotHistory

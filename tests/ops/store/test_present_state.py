@@ -6,7 +6,8 @@ from harness.histories import transition
 
 from robot_health_monitor.core import Level
 from robot_health_monitor.ops.store import schema
-from robot_health_monitor.ops.store.present_state import PresentRun, alert_of, note_transition, write_states
+from robot_health_monitor.ops.store.present_state import PresentRun, store_transition, write_states
+from robot_health_monitor.ops.store.rows import transition_row
 
 
 def test_a_new_database_has_the_run_and_the_robots_that_are_watched() -> None:
@@ -24,6 +25,7 @@ def test_a_new_database_has_the_run_and_the_robots_that_are_watched() -> None:
 
 def test_an_alert_keeps_its_number_and_its_begin_until_it_begins_again() -> None:
     connection = schema.in_memory()
+    schema.number_from(connection, 6)
     query = "SELECT alert_id, transition_id, level, begun_s, at_s FROM open_alerts"
     steps = (
         (Level.OK, Level.WARN, (7, 7, Level.WARN, 1007.0, 1007.0)),
@@ -34,7 +36,8 @@ def test_an_alert_keeps_its_number_and_its_begin_until_it_begins_again() -> None
     )
     for number, (before, after, expected) in enumerate(steps, 7):
         event = transition(number, after, from_level=before)
-        note_transition(connection, number, alert_of(connection, event), event, 1000.0 + number)
+        stored, _ = store_transition(connection, transition_row(event, 1000.0 + number), event, 1000.0 + number)
+        assert stored == number
         assert connection.execute(query).fetchone() == expected
 
 

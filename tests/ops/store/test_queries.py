@@ -47,7 +47,7 @@ def connection() -> sqlite3.Connection:
     ("options", "expected"),
     [
         ({}, [1, 2, 3, 4, 5]),
-        ({"newest_first": True}, [5, 4, 3, 2, 1]),
+        ({"newest": 9}, [5, 4, 3, 2, 1]),
         ({"since_s": 930.0}, [1, 2, 4, 5]),
         ({"since_s": 2000.0}, []),
         ({"robot": "r1"}, [1, 3, 5]),
@@ -57,14 +57,12 @@ def connection() -> sqlite3.Connection:
         ({"robot": "r?", "signal": "cpu_usage"}, [4, 5]),
         ({"level": Level.WARN}, [1, 4]),
         ({"before_id": 3}, [1, 2]),
-        ({"before_id": 4, "newest_first": True, "limit": 2}, [3, 2]),
-        ({"limit": 2}, [1, 2]),
-        ({"limit": 0}, []),
-        ({"limit": 3, "newest_first": True}, [5, 4, 3]),
-        ({"limit": 1, "level": Level.WARN, "newest_first": True}, [4]),
+        ({"before_id": 4, "newest": 2}, [3, 2]),
+        ({"newest": 3}, [5, 4, 3]),
+        ({"newest": 1, "level": Level.WARN}, [4]),
         ({"open_only": True}, [2, 4, 5]),
         ({"open_only": True, "level": Level.WARN}, [4]),
-        ({"open_only": True, "robot": "r1", "newest_first": True}, [5]),
+        ({"open_only": True, "robot": "r1", "newest": 9}, [5]),
     ],
 )
 @pytest.mark.parametrize("page", [1, 2, 500])
