@@ -139,7 +139,7 @@ class ServerOptions:
             if given.get(one) and not given.get(other):
                 yield one, f"expected {other} as well, got {one} alone"
         if self.public_url and not is_http(self.public_url):
-            yield "public_url", f"expected http://host or https://host, got {_got(self.public_url)}"
+            yield "public_url", f"expected http://host or https://host, got {shown(self.public_url)}"
         if any(letter.isspace() or letter == "/" for letter in self.address):
             yield "address", f"expected an IP address or the name of a host, got {self.address[:_MOST_SHOWN]!r}"
 
@@ -211,11 +211,7 @@ def url_problem(url: str, kind: str) -> str:
     if kind == "alertmanager":
         expected, odd = f"{expected}, ? and #", " ?#"
     is_right = is_right and url.isprintable() and not set(odd) & set(url)
-    return "" if is_right else f"expected {expected}, got {_got(url)}"
-
-
-def _got(url: str) -> str:
-    return repr(shown(url)) if "://" in url else "an address without a scheme"
+    return "" if is_right else f"expected {expected}, got {shown(url)}"
 
 
 def is_http(url: str) -> bool:

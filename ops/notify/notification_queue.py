@@ -35,10 +35,11 @@ from typing import (
 )
 
 from ...core.config import template_name
+from ...core.nodes.outlets import json_line
 from ...core.values import Clock, JsonObject, Level, Transition, matches_pattern
 from ..configuration import TargetSettings
 from ..store.active_silences import Silences
-from ..store.present_state import alert_json, keep_line
+from ..store.present_state import keep_line
 from ..store.rows import Rows, T, Values, records, skip
 from .sender import Notification, group_of
 
@@ -208,8 +209,10 @@ class NotificationQueue:
     def note(self, connection: Connection, transition: Transition, alert_id: int, wall_s: float) -> None:
         """Queues a transition for the targets that it concerns, as it is stored, at a time in s since 1970."""
         # Stored with the alert: after a restart it is unknown until battery_sensor has said so again.
-        simulated = {"simulated": True} if self._is_simulated(transition.robot, transition.signal) else {}
-        line = alert_json(transition, alert_id, **simulated)
+        is_simulated = self._is_simulated(transition.robot, transition.signal)
+        further = {"simulated": is_simulated, "what_to_do": transition.status.what_to_do}
+        given = {name: value for name, value in further.items() if value}
+        line = json_line(transition, alert_id=alert_id, **given)
         fields = json.loads(line)
         alert = fields["robot"], fields["signal"]
         keep_line(connection, *alert, line)

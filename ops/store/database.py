@@ -26,7 +26,7 @@ from ...runtime.backoff import Backoff
 from ...runtime.threads import MonotonicEvent, StepThread
 from ..configuration import HistorySettings
 from . import samples, schema
-from .database_file import DatabaseFile, is_damage, is_file_error, reading, reason, set_aside
+from .database_file import DatabaseFile, is_damage, is_file_error, reading, set_aside
 from .present_state import PresentRun
 from .retention import AgeClock, Retention
 from .rows import CheckedConnection
@@ -94,7 +94,7 @@ class Database:
         self.on_second: list[Callable[[Connection], object]] = []
         """Called about once a second by the writer's thread, in a transaction."""
         self._file: DatabaseFile | None = None
-        self._memory: Connection | None = None
+        self._memory: CheckedConnection | None = None
         self._is_copy = False
         self._backoff = Backoff(_FIRST_RETRY_S, _LAST_RETRY_S)
         self._next_retry_s = 0.0
@@ -102,7 +102,7 @@ class Database:
         self._age_clock = AgeClock(wall_time_s())
         self._maintain_at_s = time.monotonic() + _PERIOD_S
         self._old_at_s = self._surplus_at_s = 0.0
-        self._is_too_large = self._is_closing = False
+        self._is_closing = False
         self._lock = threading.Lock()
         self._jobs: deque[Job[Any]] = deque()
         self._busy_since_s: float | None = time.monotonic()
@@ -189,7 +189,7 @@ class Database:
     # In the writer's thread
 
     @property
-    def connection(self) -> Connection:
+    def connection(self) -> CheckedConnection:
         """The connection, in autocommit mode."""
         connection = self._memory if self._file is None else self._file.connection
         assert connection is not None
@@ -207,7 +207,7 @@ class Database:
             job = self._jobs.popleft() if self._jobs else None
         if job is not None and not job.is_cancelled:
             self._run(job)
-        self._is_too_large = self._care(self._limit_size) is True
+        is_too_large = self._care(self._limit_size)
         now_s = time.monotonic()
         if now_s >= self._maintain_at_s:
             self._care(self._maintain)
@@ -219,7 +219,7 @@ class Database:
         if self._is_closing and is_idle:
             self._close()
             self._thread.close()
-        return 0.0 if self._is_too_large or not is_idle else max(0.0, self._maintain_at_s - time.monotonic())
+        return 0.0 if is_too_large or not is_idle else max(0.0, self._maintain_at_s - time.monotonic())
 
     def _run(self, job: Job[Any]) -> None:
         for _ in range(_MAX_ATTEMPTS):
@@ -337,7 +337,8 @@ class Database:
             if self._memory is None:
                 self._use_memory(None)
         except (OSError, sqlite3.Error) as error:
-            self._retry_later(reason(error, path))
+            file_name = getattr(error, "filename", None) or path  # a folder of it cannot be used
+            self._retry_later(f"{file_name}: {getattr(error, 'strerror', None) or error}")
             if self._memory is None:
                 try:
                     with reading(path) as source:
@@ -396,7 +397,7 @@ class Database:
 
     def _use_memory(self, source: Connection | None) -> None:
         """Goes on in memory, with what can be read of `source`."""
-        memory = schema.in_memory(CheckedConnection)
+        memory = schema.in_memory()
         with schema.transaction(memory):
             self._is_copy = source is not None and schema.copy_state(source, memory)
             if not self._is_copy and self.file is not None:
@@ -438,7 +439,7 @@ class Database:
     def _report(self, text: str) -> None:
         self.faults.report(PART, text)
 
-    def _report_skipped(self, connection: Connection) -> None:
+    def _report_skipped(self, connection: CheckedConnection) -> None:
         """Reports the first row that was skipped because of its values; the fault lasts until a restart."""
-        if isinstance(connection, CheckedConnection) and connection.skipped_text:
+        if connection.skipped_text:
             self.faults.report(ROWS_PART, connection.skipped_text, Level.WARN)

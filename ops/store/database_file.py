@@ -55,14 +55,6 @@ def is_file_error(error: BaseException) -> bool:
     return is_damage(error) or (isinstance(error, sqlite3.Error) and any(text in str(error) for text in _FILE))
 
 
-def reason(error: BaseException | str, file: str) -> str:
-    """Returns one line that names the file and what is wrong with it."""
-    if isinstance(error, OSError):
-        path = os.fsdecode(error.filename) if isinstance(error.filename, (str, bytes)) else file
-        return f"{path}: {error.strerror or error}"
-    return f"{file}: {error}"
-
-
 class DatabaseFile:
     """An open history file that no other monitor writes."""
 

@@ -13,7 +13,7 @@ from ...core.nodes.outlets import json_line
 from ...core.values import Clock, Level, Transition, package_version, printable
 from .queries import configuration
 from .queries import transition as stored_transition
-from .rows import INSERT_TRANSITION, StoredTransition, select
+from .rows import INSERT_TRANSITION, select
 
 _DELETE_STATE = "DELETE FROM signal_states WHERE robot = ? AND signal = ?"
 # Not REPLACE, which would change the indexes, too.
@@ -70,20 +70,20 @@ class PresentRun:
         connection.execute(update, (now_s, now_s if has_stopped else None, self.id))
 
 
-def alert_json(transition: Transition, alert_id: int, **further: object) -> str:
-    """Formats a transition as `--json` does, with its alert and what to do; the form in which notifications wait."""
-    if transition.status.what_to_do:
-        further["what_to_do"] = transition.status.what_to_do
-    return json_line(transition, alert_id=alert_id, **further)
-
-
 def keep_lines(connection: Connection) -> None:
-    """Stores the JSON of each open alert that began without notifications; see `keep_line`."""
+    """Stores the JSON of each open alert that began without notifications; see `keep_line`.
+
+    What to do is that of the configuration in force then.
+    """
     query = "SELECT robot, signal, transition_id FROM open_alerts WHERE transition_json = ''"
     for robot, signal, number in connection.execute(query).fetchall():
         stored = stored_transition(connection, number)
         if stored is not None:
-            keep_line(connection, robot, signal, _past_alert_json(connection, stored))
+            kept = configuration(connection, stored.robot, stored.wall_s) or {}
+            settings = kept.get(stored.signal) or kept.get(template_name(stored.signal))
+            advice = settings.get("what_to_do") if isinstance(settings, dict) else None
+            further = {"what_to_do": printable(advice)} if isinstance(advice, str) else {}
+            keep_line(connection, robot, signal, json_line(stored, alert_id=stored.alert_id, **further))
 
 
 def keep_line(connection: Connection, robot: object, signal: object, line: str) -> None:
@@ -91,15 +91,6 @@ def keep_line(connection: Connection, robot: object, signal: object, line: str) 
     connection.execute(
         "UPDATE open_alerts SET transition_json = ? WHERE robot = ? AND signal = ?", (line, robot, signal)
     )
-
-
-def _past_alert_json(connection: Connection, stored: StoredTransition) -> str:
-    """Formats a stored transition as `alert_json`, with what to do by the configuration in force then."""
-    kept = configuration(connection, stored.robot, stored.wall_s) or {}
-    settings = kept.get(stored.signal) or kept.get(template_name(stored.signal))
-    advice = settings.get("what_to_do") if isinstance(settings, dict) else None
-    further = {"what_to_do": printable(advice)} if isinstance(advice, str) else {}
-    return json_line(stored, alert_id=stored.alert_id, **further)
 
 
 def write_states(connection: Connection, robot: str, states: Mapping[str, str]) -> None:

@@ -176,7 +176,7 @@ def read_coarse(
     values = {"robot": robot, "signal": signal, "since": since_s - seconds, "until": until_s, "seconds": seconds,
               "most": MOST_COARSE}  # fmt: skip
     types = get_type_hints(StoredSamples).values()
-    return [StoredSamples(*row) for row in select(connection, "samples", types, _COARSE, values)][::-1]
+    return select(connection, "samples", types, _COARSE, values, StoredSamples._make)[::-1]
 
 
 def read_levels(connection: Connection, since_s: float) -> Sequence[Tuple[Any, ...]]:
@@ -266,8 +266,7 @@ class SampleUpkeep:
 def _series(connection: Connection, robot: str | None = None, signal: str | None = None) -> List[_Series]:
     """Returns robot and signal of all samples, sorted, or of those that match; does not read every row."""
     query = f"{_SERIES} AND {pattern_condition(connection, 'robot', 'signal')} ORDER BY robot, signal"
-    rows = select(connection, "samples", (str, str), query, {"robot": robot, "signal": signal})
-    return [(row[0], row[1]) for row in rows]
+    return select(connection, "samples", (str, str), query, {"robot": robot, "signal": signal})
 
 
 def _rows(

@@ -11,6 +11,7 @@ from sqlite3 import Connection
 from typing import Iterator, Mapping, Sequence
 
 from ...core.values import ConfigError
+from .rows import CheckedConnection
 
 APPLICATION_ID = 0x524F4248
 """Identifies the file as a history, in the SQLite header: "ROBH"."""
@@ -305,9 +306,9 @@ def altered_error(connection: Connection) -> sqlite3.DatabaseError | None:
     return sqlite3.DatabaseError(f"its table {min(missing)[0]} {ALTERED}") if missing else None
 
 
-def in_memory(factory: type[Connection] = Connection) -> Connection:
+def in_memory() -> CheckedConnection:
     """Returns a connection to a new database in memory, with the tables."""
-    connection = sqlite3.connect(":memory:", isolation_level=None, check_same_thread=False, factory=factory)
+    connection = sqlite3.connect(":memory:", isolation_level=None, check_same_thread=False, factory=CheckedConnection)
     prepare(connection)
     return connection
 

@@ -62,9 +62,8 @@ class SignalSummary:
     """The course of the level: begin of each; None where it is unknown."""
     cause: str = ""
     """Name of the latest alert of which it was an effect, if it was not announced itself; else empty."""
-
-    def __post_init__(self) -> None:
-        self._advanced_to_s = self.begin_s
+    advanced_to_s: float = 0.0
+    """Until when the figures reach."""
 
     @property
     def duration_s(self) -> float:
@@ -111,10 +110,10 @@ class SignalSummary:
 
     def advance(self, until_s: float, lasted_s: float) -> None:
         """Adds the time since the last call to the level, as far as it is known: of an OK at most the last seconds."""
-        level, from_s, until_s = self.level or Level.OK, self._advanced_to_s, min(until_s, self.end_s)
+        level, from_s, until_s = self.level or Level.OK, max(self.advanced_to_s, self.begin_s), min(until_s, self.end_s)
         if until_s <= from_s:
             return  # the wall clock was set back
-        self._advanced_to_s = until_s
+        self.advanced_to_s = until_s
         pieces = [*_within(self.spans, from_s, until_s)]
         unknown_s = 0.0
         if level is Level.OK:

@@ -152,7 +152,7 @@ def test_all_mistakes_are_reported_with_the_lines_of_their_keys(tmp_path: Path) 
         f"ops.yaml:7: notify.pager.type: expected {types}, got 'alertmanger'",
         "ops.yaml:8: notify.both: expected either url or url_file, got both",
         "ops.yaml:9: notify.neither: expected either url or url_file, got neither",
-        f"ops.yaml:12: notify.ftp.url: expected {HTTP}, got 'ftp://...'",
+        f"ops.yaml:12: notify.ftp.url: expected {HTTP}, got ftp://...",
         "ops.yaml:13: notify.ftp.min_level: expected one of WARN, STALE, ERROR, got 'warn'",
         "ops.yaml:14: notify.horn.command: expected a list of texts, got '/usr/local/bin/horn'",
         "ops.yaml:14: notify.horn.url: not a key of a target of type command; expected one of type, "
@@ -187,7 +187,7 @@ def test_all_mistakes_are_reported_with_the_lines_of_their_keys(tmp_path: Path) 
         ),
         (
             "notify: {a: {type: webhook, url: 'http://ada:secret@a'}}",
-            f"ops.yaml:1: notify.a.url: expected {HTTP}, got 'http://a'",
+            f"ops.yaml:1: notify.a.url: expected {HTTP}, got http://a",
         ),
         (
             "notify: {a: {type: webhook, url: [secret]}}",
@@ -229,19 +229,19 @@ def test_addresses_that_may_be_alertmanagers(url: str) -> None:
     ("url", "type_name", "problem"),
     [
         ("10.0.0.2:9093", "alertmanager", f"{HTTP}, ? and #, got an address without a scheme"),
-        ("http://", "alertmanager", f"{HTTP}, ? and #, got 'http://'"),
-        ("http://a/?key=secret", "alertmanager", f"{HTTP}, ? and #, got 'http://a'"),
-        ("http://host:99999", "webhook", f"{HTTP}, got 'http://host:99999'"),
-        ("http://host:0", "webhook", f"{HTTP}, got 'http://host:0'"),
-        ("http://[::1", "webhook", f"{HTTP}, got 'http://[::1'"),
-        ("http://a/b c", "webhook", f"{HTTP}, got 'http://a'"),
-        ("http://ada:secret@a", "webhook", f"{HTTP}, got 'http://a'"),
-        ("file:///etc/secret", "heartbeat", f"{HTTP}, got 'file://...'"),
-        ("slack://secret/token", "webhook", f"{HTTP}, got 'slack://...'"),
+        ("http://", "alertmanager", f"{HTTP}, ? and #, got http://"),
+        ("http://a/?key=secret", "alertmanager", f"{HTTP}, ? and #, got http://a"),
+        ("http://host:99999", "webhook", f"{HTTP}, got http://host:99999"),
+        ("http://host:0", "webhook", f"{HTTP}, got http://host:0"),
+        ("http://[::1", "webhook", f"{HTTP}, got http://[::1"),
+        ("http://a/b c", "webhook", f"{HTTP}, got http://a"),
+        ("http://ada:secret@a", "webhook", f"{HTTP}, got http://a"),
+        ("file:///etc/secret", "heartbeat", f"{HTTP}, got file://..."),
+        ("slack://secret/token", "webhook", f"{HTTP}, got slack://..."),
         (
             "slack://secret/a token",
             "apprise",
-            "an address of Apprise, such as mailtos://user:password@host, got 'slack://...'",
+            "an address of Apprise, such as mailtos://user:password@host, got slack://...",
         ),
         (
             "mailto:ada@a",

@@ -21,7 +21,6 @@ from robot_health_monitor.ops.store.database_file import (
     is_file_error,
     lock_path,
     reading,
-    reason,
     set_aside,
 )
 
@@ -235,11 +234,6 @@ def test_a_folder_that_does_not_exist_is_an_error_of_the_file(tmp_path: Path) ->
 
 def test_a_mistake_in_a_statement_is_no_error_of_the_file() -> None:
     assert not is_file_error(error_of(sqlite3.connect(":memory:"), "SELECT * FROM missing"))
-
-
-def test_the_reason_names_the_file_once() -> None:
-    assert reason(PermissionError(13, "Permission denied", "/var/x.lock"), "/var/x") == "/var/x.lock: Permission denied"
-    assert reason(sqlite3.OperationalError("disk I/O error"), "/var/x") == "/var/x: disk I/O error"
 
 
 def test_a_missing_file_is_one_line_and_is_not_created(tmp_path: Path) -> None:
