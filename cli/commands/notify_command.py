@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import asyncio
 import json
 import math
 import sys
 import threading
 import time
-from typing import Callable, Iterator, NamedTuple, Sequence
+from functools import partial
+from typing import Callable, NamedTuple, Sequence
 
 from ...core.config import read_yaml
 from ...core.nodes.node import host_name
@@ -19,6 +21,7 @@ from ...ops.notify.alertmanager import ALERT, REPEAT_EVERY_S
 from ...ops.notify.notifier import make_sender
 from ...ops.notify.sender import DeliveryError, Notification, Sender
 from ...ops.notify.webhook import Webhook
+from ...runtime.event_loops import run_in_daemon_thread
 from ...runtime.interrupts import Interrupts
 from ..arguments import Parser, add, checked, duration
 from ..exit_codes import ExitCode
@@ -62,18 +65,12 @@ def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
     targets = read_ops(read_yaml(arguments.file)).notify
     if not targets:
         raise ConfigError("expected targets in the section notify, got none", file=arguments.file)
-    code = ExitCode.SUCCESS
-    for trial in _try_all(targets, arguments.hold, interrupts):
-        if not trial.succeeded:
-            code = ExitCode.FAILED
-        _write(f"{trial.name}: {'OK' if trial.succeeded else 'FAILED'}: {trial.text}")
-        if trial.warning:
-            sys.stderr.write(f"{printable(trial.warning)}\n")
-    return code
+    interrupts.defer()  # whenever it comes, the test alerts are resolved before the end
+    return asyncio.run(_try_all(targets, arguments.hold, interrupts))
 
 
-def _write(line: str) -> None:
-    sys.stdout.write(f"{printable(line)}\n")
+def _write(name: str, text: str) -> None:
+    sys.stdout.write(f"{printable(f'{name}: {text}')}\n")
     sys.stdout.flush()
 
 
@@ -86,36 +83,32 @@ class Trial(NamedTuple):
     warning: str = ""  # one line about the target that is no failure, or empty
 
 
-def _try_all(targets: Sequence[TargetSettings], hold_s: float | None, interrupts: Interrupts) -> Iterator[Trial]:
-    """Yields the trial of each target. The alert stays for `hold_s`, else as the target needs, or until SIGINT."""
-    interrupts.defer()  # whenever it comes, the test alerts are resolved before the end
-    robot = host_name() or "robot"
+async def _try_all(targets: Sequence[TargetSettings], hold_s: float | None, interrupts: Interrupts) -> ExitCode:
+    """Tries each target in a thread. The alert stays for `hold_s`, else as the target needs, or until SIGINT."""
     stop = threading.Event()
-    trials: dict[str, Trial] = {}
-
-    def held_s(target: TargetSettings) -> float:
+    trials: dict[str, asyncio.Future[Trial]] = {}
+    for target in targets:
         by_default_s = _ALERTMANAGER_HOLD_S if target.type == "alertmanager" else 0.0
-        return by_default_s if hold_s is None else hold_s
-
-    def run(target: TargetSettings) -> None:
-        name = target.name
-        try:
-            trials[name] = try_target(target, robot, held_s(target), stop, lambda text: _write(f"{name}: {text}"))
-        except Exception as error:  # its text may contain a secret
-            trials[name] = Trial(name, False, f"internal error: {type(error).__name__}")
-
-    threads = [threading.Thread(target=run, args=(target,), daemon=True) for target in targets]
-    for thread in threads:
-        thread.start()
-    for target, thread in zip(targets, threads):
-        limit_s = 3.0 * target.timeout_s + _FURTHER_S
-        end_s = time.monotonic() + held_s(target) + limit_s
-        while thread.is_alive() and not interrupts.came and time.monotonic() < end_s:
-            thread.join(_POLL_PERIOD_S)
-        if interrupts.came:
-            stop.set()
-            thread.join(limit_s)
-        yield trials.get(target.name) or Trial(target.name, False, "no response")
+        held_s = by_default_s if hold_s is None else hold_s
+        write = partial(_write, target.name)
+        run = run_in_daemon_thread(partial(try_target, target, host_name() or "robot", held_s, stop, write))
+        limit_s = held_s + 3.0 * target.timeout_s + _FURTHER_S
+        trials[target.name] = asyncio.ensure_future(asyncio.wait_for(run, limit_s))
+    code = ExitCode.SUCCESS
+    for name, running in trials.items():
+        while not running.done():
+            await asyncio.wait({running}, timeout=_POLL_PERIOD_S)
+            if interrupts.came:
+                stop.set()
+        error = running.exception()
+        what = "no response" if isinstance(error, asyncio.TimeoutError) else f"internal error: {type(error).__name__}"
+        trial = Trial(name, False, what) if error else running.result()  # the text of an error may contain a secret
+        if not trial.succeeded:
+            code = ExitCode.FAILED
+        _write(name, f"{'OK' if trial.succeeded else 'FAILED'}: {trial.text}")
+        if trial.warning:
+            sys.stderr.write(f"{printable(trial.warning)}\n")
+    return code
 
 
 def try_target(

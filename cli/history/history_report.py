@@ -6,23 +6,20 @@ import argparse
 import math
 import sqlite3
 from dataclasses import replace
-from typing import Any, Mapping, Sequence
+from typing import Mapping, Sequence
 
 from ...core.config import SignalConfig, read_kept, read_signal, template_name
-from ...core.values import ConfigError, Level, count_text, duration_text, list_text
+from ...core.values import ConfigError, Level, count_text, list_text
 from ...ops.report.plotted_signal import PlottedSignal
 from ...ops.report.report import MOST_ALERTS, Report, ReportedAlert, buckets_of, render
 from ...ops.report.summaries import SHARES, range_cells
 from ...ops.store import queries, samples
 from ...ops.store.notes import notes_of
-from ...ops.store.silences import silence_events
 from ...ops.store.summary import SignalSummary
-from .history_entries import event_text, note_text, summary_row
+from .history_entries import note_text, summary_row
 
 MOST_PLOTS = 200
 """Most signals that have a plot; all are in the table."""
-MOST_EVENTS = 1000
-"""Most events of the monitor and of silences."""
 
 _COLUMNS = (
     "samples", "bad", *SHARES, "available", "alerts", "min", "mean", "max", "longest outage", "recovery",
@@ -70,7 +67,6 @@ def history_page(
             alerts=alerts,
             all_alerts=changes,
             group="robot",
-            events=_events(connection, arguments, start_s, end_s, problems),
         )
     )
 
@@ -132,20 +128,3 @@ def _alerts(
             group = transition.robot if several else ""
             shown.append(ReportedAlert(transition.wall_s, group, transition, notes, transition.effects))
     return shown, changes, len(alerts)
-
-
-def _events(
-    connection: sqlite3.Connection, arguments: argparse.Namespace, start_s: float, end_s: float, problems: list[str]
-) -> list[tuple[float, str]]:
-    """Returns starts, stops and gaps of the monitor, resets, configurations and silences."""
-    events: tuple[Any, ...] = (
-        *queries.monitor_events(connection, start_s, arguments.robot),
-        *silence_events(connection, end_s, start_s, arguments.robot, arguments.signal),
-    )
-    rows = [(event.wall_s, event_text(event)) for event in events]
-    for from_s, to_s in queries.gaps(connection, start_s):
-        rows.append((from_s, f"no monitor ran for {duration_text(to_s - from_s)}"))
-    rows.sort(key=lambda event: event[0])
-    if len(rows) > MOST_EVENTS:
-        problems.append(f"only the first {MOST_EVENTS:,} of {len(rows):,} events of the monitor and silences are shown")
-    return rows[:MOST_EVENTS]

@@ -74,7 +74,6 @@ class Report(NamedTuple):
     all_alerts: int  # how many there were
     group: str = "file"  # head of the column with groups: `file` for configurations, or `robot`
     judged_by: str = ""  # names of the configurations
-    events: Sequence[tuple[float, str]] = ()  # what else happened: time and text
 
 
 def buckets_of(signals: int) -> int:
@@ -123,12 +122,6 @@ def render(report: Report) -> str:
         cut = f'<p class="hint">The first {len(alerts)} of {report.all_alerts}.</p>'
         shown = cut * (report.all_alerts > len(alerts))
         shown += _table('alerts table" id="alerts', ["time", "level", *groups, "alert"], alert_rows())
-    events = ""
-    if report.events:
-        listed = (
-            f"<tr>{_cell('time', time_text(at_s))}{_cell('text', _text(text))}</tr>" for at_s, text in report.events
-        )
-        events = "<h2>Monitor and silences</h2>\n" + _table("events table", ["time", "event"], listed)
     signals: list[JsonObject] = []
     plots = _PLOTS_HEAD if keys else ""
     for key, place in places.items():
@@ -157,7 +150,6 @@ def render(report: Report) -> str:
         problems=f'<ul class="problems">{problems}</ul>' if problems else "",
         signals=_table(kind, heads, signal_rows(), len(report.columns)),
         alerts=shown,
-        events=events,
         plots=plots,
         data=_json({"from": report.start_s, "to": report.end_s, "utcOffset": offset_s, "signals": signals}),
         scripts="\n".join(f"<script>{script}</script>" for script in scripts),
