@@ -250,15 +250,14 @@ alert_id = identifier("the number of an alert")
 seconds = checked("a number of seconds above 0", float, lambda number: 0.0 < number < 1e9)
 
 
-def duration(text: str) -> float:
-    """Returns a duration in s: `90s`, `1h30m`, `7d`."""
-    from ..core.values.errors import ConfigError
+def _duration_s(text: str) -> float:
     from ..ops.store.silences import parse_duration_s
 
-    try:
-        return parse_duration_s(text)
-    except ConfigError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
+    return parse_duration_s(text)
+
+
+duration = checked("a duration such as 30m, 1h30m or 7d", _duration_s)
+"""In s."""
 
 
 def find_installed(name: str) -> Path | None:

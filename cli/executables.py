@@ -8,7 +8,7 @@ from __future__ import annotations
 import sys
 from contextlib import ExitStack, closing
 from functools import partial
-from typing import TYPE_CHECKING, Any, Callable, Mapping, Sequence, Union
+from typing import TYPE_CHECKING, Any, Mapping, Sequence
 
 from ..runtime.interrupts import Interrupts
 from .exit_codes import ExitCode, internal_error_text
@@ -34,24 +34,34 @@ EXECUTABLES: Mapping[str, Sequence[str]] = {
 
 _LIBRARIES = {"ROS 1": ("rospy", "yaml"), "ROS 2": ("rclpy", "yaml")}
 
+_PATIENCE_S = {"ROS 1": 4.0}
+"""Of `Interrupts`: a call to a ROS master that hangs must not keep the process from ending."""
+
 Middleware = Any
 """A `core.port.middleware.Middleware`; that module is imported later."""
-Process = Union["Ros1Process", "Ros2Process"]
-"""This process as one or several ROS nodes, which have the same methods."""
-OpenProcess = Callable[[str, Interrupts], Any]
-"""Imports the adapter and returns the `Process` of an executable, not started."""
 
 
-def run(executable: str, open_process: OpenProcess, *, ros: str, patience_s: float | None = None) -> int:
-    """Runs one of `EXECUTABLES`; returns the exit code. `ros` names the middleware, `patience_s` is of `Interrupts`."""
-    with StandardStreams() as streams, Interrupts(patience_s) as interrupts:
+def _open_process(ros: str, executable: str, interrupts: Interrupts) -> Ros1Process | Ros2Process:
+    """Imports the adapter; returns this process as one or several ROS nodes, not started."""
+    if ros == "ROS 1":
+        from ..ros1.process import Ros1Process
+
+        return Ros1Process(executable, interrupts)
+    from ..ros2.process import Ros2Process
+
+    return Ros2Process(interrupts)
+
+
+def run(ros: str, executable: str) -> int:
+    """Runs one of `EXECUTABLES` on `ROS 1` or `ROS 2`; returns the exit code."""
+    with StandardStreams() as streams, Interrupts(_PATIENCE_S.get(ros)) as interrupts:
         try:
             if {"-h", "--help"} & set(sys.argv[1:]):
                 from .executable_help import help_text
 
                 sys.stdout.write(help_text(executable, ros))
                 return ExitCode.SUCCESS
-            return _Running(executable, open_process(executable, interrupts), interrupts).run(streams)
+            return _Running(executable, _open_process(ros, executable, interrupts), interrupts).run(streams)
         except KeyboardInterrupt:
             return ExitCode.SUCCESS
         except ModuleNotFoundError as error:
@@ -74,7 +84,7 @@ def run(executable: str, open_process: OpenProcess, *, ros: str, patience_s: flo
 class _Running:
     """A process with its nodes, and what is closed before and after them."""
 
-    def __init__(self, executable: str, process: Process, interrupts: Interrupts) -> None:
+    def __init__(self, executable: str, process: Ros1Process | Ros2Process, interrupts: Interrupts) -> None:
         self._executable = executable
         self._process = process
         self._interrupts = interrupts

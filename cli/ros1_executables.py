@@ -4,21 +4,9 @@ from __future__ import annotations
 
 from functools import partial
 
-from ..runtime.interrupts import Interrupts
-from .executables import Process, run
+from .executables import run
 
-_PATIENCE_S = 4.0
-"""A call to a ROS master that hangs must not keep the process from ending."""
-
-
-def _open(executable: str, interrupts: Interrupts) -> Process:
-    from ..ros1.process import Ros1Process
-
-    return Ros1Process(executable, interrupts)
-
-
-_run = partial(run, open_process=_open, ros="ROS 1", patience_s=_PATIENCE_S)
-battery_sensor = partial(_run, "battery_sensor")
-aggregator = partial(_run, "aggregator")
-alert_system = partial(_run, "alert_system")
-health_monitor = partial(_run, "health_monitor")
+battery_sensor = partial(run, "ROS 1", "battery_sensor")
+aggregator = partial(run, "ROS 1", "aggregator")
+alert_system = partial(run, "ROS 1", "alert_system")
+health_monitor = partial(run, "ROS 1", "health_monitor")

@@ -46,14 +46,6 @@ def add_arguments(parser: Parser) -> None:
 def _check_task(arguments: argparse.Namespace) -> str:
     if bool(arguments.files) is (arguments.from_alert is not None):
         return f"expected either FILE or --from-alert, got {'both' if arguments.files else 'neither'}"
-    for option in ("number", "thresholds", "exact", "history", "ops"):
-        if arguments.files and getattr(arguments, option) not in (None, False):
-            return f"--{option}: only with --from-alert"
-    is_file = isinstance(arguments.from_alert, str)
-    if is_file and (arguments.history or arguments.ops):
-        return "--history and --ops: only with the number of an alert, not with a black box"
-    if not is_file and arguments.number is not None:
-        return "--number: only with the file of a black box"
     return ""
 
 

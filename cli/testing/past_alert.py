@@ -119,13 +119,6 @@ def needed_settings(signals: Mapping[str, SignalConfig], signal: str, robot: str
     return {name: settings_of(each) for name, each in needed.items()}
 
 
-def needed_before_s(signal: SignalConfig) -> int:
-    """Returns how long before an alert of a signal a black box has to begin, in s, to have all that it depends on."""
-    window_s = 0.0 if signal.statistic == "last" else signal.window_s
-    rule_s = max(signal.for_s, signal.error_for_s, signal.keep_firing_for_s, signal.invalid_for_s)
-    return math.ceil((window_s + rule_s + signal.stale_after_s) / 10.0 + 1.0) * 10
-
-
 def alert_test(alert: PastAlert, thresholds: str | None = None, *, exact: bool = False) -> AlertTest:
     """Returns the test of an alert, which has been run.
 
@@ -278,7 +271,7 @@ def history_alert(connection: sqlite3.Connection, number: int) -> PastAlert:
         if transition.to_level is Level.ERROR and not is_judged:  # a bad sample was the reason
             value = transition.value
             samples.append((transition.wall_s, float(value) if isinstance(value, (int, float)) else math.nan))
-    recorder = f"a black box (ops.yaml: black_box, before_s: {needed_before_s(signal)}) would have recorded them"
+    recorder = "a black box (ops.yaml: black_box) would have recorded them"
     if transition.black_box:
         recorder = f"its black box {transition.black_box} has them: name its folder by --ops, or the file itself"
     return PastAlert(
@@ -333,8 +326,6 @@ def black_box_alerts(path: str) -> list[PastAlert]:
         if signal is None or (signal.is_template and signal.name == transition.signal):
             continue  # a source, the link or a template: they have no samples
         names = [transition.signal, *depends_on(signal)]
-        before_s = math.ceil(judged.wall_s - begin_s)
-        longer_s = max(needed_before_s(signal), 2 * before_s)
         alerts.append(
             PastAlert(
                 title=f"alert {len(alerts) + 1} of {printable(os.path.basename(path))}",
@@ -343,8 +334,8 @@ def black_box_alerts(path: str) -> list[PastAlert]:
                 settings=needed_settings(config.signals, transition.signal, config.robot_name),
                 time_s=transition.now_s,
                 samples={each: samples[each] for each in names if each in samples},
-                missing=f"what came before the recording, which begins {before_s} s before it, is missing; "
-                f"black_box: before_s: {longer_s} in ops.yaml would have recorded it",
+                missing=f"what came before the recording, which begins {judged.wall_s - begin_s:.0f} s before it, is "
+                "missing; a longer before_s of black_box in ops.yaml would have recorded it",
             )
         )
     if not alerts:

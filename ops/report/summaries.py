@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Mapping, NamedTuple, Sequence
+from typing import Counter, Mapping, NamedTuple, Sequence
 
 from ...core.config import SignalConfig
 from ...core.judge.wording import judged_unit
@@ -51,15 +51,11 @@ class SummaryRow(NamedTuple):
 
 def folded(rows: Sequence[SummaryRow]) -> list[tuple[SummaryRow, int]]:
     """Returns rows with each effect below its cause, and how many effects follow each: -1 for an effect."""
-    effects: dict[tuple[str, str], list[SummaryRow]] = {(row.group, row.signal): [] for row in rows if not row.cause}
-    others = [row for row in rows if (row.group, row.cause) not in effects]
-    for row in rows:
-        effects.get((row.group, row.cause), []).append(row)
-    ordered: list[tuple[SummaryRow, int]] = []
-    for row in others:
-        own = effects.get((row.group, row.signal), [])
-        ordered += [(row, len(own)), *((effect, -1) for effect in own)]
-    return ordered
+    places = {(row.group, row.signal): at for at, row in enumerate(rows) if not row.cause}
+    causes = [places.get((row.group, row.cause), -1) for row in rows]
+    order = sorted(range(len(rows)), key=lambda at: (at, -1) if causes[at] < 0 else (causes[at], at))
+    effects = Counter(causes)
+    return [(rows[at], effects[at] if causes[at] < 0 else -1) for at in order]
 
 
 def table(heads: Sequence[str], rows: Sequence[SummaryRow]) -> list[list[str]]:

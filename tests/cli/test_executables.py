@@ -9,7 +9,7 @@ from typing import Any, Callable, Dict
 
 import pytest
 
-from robot_health_monitor.cli.executables import run
+from robot_health_monitor.cli import executables
 from robot_health_monitor.cli.exit_codes import ExitCode
 from robot_health_monitor.core import Level
 from robot_health_monitor.core.port.local import LocalBus
@@ -61,6 +61,13 @@ class LocalProcess:
         self.closed = True
         for middleware in self.middlewares:
             middleware.close()
+
+
+def run(executable: str, open_process: Callable[[str, Any], Any], ros: str) -> int:
+    """Runs an executable in a process that a function opens."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(executables, "_open_process", lambda ros, name, interrupts: open_process(name, interrupts))
+        return executables.run(ros, executable)
 
 
 def start(executable: str, process: LocalProcess) -> int:
