@@ -134,11 +134,10 @@ class Fleet:
     def apply(self, settings: Sequence[RobotSettings]) -> str:
         """Makes the robots those of `settings`; returns what changed. Called in the loop."""
         known, wanted = {robot.name: robot for robot in self.robots}, {new.name for new in settings}
-        changes: dict[str, list[str]] = {}
-        for name in [name for name in known if name not in wanted]:
+        changes = {name: "removed" for name in known if name not in wanted}
+        for name in changes:
             known[name].end()
             self._operations.end_robot(name)
-            changes.setdefault("removed", []).append(name)
         self.robots, added = [], []
         for new in settings:
             robot = known.get(new.name)
@@ -151,15 +150,15 @@ class Fleet:
                 added.append(robot)
             self.robots.append(robot)
             if change != NOTHING_CHANGED:
-                changes.setdefault(change, []).append(new.name)
+                changes[new.name] = change
         if len(added) <= _MOST_NAMES:
             for robot in added:
                 robot.log_summary()
         if self._is_running:
             self._start(added)
             self._operations.note_robots()
-        texts = [f"{list_text(names, _MOST_NAMES)}: {change}" for change, names in changes.items()]
-        return "; ".join(texts) or NOTHING_CHANGED
+        texts = [f"{name}: {change}" for name, change in changes.items()]
+        return list_text(texts, _MOST_NAMES) or NOTHING_CHANGED
 
     def close(self) -> None:
         """Ends every robot's alert_system and connection; open alerts stay open."""

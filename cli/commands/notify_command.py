@@ -10,7 +10,7 @@ import sys
 import threading
 import time
 from functools import partial
-from typing import Callable, NamedTuple, Sequence
+from typing import Any, Callable, NamedTuple, Sequence
 
 from ...core.config import read_yaml
 from ...core.nodes.node import host_name
@@ -47,7 +47,7 @@ def add_arguments(parser: Parser) -> None:
     add(parser, "--hold TIME", meaning, type=_hold)
 
 
-def _hold_s(text: str) -> float:
+def _hold_s(text: str) -> Any:
     try:
         return float(text)  # 0, and seconds without their unit
     except ValueError:

@@ -170,7 +170,7 @@ def test_a_reload_adds_and_removes_robots_and_leaves_the_others_alone(tmp_path: 
             await until(lambda: len(fleet.alerts) == 3)
             fleet.alerts.clear()
             fleet.write(f"  comes: {{url: {urls[2]}}}\n  stays: {{url: {urls[0]}}}\n")
-            assert await fleet.reload() == "INFO reloaded: goes, gone: removed; comes: added"
+            assert await fleet.reload() == "INFO reloaded: goes: removed, gone: removed, comes: added"
             assert fleet.alerts == [
                 "goes: battery_level OK: no longer watched",
                 "gone: link OK: no longer watched",
