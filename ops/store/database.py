@@ -417,8 +417,7 @@ class Database:
                 samples.store(connection, samples.read(memory))
             elif table != "robot_levels":  # which follow from the samples
                 schema.copy_table(memory, connection, table)
-        for table, number in memory.execute("SELECT name, seq FROM sqlite_sequence"):
-            schema.number_from(connection, number, table)
+        schema.copy_numbers(memory, connection)
 
     @property
     def _used_retention(self) -> Retention:

@@ -349,7 +349,7 @@ def copy_state(source: Connection, target: Connection) -> bool:
     try:
         for table in LIVE_TABLES:
             copy_table(source, target, table, f"mirrored_{table}")
-        copy_table(source, target, "sqlite_sequence")
+        copy_numbers(source, target)
     except sqlite3.Error:
         return False
     return True
@@ -367,11 +367,14 @@ def copy_table(source: Connection, target: Connection, table: str, original: str
             pass  # edited by hand
 
 
-def number_from(connection: Connection, number: int, table: str = "%") -> None:
-    """Makes the numbers of a table's rows continue after `number` where they are below it; by default of all tables."""
-    query = "SELECT name FROM sqlite_master WHERE type = 'table' AND sql LIKE '%AUTOINCREMENT%' AND name LIKE ?"
-    for (name,) in connection.execute(query, (table,)).fetchall():
-        delete = "DELETE FROM sqlite_sequence WHERE name = ? AND NOT (typeof(seq) = 'integer' AND seq >= ?)"
-        connection.execute(delete, (name, number))
-        insert = "INSERT INTO sqlite_sequence SELECT ?1, ?2 WHERE ?1 NOT IN (SELECT name FROM sqlite_sequence)"
-        connection.execute(insert, (name, number))
+def copy_numbers(source: Connection, target: Connection) -> None:
+    """Lets the numbers of rows continue where they are in another database; SQLite gives none that is in use."""
+    target.execute("DELETE FROM sqlite_sequence")
+    copy_table(source, target, "sqlite_sequence")
+
+
+def number_from(connection: Connection, number: int) -> None:
+    """Makes the numbers of all rows to come continue after `number`, which no row exceeds."""
+    connection.execute("DELETE FROM sqlite_sequence")
+    query = "SELECT name, ? FROM sqlite_master WHERE type = 'table' AND sql LIKE '%AUTOINCREMENT%'"
+    connection.execute(f"INSERT INTO sqlite_sequence {query}", (number,))

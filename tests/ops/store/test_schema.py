@@ -150,9 +150,20 @@ def test_a_row_that_the_tables_do_not_allow_is_left_out() -> None:
     assert target.execute("SELECT id FROM resets ORDER BY id").fetchall() == [(1,), (3,)]
 
 
-@pytest.mark.parametrize(("number", "expected"), [(5, 11), (50, 51)])
-def test_numbers_continue_after_the_larger_one(number: int, expected: int) -> None:
+def test_numbers_continue_where_they_were_in_another_database_but_after_those_in_use() -> None:
+    source, target = database(), database()
+    for connection, rows in ((source, (1, 20)), (target, (10,))):
+        for number in rows:
+            connection.execute("INSERT INTO resets VALUES (?, 1.0, 'r1')", (number,))
+    source.execute("DELETE FROM resets WHERE id = 20")
+    schema.copy_numbers(source, target)
+    insert = "INSERT INTO resets (wall_s, robot) VALUES (1.0, 'r1')"
+    assert target.execute(insert).lastrowid == 21
+    schema.copy_numbers(database(), target)
+    assert target.execute(insert).lastrowid == 22
+
+
+def test_numbers_continue_after_a_number() -> None:
     connection = database()
-    connection.execute("INSERT INTO resets VALUES (10, 1.0, 'r1')")
-    schema.number_from(connection, number, "resets")
-    assert connection.execute("INSERT INTO resets (wall_s, robot) VALUES (2.0, 'r1')").lastrowid == expected
+    schema.number_from(connection, 50)
+    assert connection.execute("INSERT INTO resets (wall_s, robot) VALUES (1.0, 'r1')").lastrowid == 51
