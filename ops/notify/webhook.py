@@ -104,8 +104,9 @@ def request(url: str, body: bytes | None, timeout_s: float) -> Answer:
         response = connection.getresponse()
         if time.monotonic() >= deadline_s:  # its head may end where the guard cut it off
             raise TimeoutError
-        date_s = _date_s(response.headers.get("date", ""))
-        return Answer(response.status, date_s, _wait_s(response.headers.get("retry-after", ""), date_s))
+        wait = response.headers.get("retry-after", "")  # a date, which RFC 9110 also allows, is ignored
+        wait_s = float(min(int(wait[:10]), LONGEST_WAIT_S)) if wait.isascii() and wait.isdigit() else 0.0
+        return Answer(response.status, _date_s(response.headers.get("date", "")), wait_s)
     except Exception as error:
         reason = TimeoutError() if time.monotonic() >= deadline_s else error
         raise DeliveryError(_problem(reason, "no response", timeout_s)) from None
@@ -150,16 +151,6 @@ def _date_s(text: str) -> float | None:
         return email.utils.parsedate_to_datetime(text).timestamp()
     except (TypeError, ValueError, IndexError, OverflowError):
         return None
-
-
-def _wait_s(text: str, date_s: float | None) -> float:
-    """Returns the wait of `Retry-After`, in s: a number, or a date by the server's clock (RFC 9110, 10.2.3)."""
-    if text.isascii() and text.isdigit():
-        return float(min(int(text[:10]), LONGEST_WAIT_S))
-    until_s = _date_s(text)
-    if until_s is None:
-        return 0.0
-    return min(max(until_s - (time.time() if date_s is None else date_s), 0.0), LONGEST_WAIT_S)
 
 
 def _problem(error: object, on_timeout: str, timeout_s: float) -> str:

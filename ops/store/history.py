@@ -78,7 +78,8 @@ class History(Database):
         One may run again for the same transition if the database has to be replaced: its effects belong into the
         database.
         """
-        self._lost = 0
+        self.lost = 0
+        """Transitions that could not be stored."""
 
     def of_robot(self, robot: str) -> RobotHistory:
         """Returns the history of one robot, for its AlertSystem: the only one until that is closed."""
@@ -127,11 +128,6 @@ class History(Database):
             else:
                 self.faults.clear(_HOOK_PART)
             connection.execute("RELEASE hook")
-
-    def note_lost(self) -> None:
-        """Counts a transition that could not be stored."""
-        self._lost += 1
-        self.faults.report(LOST_PART, f"{self._lost} transitions were announced, but could not be stored in time")
 
 
 class RobotHistory:
@@ -188,7 +184,9 @@ class RobotHistory:
                     if len(self._evidence_until_s) > _MOST_EVIDENT:
                         del self._evidence_until_s[next(iter(self._evidence_until_s))]
             if not is_waiting:
-                history.note_lost()
+                history.lost += 1
+                text = f"{history.lost} transitions were announced, but could not be stored in time"
+                history.faults.report(LOST_PART, text)
                 self._save(state)
             elif history.busy_s < COMMIT_TIMEOUT_S:  # while the disk hangs, the first caller has waited
                 history.wait(job, COMMIT_TIMEOUT_S)

@@ -41,10 +41,8 @@ def parse_matchers(text: str) -> tuple[Matcher, ...]:
     Raises:
         ConfigError: they are not of this form.
     """
-    if len(text) > _LONGEST:
-        raise ConfigError(f"expected matchers of at most {_LONGEST} characters, got {len(text)}")
-    if not text.isprintable():
-        raise ConfigError(f"expected printable matchers, got {ascii(text)[:60]}")
+    if len(text) > _LONGEST or not text.isprintable():
+        raise ConfigError(f"expected at most {_LONGEST} printable characters, got {ascii(text)[:60]}")
     matchers: list[Matcher] = []
     position = 0
     while position < len(text) or not matchers:

@@ -99,10 +99,10 @@ def _days(text: str) -> frozenset[int]:
     days = set()
     for part in text.split(","):
         first, is_range, last = part.partition("-")
-        for name in (first, last) if is_range else (first,):
-            if name not in DAYS:
-                raise ConfigError(f"expected days from mon to sun, got {name[:60]!r}")
-        begin, end = DAYS.index(first), DAYS.index(last if is_range else first)
+        try:
+            begin, end = DAYS.index(first), DAYS.index(last if is_range else first)
+        except ValueError:
+            raise ConfigError(f"expected days from mon to sun, got {part[:60]!r}") from None
         days |= {day % 7 for day in range(begin, end + 1 if end >= begin else end + 8)}
     return frozenset(days)
 

@@ -112,7 +112,7 @@ def _zone(name: str) -> timezone:
         ("", "UTC", "expected days and times such as"), ("mon-fri", "UTC", "expected days and times such as"),
         ("mon 22:00", "UTC", "expected days and times such as"), ("mon 2:00-6:00", "UTC", "expected days and times"),
         ("monday 22:00-06:00", "UTC", "expected days from mon to sun, got 'monday'"),
-        ("mon- 22:00-06:00", "UTC", "expected days from mon to sun, got ''"),
+        ("mon- 22:00-06:00", "UTC", "expected days from mon to sun, got 'mon-'"),
         ("mon 24:00-06:00", "UTC", "expected a time from 00:00 to 23:59, got 24:00"),
         ("mon 22:00-06:60", "UTC", "expected a time from 00:00 to 23:59, got 06:60"),
         pytest.param("mon 22:00-06:00", "Mars/Base", "there is no time zone 'Mars/Base'", marks=needs_zones),
