@@ -47,7 +47,7 @@ class Source(Alert):
     def __init__(self, config: SignalConfig, robot: str, now_s: float) -> None:
         """Begins to exist; the startup grace counts from `now_s`."""
         super().__init__(config, robot, now_s)
-        self.signals: Sequence[SignalMonitor] = ()
+        self.signals: list[SignalMonitor] = []
         """Those that read the topic; a template only while it has no elements."""
         self.is_heard = False
         """Whether messages come; False before the first, and from a silence on."""
@@ -174,9 +174,8 @@ class Sources:
         self._names: Mapping[str, str] = {}
         self._are_expected = False
         self._by_name: dict[str, Source] = {}
-        self._topics: dict[str, list[SignalConfig]] = {}
-        """The configured signals of each resolved topic."""
-        self._by_signal: dict[str, Source] = {}
+        self._topic_of: dict[str, str] = {}
+        """The resolved topic of each configured signal."""
 
     def __iter__(self) -> Iterator[Source]:
         return iter(self._by_name.values())
@@ -194,7 +193,7 @@ class Sources:
 
     def of_signal(self, name: str) -> Source | None:
         """Returns the source of a signal or element; None if it has none."""
-        return self._by_signal.get(name) or self._by_signal.get(template_name(name))
+        return self._by_name.get(self._topic_of.get(template_name(name), ""))
 
     def is_heard(self, signal: str) -> bool:
         """Whether the samples of a signal can be judged at once: its source is heard, or it has none."""
@@ -207,34 +206,34 @@ class Sources:
 
     def configure(self, configs: Iterable[SignalConfig], now_s: float, changes: Changes) -> None:
         """Follows the topics of the configured signals; the alert of a topic that none reads any more ends."""
-        self._topics = {}
+        topics: dict[str, list[SignalConfig]] = {}
         for config in configs:
             if config.topic:
-                self._topics.setdefault(self.resolved(config.topic), []).append(config)
-        before, self._by_name, self._by_signal = self._by_name, {}, {}
-        for name, of_topic in self._topics.items():
+                topics.setdefault(self.resolved(config.topic), []).append(config)
+        self._topic_of = {config.name: name for name, of_topic in topics.items() for config in of_topic}
+        before, self._by_name = self._by_name, {}
+        for name, of_topic in topics.items():
             source, config = before.pop(name, None), _config(name, of_topic)
             if source is not None:
                 was_silent = source.is_silent
-                self._add(source)
+                self._by_name[name] = source
                 changes.add(source.configure(config, now_s))
                 if was_silent and not source.is_silent:
                     self._end(source, now_s)
             elif self._are_expected:
-                self._add(Source(config, self._robot, now_s))
+                self._by_name[name] = Source(config, self._robot, now_s)
         for source in before.values():
             changes.add(source.end(now_s))
             self._end(source, now_s)
 
-    def _add(self, source: Source) -> None:
-        self._by_name[source.name] = source
-        for config in self._topics[source.name]:
-            self._by_signal[config.name] = source
-
     def arrange(self, signals_of: Callable[[str], Sequence[SignalMonitor]]) -> None:
         """Finds the signals of each source: `signals_of` returns those of a configured one, which may be a template."""
-        for name, source in self._by_name.items():
-            source.signals = [signal for config in self._topics[name] for signal in signals_of(config.name)]
+        for source in self:
+            source.signals = []
+        for name, topic in self._topic_of.items():
+            if topic in self._by_name:
+                self._by_name[topic].signals += signals_of(name)
+        for source in self:
             if source.is_silent:
                 source.hold_signals()
 
@@ -283,7 +282,7 @@ class Sources:
         if known is None:
             return source.end(now_s)
         source.signals = known.signals
-        self._add(source)
+        self._by_name[name] = source
         return None
 
     def relate(self, states: Mapping[str, SavedSignal], now_s: float, changes: Changes) -> None:
