@@ -34,15 +34,10 @@ class SavedMonitor(NamedTuple):
     states: Mapping[str, SavedSignal]
     """State of each signal, as `Monitor.snapshot` returns it."""
 
-    def moved(self, offset_s: float) -> SavedMonitor:
-        """Returns it with all times later by `offset_s`: states may be saved on another clock."""
-        return SavedMonitor(
-            self.robot, self.time_s + offset_s, {name: _moved(state, offset_s) for name, state in self.states.items()}
-        )
-
-    def to_json(self) -> str:
-        """Returns it as the text of `STATE`."""
-        return json.dumps({"robot": self.robot, "time_s": self.time_s, "signals": dict(self.states)})
+    def to_json(self, offset_s: float = 0.0) -> str:
+        """Returns it as the text of `STATE`, with all times later by `offset_s`: it may be of another clock."""
+        states = {name: _moved(state, offset_s) for name, state in self.states.items()}
+        return json.dumps({"robot": self.robot, "time_s": self.time_s + offset_s, "signals": states})
 
 
 def read_saved_monitor(text: str) -> SavedMonitor:

@@ -9,8 +9,9 @@ A rule is two steps of docs/rules.md:
 * Its *state* (step 4) follows Prometheus's alerting rules: `for_s` is `for`, `keep_firing_for_s` is
   `keep_firing_for`.
 
-A rule advances when its value is judged (`judge`) and when time passes (`advance`). Each time it takes one row of
-this table, then, in a waiting state, ends the wait when its time is up:
+Whether it fires and whether its condition is true are its state. A rule advances when its value is judged (`judge`) and
+when time passes (`advance`). Each time it takes one row of this table, then, in a waiting state, ends the wait when its
+time is up:
 
     state     | condition true | condition false | waits for           | then
     ----------|----------------|-----------------|---------------------|---------
@@ -51,11 +52,6 @@ class State(enum.Enum):
 
 # Globals are faster than members of an enumeration, above all in Python 3.11, and these are used per sample.
 _OK, _WARN, _ERROR, _STALE = Level
-_INACTIVE, _PENDING, _FIRING, _KEEPING = State
-
-_NEXT_IF_TRUE = {_INACTIVE: _PENDING, _PENDING: _PENDING, _FIRING: _FIRING, _KEEPING: _FIRING}
-_NEXT_IF_FALSE = {_INACTIVE: _INACTIVE, _PENDING: _INACTIVE, _FIRING: _KEEPING, _KEEPING: _KEEPING}
-_AFTER_WAIT = {_PENDING: _FIRING, _KEEPING: _INACTIVE}
 _SEVERITIES = {float(level): level.severity for level in Level}
 
 
@@ -64,14 +60,13 @@ class Rule:
 
     __slots__ = (
         "_above", "_above_clear", "_below", "_below_clear", "_crossed", "_for_s", "_frozen_since_s",
-        "_keep_firing_for_s", "allowed", "bound", "condition", "fires", "is_below", "since_s", "state",
+        "_keep_firing_for_s", "allowed", "bound", "condition", "fires", "is_below", "since_s",
     )  # fmt: skip
 
     def __init__(self) -> None:
         """Creates an inactive rule without bounds, which fires at once."""
-        self.state = _INACTIVE
-        self.since_s = 0.0
-        """When the state began; moved forward by the time for which the rule was frozen."""
+        self.since_s: float | None = None
+        """Since when it waits; moved forward by the time for which it was frozen. None if it does not wait."""
         self.fires = False
         """Whether the rule is firing, or still firing until keep_firing_for_s has passed."""
         self.condition = False
@@ -115,9 +110,16 @@ class Rule:
         return self._crossed and not self.allowed
 
     @property
+    def state(self) -> State:
+        """The state, in which it waits unless it is inactive or firing."""
+        if self.fires:
+            return State.FIRING if self.condition else State.KEEPING
+        return State.PENDING if self.condition else State.INACTIVE
+
+    @property
     def is_at_rest(self) -> bool:
         """Whether it is inactive and stays so as long as no value is beyond a bound."""
-        return self.state is _INACTIVE and not self._crossed
+        return self.since_s is None and not (self.fires or self._crossed)
 
     def judge(self, value: float, now_s: float) -> None:
         """Judges a new value, then advances."""
@@ -132,7 +134,7 @@ class Rule:
             self.is_below = value < below
             self.bound = self._below if self.is_below else self._above
         condition = self.condition = self._crossed and self.allowed
-        if self.state is not (_FIRING if condition else _INACTIVE):
+        if condition is not self.fires or self.since_s is not None:
             self.advance(now_s)
 
     def judge_condition(self, condition: bool, now_s: float) -> None:
@@ -149,51 +151,51 @@ class Rule:
     def clear(self) -> None:
         """Makes the rule inactive."""
         self._crossed = self.condition = self.fires = False
-        self.state = _INACTIVE
+        self.since_s = None
 
     def advance(self, now_s: float) -> None:
         """Advances the time."""
-        if self._frozen_since_s is not None or self.state is (_FIRING if self.condition else _INACTIVE):
-            return  # nothing can change
-        state = (_NEXT_IF_TRUE if self.condition else _NEXT_IF_FALSE)[self.state]
-        if state is not self.state:
-            self._enter(state, now_s)
-        if state in _AFTER_WAIT:
-            wait_s = self._for_s if state is _PENDING else self._keep_firing_for_s
-            if now_s - self.since_s >= wait_s - TIME_TOLERANCE_S:
-                self._enter(_AFTER_WAIT[state], now_s)
+        if self._frozen_since_s is not None:
+            return
+        if self.condition is self.fires:
+            self.since_s = None
+            return
+        if self.since_s is None:
+            self.since_s = now_s
+        wait_s = self._for_s if self.condition else self._keep_firing_for_s
+        if now_s - self.since_s >= wait_s - TIME_TOLERANCE_S:
+            self.fires, self.since_s = self.condition, None
 
     def freeze(self, now_s: float, *, is_frozen: bool = True) -> None:
         """Neither fires nor clears from `now_s` on, or continues where it stopped."""
         if is_frozen is (self._frozen_since_s is None):
-            self.since_s += 0.0 if self._frozen_since_s is None else now_s - self._frozen_since_s
+            if self.since_s is not None and self._frozen_since_s is not None:
+                self.since_s += now_s - self._frozen_since_s
             self._frozen_since_s = now_s if is_frozen else None
 
     def restart(self, now_s: float) -> None:
         """Restarts a running wait: time went back to `now_s`."""
-        self.since_s = now_s
+        if self.since_s is not None:
+            self.since_s = now_s
         if self._frozen_since_s is not None:
             self._frozen_since_s = now_s
 
     def exchange(self, state: SavedState) -> None:
         """Writes the state, or continues from one, frozen."""
-        state.fields(self, condition=False, bound=float, is_below=False, _crossed=False, allowed=True, state=_INACTIVE)
-        waited_s = state.waited_s("waited_s", self.waited_s(state.now_s) if self.state in _AFTER_WAIT else 0.0)
+        state.fields(self, condition=False, bound=float, is_below=False, _crossed=False, allowed=True, fires=False)
+        waited_s = state.waited_s("waited_s", self.waited_s(state.now_s))
         if state.is_saved:
             self.freeze(state.now_s)
             if self.bound is not None:  # which may have been changed
                 self._crossed = self._crossed and self.bound == (self._below if self.is_below else self._above)
                 self.condition = self._crossed and self.allowed
-            self._enter(self.state, state.now_s - waited_s)
+            self.since_s = None if self.condition is self.fires else state.now_s - waited_s
 
     def waited_s(self, now_s: float) -> float:
-        """Returns for how long the state has lasted, without frozen time, in seconds."""
+        """Returns for how long it has waited, without frozen time, in seconds."""
+        if self.since_s is None:
+            return 0.0
         return (now_s if self._frozen_since_s is None else self._frozen_since_s) - self.since_s
-
-    def _enter(self, state: State, now_s: float) -> None:
-        self.state = state
-        self.since_s = now_s
-        self.fires = state is _FIRING or state is _KEEPING
 
 
 class SignalRules:
@@ -254,7 +256,7 @@ class SignalRules:
     def note_quality(self, *, good: bool, now_s: float) -> None:
         """Notes whether a datum was valid."""
         invalid = self.invalid
-        if good is invalid.condition or invalid.state is not _INACTIVE:
+        if not good or invalid.condition or invalid.fires:
             invalid.condition = not good
             invalid.advance(now_s)
 
@@ -311,12 +313,12 @@ class SignalRules:
         if self._latched.severity > fired.severity:
             return "latched"
         rules = [rule for level, rule in self.worst_first if fired in (_OK, level)]
-        return next((rule for rule in rules if rule.state is not _INACTIVE), rules[-1]).state.value
+        return next((rule for rule in rules if rule.condition or rule.fires), rules[-1]).state.value
 
     @property
     def is_at_rest(self) -> bool:
         """Whether all are inactive and stay so as long as no value is beyond a bound."""
-        return all(rule.is_at_rest for rule in self.bounds) and self.invalid.state is _INACTIVE
+        return all(rule.is_at_rest for rule in self.bounds) and not (self.invalid.condition or self.invalid.fires)
 
     def explaining(self, level: Level, announced: Rule | None) -> Rule | None:
         """Returns the rule that explains a level; for OK the one that is pending, held back, or was left last.
@@ -325,7 +327,7 @@ class SignalRules:
         WARN bound of the same side last.
         """
         for its_level, rule in self.worst_first:
-            if its_level is level or (level is _OK and (rule.state is _PENDING or rule.held_back)):
+            if its_level is level or (level is _OK and (rule.state is State.PENDING or rule.held_back)):
                 return rule
         if announced is None:
             return None

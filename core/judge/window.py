@@ -35,6 +35,7 @@ LEAST_OF_LINE = 3
 _DIGITS = 53
 """Binary digits of a double."""
 _MANTISSA = 2.0**_DIGITS
+_VALUE = operator.itemgetter(1)
 
 
 class Sums:
@@ -208,14 +209,11 @@ class Window:
         samples = list(zip(self._times[begin:], self._values[begin:]))
         if len(samples) <= limit:
             return samples
-        inner, parts = len(samples) - 2, (limit - 2) // 2
-        values = [value for _, value in samples]
-        chosen: list[tuple[float, float]] = [samples[0]]
-        for part in range(parts):
-            places = range(1 + part * inner // parts, 1 + (part + 1) * inner // parts)
-            extremes = {min(places, key=values.__getitem__), max(places, key=values.__getitem__)}
-            chosen.extend(samples[place] for place in sorted(extremes))
-        return [*chosen, samples[-1]]
+        first, *inner, last = samples
+        size = math.ceil(len(inner) / ((limit - 2) // 2))
+        parts = (inner[at : at + size] for at in range(0, len(inner), size))
+        extremes = ({min(part, key=_VALUE), max(part, key=_VALUE)} for part in parts)
+        return [first, *(each for pair in extremes for each in sorted(pair)), last]
 
     def last_s(self) -> float:
         """The time of the newest value, in seconds; NaN without one."""

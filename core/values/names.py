@@ -10,13 +10,9 @@ _NAMESPACE = re.compile(r"/?([A-Za-z_]\w*(/[A-Za-z_]\w*)*/?)?", re.ASCII)
 
 
 def split_type_name(type_name: str) -> Sequence[str] | None:
-    """Splits `pkg/Type`, `pkg/msg/Type` or `pkg/srv/Type` into (package, type); None for other texts."""
-    parts = type_name.split("/")
-    if len(parts) == 3 and parts[1] in ("msg", "srv"):
-        del parts[1]
-    if len(parts) != 2 or not all(part.isidentifier() for part in parts):
-        return None
-    return parts
+    """Splits the name of a type, such as `pkg/Type` or `pkg/msg/Type`, into (package, type); None for other texts."""
+    parts = canonical_type(type_name).split("/")
+    return parts if len(parts) == 2 and all(part.isidentifier() for part in parts) else None
 
 
 def canonical_type(type_name: str) -> str:

@@ -200,4 +200,4 @@ def _attachments(
 
     tree = thresholds_tree(config, saved.robot, topics, use_sim_time=use_sim_time)
     thresholds: str = yaml.safe_dump(tree, sort_keys=False, allow_unicode=True)
-    return {THRESHOLDS: thresholds, STATE: saved.moved(offset_s).to_json()}
+    return {THRESHOLDS: thresholds, STATE: saved.to_json(offset_s)}
