@@ -22,8 +22,7 @@ from ..judge.monitor import Monitor
 from ..port import Middleware, Severity, Subscription
 from ..sensors.configuration import METRICS
 from ..values import ARRAY_TYPE, OWN_TOPICS, ConfigError, JsonObject, Level, Sample, Status, number_text
-from .node import DIAGNOSTICS, FLOAT_TYPE, RateTimer, base_name, describe_changes, host_name, refuse_changes
-from .outlets import array_message
+from .node import DIAGNOSTICS, FLOAT_TYPE, RateTimer, describe_changes, host_name, publish_statuses, refuse_changes
 
 AGGREGATOR_PARAMETERS = (
     *NODE_PARAMETERS,
@@ -60,7 +59,6 @@ class Aggregator:
     def __init__(self, middleware: Middleware) -> None:
         """Starts listening; raises ConfigError if the configuration cannot be used."""
         self._middleware = middleware
-        self._node = base_name(middleware)
         self._subscriptions: dict[str, Subscription] = {}
         self._timer = RateTimer(middleware, self._publish)
         values = _read_values(middleware.given_parameters())
@@ -109,12 +107,10 @@ class Aggregator:
             health = math.fsum(values.values()) / len(values)
             level, message = Level.OK, f"{self._values['method']} is {number_text(health)}"
             self._middleware.publish("system_health", {"data": health})
-        if self._middleware.has_listeners(DIAGNOSTICS):
-            key_values = {"method": self._values["method"], "missing": ", ".join(missing), OWN_TOPICS: self._topic}
-            key_values.update((self._inputs[name], number_text(value)) for name, value in values.items())
-            status = Status("system_health", level, message, self._monitor.robot, key_values)
-            statuses = [*self._monitor.report(now_s).statuses.values(), status]
-            self._middleware.publish(DIAGNOSTICS, array_message(statuses, self._node))
+        key_values = {"method": self._values["method"], "missing": ", ".join(missing), OWN_TOPICS: self._topic}
+        key_values.update((self._inputs[name], number_text(value)) for name, value in values.items())
+        status = Status("system_health", level, message, self._monitor.robot, key_values)
+        publish_statuses(self._middleware, lambda: [*self._monitor.report(now_s).statuses.values(), status])
 
     def _reconfigure(self, tree: JsonObject) -> str:
         old, values = self._values, _read_values(tree)

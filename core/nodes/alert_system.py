@@ -260,7 +260,6 @@ class AlertSystem:
         """Runs on steady time."""
         self._look_for_pause(now_s)
         self.self_monitor.check(self.samples)
-        self.announcements.report_if_late(CHECK_PERIOD_S, now_s)
 
     def _count_signals(self) -> int:
         """Counts the watched signals, with elements and without silent topics."""

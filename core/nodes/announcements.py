@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import Callable, Mapping
 
 from ..judge.continuity import Continuity
 from ..judge.monitor import Monitor
-from ..messages.dialect import Message
 from ..port import Middleware, Severity
 from ..values import ARRAY_TYPE, STATUS_TYPE, Changes, Level, Status, Transition, printable
 from . import node
@@ -17,7 +17,6 @@ from .outlets import (
     Outlet,
     Outlets,
     alert_message,
-    array_message,
     event_severity,
     event_text,
     status_message,
@@ -57,9 +56,8 @@ class Announcements:
         self.self_monitor = SelfMonitor(middleware, monitor.robot, self.outlets.emit, report)
         """Watches the node itself and makes its status."""
         middleware.advertise(node.DIAGNOSTICS, ARRAY_TYPE)
-        self.set_rate = node.RateTimer(middleware, self._report).set_rate
-        """Publishes the whole state so often per second from now on."""
-        self._reported_steady_s = middleware.steady_s()
+        self.set_rate = node.RateTimer(middleware, self._report, steady=True).set_rate
+        """Publishes the whole state so often per second from now on, also while a simulator is paused."""
 
     def announce(self, changes: Changes, now_s: float) -> None:
         """Announces what a call of the monitor returned. The history has each transition before any outlet."""
@@ -77,18 +75,9 @@ class Announcements:
         """Announces a line that is of no signal's level."""
         self.outlets.emit(Notice(now_s, Severity.INFO, text))
 
-    def report_if_late(self, late_s: float, now_s: float) -> None:
-        """Publishes the whole state if it is late by so much of steady time.
-
-        Without /clock, and while a simulator is paused, the timer stands still.
-        """
-        if self._middleware.steady_s() - self._reported_steady_s > 1.0 / self._monitor.config.publish_rate + late_s:
-            self._report(now_s)
-
-    def diagnostics(self, now_s: float) -> Message:
+    def statuses(self, now_s: float) -> list[Status]:
         """Returns the whole state, as it is published on /diagnostics."""
-        signals = self._monitor.report(now_s).statuses.values()
-        return array_message([*map(self._with_silence, signals), self.self_monitor.status()], self._node)
+        return [*map(self._with_silence, self._monitor.report(now_s).statuses.values()), self.self_monitor.status()]
 
     def status(self, signal: str) -> Status | None:
         """Returns the status of a signal, with its silence; None if it is unknown or before the first call."""
@@ -102,12 +91,8 @@ class Announcements:
         return sum(status is not None and status.level is not Level.OK for status in statuses)
 
     def _report(self, now_s: float) -> None:
-        self._reported_steady_s = self._middleware.steady_s()
-        self._middleware.faults.guard("diagnostics", self._publish_report, now_s)
-
-    def _publish_report(self, now_s: float) -> None:
-        if self._middleware.has_listeners(node.DIAGNOSTICS):
-            self._middleware.publish(node.DIAGNOSTICS, self.diagnostics(now_s))
+        publish = partial(node.publish_statuses, self._middleware, lambda: self.statuses(now_s))
+        self._middleware.faults.guard("diagnostics", publish)
 
     def _log(self, event: Event) -> None:
         self._middleware.log(event_severity(event), printable(event_text(event)))
@@ -122,12 +107,9 @@ class Announcements:
     def _publish_change(self, event: Event) -> None:
         """Publishes only the status that changed: a hundred signals may change one after the other."""
         if isinstance(event, Transition):
-            status = self._with_silence(event.status)
+            node.publish_statuses(self._middleware, lambda: [self._with_silence(event.status)])
         elif event.part:
-            status = self.self_monitor.status()
-        else:
-            return
-        self._middleware.publish(node.DIAGNOSTICS, array_message([status], self._node))
+            node.publish_statuses(self._middleware, lambda: [self.self_monitor.status()])
 
     def _with_silence(self, status: Status) -> Status:
         text = self.silence_of(status.name)

@@ -11,7 +11,6 @@ from ..sensors.computer import Computer
 from ..sensors.source import NoSuchSensor, NotMeasuredYet, SensorError, Source
 from ..values import ARRAY_TYPE, OWN_TOPICS, JsonObject, Level, Problems, Status, number_text
 from . import node
-from .outlets import array_message
 
 SENSOR_PARAMETERS = (
     *NODE_PARAMETERS,
@@ -104,9 +103,7 @@ class BatterySensor:
         unavailable = [metric for metric in without_sensor if metric not in self._seen]
         if "host" in self._kinds.values():
             self._middleware.publish(node.UNAVAILABLE_SENSORS, {"data": ", ".join(unavailable)})
-        if self._middleware.has_listeners(node.DIAGNOSTICS):
-            status = self._status(unavailable)
-            self._middleware.publish(node.DIAGNOSTICS, array_message([status], node.base_name(self._middleware)))
+        node.publish_statuses(self._middleware, lambda: [self._status(unavailable)])
 
     def _status(self, unavailable: list[str]) -> Status:
         broken = [metric for metric in self._failed if metric not in unavailable]

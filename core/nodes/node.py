@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import os
-from typing import Callable, Mapping
+from functools import partial
+from typing import Callable, Iterable, Mapping
 
 from ..config import NODE_PARAMETERS, MonitorConfig
 from ..port import NOTHING_CHANGED, Middleware, Timer
-from ..values import ConfigError, Problems, bound_text
+from ..values import ConfigError, Problems, Status, bound_text
+from .outlets import array_message
 
 FLOAT_TYPE = "std_msgs/Float32"
 STRING_TYPE = "std_msgs/String"
@@ -31,9 +33,9 @@ Sections = Mapping[str, Mapping[str, object]]
 class RateTimer:
     """Calls a function with the time, at a rate that may change."""
 
-    def __init__(self, middleware: Middleware, callback: Callable[[float], None]) -> None:
-        """Does not call yet."""
-        self._middleware, self._callback = middleware, callback
+    def __init__(self, middleware: Middleware, callback: Callable[[float], None], *, steady: bool = False) -> None:
+        """Does not call yet; `steady` is of `Middleware.create_timer`."""
+        self._create = partial(middleware.create_timer, callback=callback, steady=steady)
         self._rate_hz = 0.0
         self._timer: Timer | None = None
 
@@ -43,7 +45,13 @@ class RateTimer:
             if self._timer is not None:
                 self._timer.cancel()
             self._rate_hz = rate_hz
-            self._timer = self._middleware.create_timer(1.0 / rate_hz, self._callback)
+            self._timer = self._create(1.0 / rate_hz)
+
+
+def publish_statuses(middleware: Middleware, statuses: Callable[[], Iterable[Status]]) -> None:
+    """Publishes statuses of a node on /diagnostics, if it has listeners."""
+    if middleware.has_listeners(DIAGNOSTICS):
+        middleware.publish(DIAGNOSTICS, array_message(statuses(), base_name(middleware)))
 
 
 def host_name() -> str:

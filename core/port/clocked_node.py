@@ -130,11 +130,8 @@ class ClockedNode(abc.ABC):
         with self._lock:
             if self._sim_time_s == 0.0 and subscription is not self._clock_subscription:
                 self._waiting = [*self._waiting[1 - _MAX_WAITING :], (subscription, value)]
-            elif subscription.active and not self.closed:
-                try:
-                    subscription.callback(value, self.now_s())
-                except Exception as error:
-                    self.log_failure(error)
+            elif subscription.active:
+                self.call(subscription.callback, value, self.now_s())
 
     def answer(self, handler: Callable[[Message], Message], request: Message) -> Message:
         """Calls a service's handler under the node's lock; raises ServiceError if the node is closed or it raised."""

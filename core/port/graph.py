@@ -38,9 +38,7 @@ def is_pattern(name: str) -> bool:
 
 def matching(wanted: Collection[Wanted], key: str, names: Iterable[str]) -> set[str]:
     """Returns the names that are counted for a key."""
-    exact = {name for its_key, name in wanted if its_key == key}
-    patterns = [name for name in exact if is_pattern(name)]
-    return {each for each in names if each in exact or any(matches_pattern(each, pattern) for pattern in patterns)}
+    return {each for each in names if any(its_key == key and matches_pattern(each, name) for its_key, name in wanted)}
 
 
 def count(
@@ -53,15 +51,12 @@ def count(
     >>> count([("node", "/lidar_*")], ["/lidar_left", "/lidar_right"], [], [])
     {('node', '/lidar_*'): 2.0}
     """
-    names = {"node": nodes, "publishers": publishers, "subscribers": subscribers}
-    numbers = {key: Counter(names[key]) for key in names}
-    counts: Counts = {}
-    for key, name in wanted:
-        if key in numbers:
-            of_key = numbers[key]
-            matching = [each for each in of_key if matches_pattern(each, name)] if is_pattern(name) else [name]
-            counts[key, name] = float(sum(of_key[each] for each in matching))
-    return counts
+    numbers = {"node": Counter(nodes), "publishers": Counter(publishers), "subscribers": Counter(subscribers)}
+    return {
+        (key, name): float(sum(number for each, number in numbers[key].items() if matches_pattern(each, name)))
+        for key, name in wanted
+        if key in numbers
+    }
 
 
 def state_of(response: JsonObject) -> float:

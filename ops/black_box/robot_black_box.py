@@ -145,7 +145,8 @@ class RobotBlackBox:
         recording = self._recording
         if recording is None:
             return
-        self._record(ARRAY_TYPE, self._alert_system.announcements.diagnostics(self._middleware.now_s()), steady_s)
+        statuses = self._alert_system.announcements.statuses(self._middleware.now_s())
+        self._record(ARRAY_TYPE, array_message(statuses, base_name(self._middleware)), steady_s)
         if recording.is_over or steady_s >= recording.end_s:
             self._end_recording()
 
