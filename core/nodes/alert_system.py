@@ -21,7 +21,7 @@ from ..values import ABSENT, Fault, JsonObject, Level, Sample, Transition, with_
 from . import node
 from .announcements import Announcements
 from .outlets import Outlet
-from .self_monitor import CHECK_PERIOD_S, EMPTY_REPORT, LONGEST_STEP_S, SelfReport
+from .self_monitor import CHECK_PERIOD_S, EMPTY_REPORT, SelfReport
 from .watched_signals import WatchedSignals, read_config
 
 TRIGGER_TYPE = "std_srvs/Trigger"
@@ -65,8 +65,6 @@ class AlertSystem:
         self._middleware = middleware
         self._announce_pauses = announce_pauses
         self._excused_since_s: float | None = None
-        self._begun: tuple[float, float] | None = None
-        """When a restored state began to count, until the first tick: in s, and in s of steady time."""
         given = middleware.given_parameters()
         self._watches_defaults = "signals" not in given and not is_whole_file(given)
         config, unknown = read_config(middleware, given, adds_defaults=self._watches_defaults)
@@ -124,7 +122,7 @@ class AlertSystem:
         self.watched.change_to(config, unknown, now_s)
         if self._continuity is not None:
             self._continuity.record_configuration(config)
-            self._begun = now_s, self._middleware.steady_s()
+            self.self_monitor.find_pause(now_s)  # from now on: a start on a busy machine is no silence
             restored = self._continuity.restore(now_s, at_first_call=self._middleware.waiting_for_clock())
             self._announce(restored, now_s)
 
@@ -231,10 +229,6 @@ class AlertSystem:
 
     def _tick(self, now_s: float) -> None:
         self._look_for_pause(now_s)
-        if self._begun is not None:
-            (begun_s, steady_s), self._begun = self._begun, None
-            if self._middleware.steady_s() - steady_s > LONGEST_STEP_S:  # a start on a busy machine is no silence
-                self._announce(self.monitor.skip(begun_s, now_s), now_s)
         for note in self.on_tick:
             note(now_s)
         self.self_monitor.note_tick(now_s)
