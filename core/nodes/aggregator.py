@@ -61,7 +61,7 @@ class Aggregator:
         self._middleware = middleware
         self._subscriptions: dict[str, Subscription] = {}
         self._timer = RateTimer(middleware, self._publish)
-        values = _read_values(middleware.given_parameters())
+        values = read_parameters(middleware.given_parameters(), AGGREGATOR_PARAMETERS)
         self._monitor = Monitor(MonitorConfig({}), values["robot_name"] or host_name())
         self._topic = middleware.advertise("system_health", FLOAT_TYPE)
         middleware.advertise(DIAGNOSTICS, ARRAY_TYPE)
@@ -79,7 +79,9 @@ class Aggregator:
         """Averages by these parameters from now on."""
         inputs = _signal_names(values["inputs"])
         self._thresholds = _read_thresholds(values, inputs)
-        self._monitor.configure(_window_config(values, inputs))
+        settings = {name: values[name] for name in ("window_s", "stale_after_s")}
+        signals = {name: read_signal(name, {**settings, "topic": topic}) for name, topic in inputs.items()}
+        self._monitor.configure(MonitorConfig(signals))
         self._values, self._inputs = values, inputs
         for topic in self._subscriptions.keys() - set(inputs.values()):
             self._middleware.unsubscribe(self._subscriptions.pop(topic))
@@ -113,29 +115,22 @@ class Aggregator:
         publish_statuses(self._middleware, lambda: [*self._monitor.report(now_s).statuses.values(), status])
 
     def _reconfigure(self, tree: JsonObject) -> str:
-        old, values = self._values, _read_values(tree)
+        old, values = self._values, read_parameters(tree, AGGREGATOR_PARAMETERS)
         refuse_changes(old, values, except_for=("thresholds",))
         self._use(values)
         return describe_changes({"": old}, {"": values})
 
 
-def _read_values(tree: JsonObject) -> dict[str, Any]:
-    values = read_parameters(tree, AGGREGATOR_PARAMETERS)
-    inputs = values["inputs"]
-    if len(inputs) > _MAX_INPUTS or len(set(inputs)) != len(inputs):
-        raise ConfigError(f"expected at most {_MAX_INPUTS} different topics, got {len(inputs)}", ("inputs",))
-    return values
-
-
 def _signal_names(topics: tuple[str, ...]) -> dict[str, str]:
     """Returns the topics by the name of their signal: the topic itself where it is a signal's name."""
     names: dict[str, str] = {}
+    if len(topics) > _MAX_INPUTS:
+        raise ConfigError(f"expected at most {_MAX_INPUTS} topics, got {len(topics)}", ("inputs",))
     for topic in topics:
         name = re.sub(r"\W", "_", topic.strip("/~"), flags=re.ASCII)
-        if not re.fullmatch(r"[/~]?\w+(/\w+)*", topic, re.ASCII) or name[0].isdigit():
-            raise ConfigError(f"expected names of topics, got {topic!r}", ("inputs",))
-        if name in names:
-            raise ConfigError(f"expected topics of different names, got {names[name]} and {topic}", ("inputs",))
+        if name in names or not re.fullmatch(r"[/~]?(?!\d)\w+(/\w+)*", topic, re.ASCII):
+            expected = "expected names of topics that differ in more than / and _"
+            raise ConfigError(f"{expected}, got {topic!r}", ("inputs",))
         names[name] = topic
     return names
 
@@ -155,11 +150,6 @@ def _read_thresholds(values: JsonObject, inputs: Mapping[str, str]) -> Mapping[s
             raise ConfigError(f"expected signals with thresholds for method score, got {topic}", ("inputs",))
         thresholds[name] = signal
     return thresholds
-
-
-def _window_config(values: JsonObject, inputs: Mapping[str, str]) -> MonitorConfig:
-    settings = {name: values[name] for name in ("window_s", "stale_after_s")}
-    return MonitorConfig({name: read_signal(name, {**settings, "topic": topic}) for name, topic in inputs.items()})
 
 
 def health_score(value: float, signal: SignalConfig) -> float:

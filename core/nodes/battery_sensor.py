@@ -62,9 +62,6 @@ class BatterySensor:
             metric: str(settings["source"]) if metric in configuration.METRICS else "host"
             for metric, settings in self._settings.items()
         }
-        named = {*configuration.METRICS, *(tree.get(configuration.HOST_SECTION) or {})}
-        self._of_preset = {metric for metric in metrics if metric not in named}
-        """Metrics that only `host_preset` adds: one that this machine lacks is logged as INFO, not as WARN."""
         self._simulated = [metric for metric, kind in self._kinds.items() if kind == "simulated"]
         own = [self._middleware.advertise(node.SIMULATED_SENSORS, node.STRING_TYPE, latched=True)]
         self._topics = {metric: self._middleware.advertise(metric, node.FLOAT_TYPE) for metric in metrics}
@@ -83,8 +80,10 @@ class BatterySensor:
             except Exception as raised:  # one broken source must not stop the others
                 error = raised if isinstance(raised, SensorError) else SensorError(f"{type(raised).__name__}: {raised}")
                 if metric not in self._failed:
-                    is_absent = isinstance(error, NoSuchSensor) and metric not in self._seen
-                    severity = Severity.INFO if is_absent and metric in self._of_preset else Severity.WARN
+                    named = {*configuration.METRICS, *(self._tree.get(configuration.HOST_SECTION) or {}), *self._seen}
+                    # The preset is for any machine.
+                    is_expected = isinstance(error, NoSuchSensor) and metric not in named
+                    severity = Severity.INFO if is_expected else Severity.WARN
                     self._middleware.log(severity, f"{metric} is not published: {error}")
                 self._failed[metric] = error
                 continue
