@@ -226,13 +226,9 @@ def read_monitor(section: Section) -> MonitorConfig:
     """Reads the section of alert_system; raises as `load_config` does, with the section's path before the key's."""
     path, tree = section
     problems = Problems()
-    if "rosbridge_token" in tree:
-        # Other users can read parameters. The error must not contain the token either.
-        problem = "not supported; write the token to a file and give its path as rosbridge_token_file"
-        problems.add(ConfigError(problem, (*path, "rosbridge_token")))
     values: Dict[str, Any] = {}
     with problems:
-        values = read_parameters(tree, MONITOR_PARAMETERS, path, ("signals", "qos_overrides", "rosbridge_token"))
+        values = read_parameters(tree, MONITOR_PARAMETERS, path, ("signals", "qos_overrides"))
     signals: Dict[str, SignalConfig] = {}
     if "signals" in tree or not problems.errors:  # a misspelt `signals` is one mistake, not two
         with problems:
@@ -325,13 +321,12 @@ def _share_types(signals: Dict[str, SignalConfig], path: Path, problems: Problem
                 problems.add(ConfigError(problem, (*path, name, "field")))
 
 
-def described_parameters(config: MonitorConfig, *, are_default: bool = False) -> Tuple[Parameter, ...]:
-    """Returns all parameters of a node, by dotted names; `are_default`: its signals are those of `DEFAULT_SIGNALS`."""
-    return _described_parameters(tuple(config.signals), are_default)
-
-
 @lru_cache(maxsize=4)  # the robots of a fleet have the same signals
-def _described_parameters(signals: Tuple[str, ...], are_default: bool) -> Tuple[Parameter, ...]:
+def described_parameters(signals: Tuple[str, ...], *, are_default: bool = False) -> Tuple[Parameter, ...]:
+    """Returns all parameters of alert_system with these signals, by dotted names.
+
+    With `are_default`, the signals are those of `DEFAULT_SIGNALS`.
+    """
     defaults = DEFAULT_SIGNALS if are_default else {}
     described = list(MONITOR_PARAMETERS)
     for name in signals:

@@ -29,6 +29,7 @@ import dataclasses
 import datetime
 import json
 import os
+from functools import lru_cache
 from typing import (
     Any,
     Callable,
@@ -80,23 +81,22 @@ def declared(default: Any, description: str = "", *limits: Any, **options: Any) 
     return dataclasses.field(**given, metadata={"parameter": parameter}, repr=not parameter.is_secret)
 
 
-_KEYS: Dict[Type[Any], Sequence[Parameter]] = {}
-
-
 def _keys(schema: Type[Any]) -> Sequence[Parameter]:
-    if schema not in _KEYS:
-        types = get_type_hints(schema)
-        fields = [each for each in dataclasses.fields(schema) if "parameter" in each.metadata]
-        _KEYS[schema] = [
-            dataclasses.replace(
-                each.metadata["parameter"],
-                name=each.name.rstrip("_"),
-                field=each.name,
-                kind=_kind_of(types[each.name])[0],
-            )
-            for each in fields
-        ]
-    return _KEYS[schema]
+    """Returns the keys of a dataclass, also those of mappings, whose kinds are dataclasses too."""
+    types = get_type_hints(schema)
+    return [
+        dataclasses.replace(
+            each.metadata["parameter"],
+            name=each.name.rstrip("_"),
+            field=each.name,
+            kind=_kind_of(types[each.name])[0],
+        )
+        for each in dataclasses.fields(schema)
+        if "parameter" in each.metadata
+    ]
+
+
+keys: Callable[..., Sequence[Parameter]] = lru_cache(maxsize=None)(_keys)
 
 
 def _kind_of(given: Any) -> Tuple[Any, bool]:
@@ -109,12 +109,7 @@ def _kind_of(given: Any) -> Tuple[Any, bool]:
 
 def parameters(schema: Type[Any]) -> Tuple[Parameter, ...]:
     """Returns the keys of a dataclass as a table, without those of mappings that are dataclasses too."""
-    return tuple(each for each in _keys(schema) if not dataclasses.is_dataclass(each.kind))
-
-
-def sections(schema: Type[Any]) -> Mapping[str, Parameter]:
-    """Returns the keys of a dataclass whose values are mappings that are dataclasses too, by their names."""
-    return {each.name: each for each in _keys(schema) if dataclasses.is_dataclass(each.kind)}
+    return tuple(each for each in keys(schema) if not dataclasses.is_dataclass(each.kind))
 
 
 def require_mapping(given: object, path: Path = ()) -> JsonObject:
@@ -179,9 +174,9 @@ def read_section(schema: Type[T], section: object, path: Path = (), folder: str 
     """
     tree = require_mapping(section, path)
     problems = Problems()
-    keys = _keys(schema)
-    values = read_parameters(tree, keys, path, (), problems)
-    for key in keys:
+    table = keys(schema)
+    values = read_parameters(tree, table, path, (), problems)
+    for key in table:
         if key.is_required and tree.get(key.name, "") == "":
             expected = key.allowed if key.choices else f"the {key.description}"
             problems.add(ConfigError(f"is missing; expected {expected}", (*path, key.name)))
@@ -189,7 +184,7 @@ def read_section(schema: Type[T], section: object, path: Path = (), folder: str 
             values[key.name] = absolute_path(values[key.name], folder)
     if getattr(schema, "CHECKS_WHOLE", False):
         problems.raise_if_any()
-    result = schema(**given, **{key.field: values[key.name] for key in keys})
+    result = schema(**given, **{key.field: values[key.name] for key in table})
     wrong = {error.path for error in problems.errors}
     for name, problem in getattr(result, "mistakes", lambda given: ())(tree):
         if (*path, name) not in wrong:
@@ -208,7 +203,7 @@ def read_record(schema: Type[T], record: object) -> T:
     if not isinstance(record, (dict, Mapping)):
         raise MessageError(f"expected a mapping, got {describe(record)}")
     values: Dict[str, Any] = {}
-    for key in _keys(schema):
+    for key in keys(schema):
         value = record.get(key.name)
         values[key.field] = key.default
         if value is not None:
@@ -222,7 +217,7 @@ def read_record(schema: Type[T], record: object) -> T:
 
 def read_texts(schema: Type[T], texts: Mapping[str, str]) -> T:
     """Reads values that are given as texts, such as `limit=5` of an address; flags are 1 and 0. Raises MessageError."""
-    return read_record(schema, {each.name: _read_text(each, texts) for each in _keys(schema)})
+    return read_record(schema, {each.name: _read_text(each, texts) for each in keys(schema)})
 
 
 def _read_text(parameter: Parameter, texts: Mapping[str, str]) -> Any:
@@ -235,11 +230,19 @@ def _read_text(parameter: Parameter, texts: Mapping[str, str]) -> Any:
     return text
 
 
+def _object_in(text: object) -> Optional[JsonObject]:
+    try:
+        value = json.loads(text)  # type: ignore[arg-type]
+    except (TypeError, ValueError, RecursionError):
+        return None
+    return value if isinstance(value, dict) else None
+
+
 _LEVELS = tuple(Level)
 _FROM_ROW: Mapping[type, Convert] = {
     bool: lambda value: value == 1 if value in (0, 1) and isinstance(value, int) else None,
     Level: lambda value: _LEVELS[value] if isinstance(value, int) and 0 <= value < len(_LEVELS) else None,
-    dict: lambda value: _object_in(value),
+    dict: _object_in,
 }
 """Values in columns that have another form than in JSON."""
 
@@ -253,9 +256,8 @@ def row_reader(columns: Sequence[str], types: Iterable[Any]) -> Callable[[Sequen
     converts = []
     for name, given in zip(columns, types):
         kind, is_optional = _kind_of(given)
-        parameter = Parameter(name, kind, None, "", any_text=True)
-        if name.endswith("_s"):
-            parameter = dataclasses.replace(parameter, minimum=-LATEST_S, maximum=LATEST_S)
+        most = LATEST_S if name.endswith("_s") else None
+        parameter = Parameter(name, kind, None, "", most and -most, most, any_text=True)
         converts.append((_FROM_ROW.get(kind) or parameter.convert, is_optional))
 
     def read(row: Sequence[Any]) -> Optional[List[Any]]:
@@ -268,11 +270,3 @@ def row_reader(columns: Sequence[str], types: Iterable[Any]) -> Callable[[Sequen
         return values
 
     return read
-
-
-def _object_in(text: object) -> Optional[JsonObject]:
-    try:
-        value = json.loads(text)  # type: ignore[arg-type]
-    except (TypeError, ValueError, RecursionError):
-        return None
-    return value if isinstance(value, dict) else None

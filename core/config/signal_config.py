@@ -32,7 +32,7 @@ from ..values import (
     selection,
     split_type_name,
 )
-from .schema import REQUIRED, declared, parameters, read_section, sections
+from .schema import REQUIRED, declared, keys, parameters, read_section
 
 LINK = "link"
 """Name of the signal that is 1 while a robot can be reached, else 0. Reserved; conditions may refer to it."""
@@ -311,7 +311,7 @@ class SignalConfig:
 SIGNAL_PARAMETERS = parameters(SignalConfig)
 """Keys of a signal, each with unit and range."""
 
-CONDITIONS: Mapping[str, str] = {name: each.description for name, each in sections(SignalConfig).items()}
+CONDITIONS: Mapping[str, str] = {each.name: each.description for each in keys(SignalConfig) if each.kind is Condition}
 """Keys of a signal that hold a condition on another signal, with their meaning."""
 
 

@@ -97,7 +97,7 @@ class AlertSystem:
         self.self_monitor = self.announcements.self_monitor
         self._announce = self.announcements.announce
         self.watched = WatchedSignals(middleware, self.monitor, self._take, self.announcements.note, self._configure)
-        described = described_parameters(config, are_default=self._watches_defaults)
+        described = described_parameters(tuple(config.signals), are_default=self._watches_defaults)
         middleware.declare_parameters(described, self._reconfigure)
         note_simulated, note_unavailable = self.watched.note_simulated, self.watched.note_unavailable
         middleware.subscribe(node.SIMULATED_SENSORS, node.STRING_TYPE, note_simulated, field="data", latched=True)

@@ -55,7 +55,7 @@ class Watched:
         self.trees: list[Mapping[str, Any]] = []
         self.node = ros.node("alert_system", parameters=given)
         config = load_config(self.node.given_parameters())
-        self.node.declare_parameters(described_parameters(config), self._on_change)
+        self.node.declare_parameters(described_parameters(tuple(config.signals)), self._on_change)
 
     def _on_change(self, tree: Mapping[str, Any]) -> None:
         load_config(tree)

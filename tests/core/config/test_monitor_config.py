@@ -74,18 +74,18 @@ def test_the_nodes_own_section_wins_over_others_with_signals() -> None:
 
 
 def test_every_parameter_is_declared_under_its_dotted_name_with_its_description() -> None:
-    described = {each.name: each for each in described_parameters(load_config({"signals": {"a": {}, "b": {}}}))}
+    described = {each.name: each for each in described_parameters(("a", "b"))}
     assert {"publish_rate", "signals.a.warn_below", "signals.b.only_if.signal", "log_level"} <= described.keys()
     assert all(each.description for each in described.values())
 
 
 def test_the_defaults_of_the_default_signals_are_those_that_are_watched() -> None:
     config = load_config({"signals": DEFAULT_SIGNALS})
-    described = {each.name: each.default for each in described_parameters(config, are_default=True)}
+    described = {each.name: each.default for each in described_parameters(tuple(config.signals), are_default=True)}
     assert described["signals.battery_level.warn_below"] == 20.0
     assert described["signals.temperature.unit"] == "degC"
     assert described["signals.cpu_usage.warn_below"] is None
-    undescribed = {each.name: each.default for each in described_parameters(config)}
+    undescribed = {each.name: each.default for each in described_parameters(tuple(config.signals))}
     assert undescribed["signals.battery_level.warn_below"] is None
 
 

@@ -314,7 +314,7 @@ def test_a_key_is_one_line_of_the_table(with_a_new_key: Path) -> None:
 from robot_health_monitor.core.config.monitor_config import described_parameters, load_config
 config = load_config("thresholds.yaml")
 print(config.signals["a"].settle_s, config.signals["b"].settle_s)
-print([(each.name, each.default) for each in described_parameters(config) if "settle" in each.name])
+print([(each.name, each.default) for each in described_parameters(tuple(config.signals)) if "settle" in each.name])
 """
     check("{settle_s: 4}")
     assert run("-c", code).splitlines() == [
