@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import os
-import stat
 from typing import Iterator, Mapping, NamedTuple, Union
 
-from ..values import ConfigError, JsonObject, Path, Problems
+from ..values import ConfigError, JsonObject, Path, Problems, printable
 from .schema import require_mapping
 
 PathLike = Union[str, "os.PathLike[str]"]
@@ -67,8 +66,6 @@ def parse_yaml(text: str, name: str, problems: Problems | None = None) -> YamlFi
     result, twice = YamlFile({}, lines, name), Problems()
     with result.located():
         tree = load(text, lines, twice)
-        if tree is None:
-            raise ConfigError("is empty; expected a mapping of keys to values")
         require_mapping(tree)
         if problems is None:
             twice.raise_if_any()
@@ -78,20 +75,14 @@ def parse_yaml(text: str, name: str, problems: Problems | None = None) -> YamlFi
 
 
 def _read_text(name: str) -> str:
+    # Opening a named pipe would wait for a writer, and a device has no end.
+    if os.path.exists(name) and not os.path.isfile(name):
+        raise ConfigError("cannot be read: expected a file, got a directory, a device or a pipe", file=name)
     try:
-        # Opening a named pipe would wait for a writer, and a device has no end.
-        mode = os.stat(name).st_mode
-        if not stat.S_ISREG(mode):
-            kind = "a directory" if stat.S_ISDIR(mode) else "a device or a pipe"
-            raise ConfigError(f"cannot be read: expected a file, got {kind}", file=name)
         with open(name, "rb") as stream:
             data = stream.read(MOST_BYTES + 1)
-    except OSError as error:
-        raise ConfigError(f"cannot be read: {error.strerror}", file=name) from None
-    except ValueError as error:  # such as a name with a null byte
-        if isinstance(error, ConfigError):
-            raise
-        raise ConfigError(f"cannot be read: {error}", file=ascii(name)) from None
+    except (OSError, ValueError) as error:  # ValueError: a name with a null byte
+        raise ConfigError(f"cannot be read: {getattr(error, 'strerror', error)}", file=printable(name)) from None
     if len(data) > MOST_BYTES:
         raise ConfigError(f"is too large; expected at most {MOST_BYTES} bytes", file=name)
     try:

@@ -76,7 +76,7 @@ def test_every_configuration_that_is_installed_is_right(robot_health: Start, fil
             id="ops.yaml whose only section is misspelt",
         ),
         pytest.param(b"signals: {arm: {}}\n", ":1: signals: expected below the name of a node: ", id="no node"),
-        pytest.param(b"", ": is empty; expected a mapping of keys to values", id="empty"),
+        pytest.param(b"", ": expected a mapping of keys to values, got nothing", id="empty"),
         pytest.param(b"a:\n  b: [1\nc: 2\n", ":3: is not valid YAML: ", id="syntax"),
         pytest.param(b"# 80 \xb0C\n", ": is not UTF-8 text: byte 5 is 0xb0", id="latin-1"),
         pytest.param(b"\xff\xfea\x00:\x00", ": is not UTF-8 text: byte 0 is 0xff", id="UTF-16"),
@@ -139,7 +139,7 @@ def test_a_file_that_is_not_there_is_one_line(robot_health: Start, tmp_path: Pat
 def test_a_directory_is_one_line(robot_health: Start, tmp_path: Path) -> None:
     process = robot_health("check", tmp_path)
     assert process.wait() == 2
-    assert process.text == f"err: {tmp_path}: cannot be read: expected a file, got a directory"
+    assert process.text == f"err: {tmp_path}: cannot be read: expected a file, got a directory, a device or a pipe"
 
 
 def test_a_file_that_may_not_be_read_is_one_line(command: list[str], environment: dict[str, str], calm: Path) -> None:
@@ -320,7 +320,7 @@ def test_a_named_pipe_is_one_line_and_not_waited_for(robot_health: Start, tmp_pa
     os.mkfifo(tmp_path / "pipe")
     process = robot_health("check", tmp_path / "pipe")
     assert process.wait() == 2
-    assert process.text == f"err: {tmp_path}/pipe: cannot be read: expected a file, got a device or a pipe"
+    assert process.text == f"err: {tmp_path}/pipe: cannot be read: expected a file, got a directory, a device or a pipe"
 
 
 def test_no_text_of_a_file_controls_the_terminal(robot_health: Start, tmp_path: Path) -> None:

@@ -47,7 +47,7 @@ def test_the_states_are_those_at_the_beginning() -> None:
     ("texts", "problem"),
     [
         ({"state_json": "{"}, "/box/r1.mcap: state.json: expected an object with robot, time_s and signals"),
-        ({"thresholds_yaml": ""}, "/box/r1.mcap/thresholds.yaml: is empty; expected a mapping of keys to values"),
+        ({"thresholds_yaml": ""}, "/box/r1.mcap/thresholds.yaml: expected a mapping of keys to values, got nothing"),
     ],
 )
 def test_an_attachment_that_cannot_be_read_is_one_line(texts: dict[str, str], problem: str) -> None:

@@ -63,7 +63,7 @@ def test_a_file_that_is_not_there(tmp_path: Path) -> None:
 
 def test_a_folder(tmp_path: Path) -> None:
     (tmp_path / "folder.yaml").mkdir()
-    assert refusal(tmp_path / "folder.yaml") == "folder.yaml: cannot be read: expected a file, got a directory"
+    assert refusal(tmp_path / "folder.yaml") == "folder.yaml: cannot be read: expected a file, got a directory, a device or a pipe"
 
 
 def test_a_name_that_can_be_no_files() -> None:
@@ -72,7 +72,7 @@ def test_a_name_that_can_be_no_files() -> None:
 
 @pytest.mark.parametrize("text", ["", "# nothing but a comment\n", "---\n"])
 def test_an_empty_file(write: Write, text: str) -> None:
-    assert refusal(write(text)) == "robot.yaml: is empty; expected a mapping of keys to values"
+    assert refusal(write(text)) == "robot.yaml: expected a mapping of keys to values, got nothing"
 
 
 def test_a_binary_file(tmp_path: Path) -> None:
@@ -170,9 +170,9 @@ def test_a_file_of_too_many_bytes_is_refused_before_it_is_parsed(write: Write) -
 
 
 def test_a_device_is_refused_before_it_is_opened() -> None:
-    assert refusal("/dev/zero") == "zero: cannot be read: expected a file, got a device or a pipe"
+    assert refusal("/dev/zero") == "zero: cannot be read: expected a file, got a directory, a device or a pipe"
 
 
 def test_a_named_pipe_is_refused_and_not_waited_for(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
-    assert refusal(tmp_path / "pipe") == "pipe: cannot be read: expected a file, got a device or a pipe"
+    assert refusal(tmp_path / "pipe") == "pipe: cannot be read: expected a file, got a directory, a device or a pipe"
