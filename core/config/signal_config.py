@@ -253,8 +253,8 @@ class SignalConfig:
 
     def mistakes(self, given: JsonObject) -> Mistakes:
         """Yields key and problem of each value that cannot be used, or contradicts another; see `read_section`."""
-        for keys, problem in _keys_to_remove(self):
-            yield from ((key, problem) for key in keys if given.get(key) not in (None, getattr(SignalConfig, key)))
+        for names, problem in _keys_to_remove(self):
+            yield from ((key, problem) for key in names if given.get(key) not in (None, getattr(SignalConfig, key)))
         yield from _mistakes_of_names(self, given)
         yield from _mistakes_of_paths(self, given)
         if self.scale == 0.0:

@@ -8,19 +8,20 @@ and `json_line` give the forms in which most outlets write an event: on stdout, 
 from __future__ import annotations
 
 import json
-import math
-from typing import Any, Callable, Iterable, Mapping, NamedTuple, Union
+from typing import Any, Callable, Iterable, NamedTuple, Union
 
 from ..messages.dialect import Message
+from ..messages.raw_messages import json_text
 from ..port import Severity
 from ..values import OWN_KEY, Faults, Level, Status, Transition, datum_text, fingerprint, with_hint
 
 FIELDS = tuple(name for name in Transition.__dataclass_fields__ if name != "status")
 """The fields of a transition in JSON. Its status is left out: it repeats them as text."""
 
-_LARGE = 10**1000
 _MOST_VALUE_CHARS = 2_000
 """Longest value that is written in full: a robot may send a text of a megabyte where a number belongs."""
+_KEY_VALUES = ("from_level", "to_level", "value", "statistic", "bound", "now_s", "since_s", "fingerprint")
+"""The fields of a transition that are key-values of its message on `alerts`."""
 _SEVERITY_OF_LEVEL = {
     Level.OK: Severity.INFO, Level.WARN: Severity.WARN, Level.ERROR: Severity.ERROR, Level.STALE: Severity.WARN,
 }  # fmt: skip
@@ -87,18 +88,13 @@ def json_line(transition: object, **further: object) -> str:
     return json.dumps(written)
 
 
-def _as_json(value: object) -> object:
+def _as_json(value: object) -> Any:
     if isinstance(value, Level):
         return value.name
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if isinstance(value, Mapping):
-        return {str(key): _as_json(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_as_json(item) for item in value]
-    if value is None or isinstance(value, (str, bool)) or (isinstance(value, int) and abs(value) < _LARGE):
-        return value
-    return datum_text(value)  # such as an integer of 5,000 digits, which Python does not convert to text
+    try:
+        return json.loads(json_text(value))
+    except (ValueError, RecursionError):  # such as an integer of 5,000 digits, which Python does not convert to text
+        return datum_text(value)
 
 
 def status_message(status: Status, node: str) -> Message:
@@ -129,20 +125,18 @@ def alert_message(transition: Transition, node: str, silence: str | None = None)
 
     `node` is the base name of the node that judged it, `silence` the text of its signal's silence, None without one.
     """
-    value = "" if transition.value is None else datum_text(transition.value)
-    if isinstance(transition.value, float):  # in full
-        value = repr(transition.value)
-    values: dict[str, str] = {
-        "from_level": transition.from_level.name,
-        "to_level": transition.to_level.name,
-        "value": value,
-        "statistic": transition.statistic,
-        "bound": "" if transition.bound is None else str(transition.bound),
-        "now_s": str(transition.now_s),
-        "since_s": str(transition.since_s),
-        "fingerprint": transition.fingerprint,
-    }
+    values = {name: _text(getattr(transition, name)) for name in _KEY_VALUES}
+    if isinstance(transition.value, str):
+        values["value"] = datum_text(transition.value)
     if silence is not None:
         values["silenced"] = silence
     status = Status(transition.signal, transition.to_level, transition.text, transition.robot, values, transition.hint)
     return status_message(status, node)
+
+
+def _text(value: object) -> str:
+    if isinstance(value, Level):
+        return value.name
+    if isinstance(value, (float, str)):
+        return str(value)  # in full
+    return "" if value is None else datum_text(value)

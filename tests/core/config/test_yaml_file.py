@@ -63,7 +63,10 @@ def test_a_file_that_is_not_there(tmp_path: Path) -> None:
 
 def test_a_folder(tmp_path: Path) -> None:
     (tmp_path / "folder.yaml").mkdir()
-    assert refusal(tmp_path / "folder.yaml") == "folder.yaml: cannot be read: expected a file, got a directory, a device or a pipe"
+    assert (
+        refusal(tmp_path / "folder.yaml")
+        == "folder.yaml: cannot be read: expected a file, got a directory, a device or a pipe"
+    )
 
 
 def test_a_name_that_can_be_no_files() -> None:
