@@ -237,3 +237,10 @@ def test_an_alert_of_any_datum_can_be_written() -> None:
     (invalid,) = monitor.observe(Sample("a", Torn(), 0.0))
     values = {each["key"]: each["value"] for each in alert_message(invalid, "n")["values"]}
     assert values["value"] == "a Torn"
+
+
+def test_a_text_of_a_megabyte_where_a_number_belongs_is_shortened_in_an_alert() -> None:
+    monitor = Monitor(load_config({"signals": {"a": {}}}))
+    (invalid,) = monitor.observe(Sample("a", "x" * 1_000_000, 0.0))
+    values = {each["key"]: each["value"] for each in alert_message(invalid, "n")["values"]}
+    assert values["value"] == "'" + "x" * 36 + "..."
