@@ -38,9 +38,9 @@ class Channels:
         self._send = send
         self._warn = warn
         self._lock = threading.RLock()
-        self._receivers: dict[str, tuple[Receiver, ...]] = {}
+        self._receivers: dict[str, list[Receiver]] = {}
         self._channels: dict[int, Channel] = {}
-        self._by_topic: dict[str, tuple[int, ...]] = {}
+        self._by_topic: dict[str, list[int]] = {}
         self._schemas: dict[str, str] = {}
         self._schema_chars = 0
         self._subscribed: dict[int, int] = {}
@@ -59,20 +59,18 @@ class Channels:
     def add(self, receiver: Receiver) -> None:
         """Passes the messages of a topic on, from now and after every reconnection."""
         with self._lock:
-            others = self._receivers.get(receiver.topic, ())
+            receivers = self._receivers.setdefault(receiver.topic, [])
             # What is captured comes first: its time must not include that which an alert takes.
-            self._receivers[receiver.topic] = (receiver, *others) if receiver.is_raw else (*others, receiver)
+            receivers.insert(0 if receiver.is_raw else len(receivers), receiver)
             self._update(receiver.topic)
 
     def remove(self, receiver: Receiver) -> None:
         """Ends an `add`."""
         with self._lock:
-            left = tuple(other for other in self._receivers.get(receiver.topic, ()) if other is not receiver)
-            if left:
-                self._receivers[receiver.topic] = left
-            else:
-                self._receivers.pop(receiver.topic, None)
-            self._update(receiver.topic)
+            receivers = self._receivers.get(receiver.topic, [])
+            if receiver in receivers:
+                receivers.remove(receiver)
+                self._update(receiver.topic)
 
     def advertise(self, channels: Iterable[Channel]) -> None:
         """Takes channels that the server offers; one with a known id replaces that one."""
@@ -83,12 +81,12 @@ class Channels:
                 if len(self._channels) >= MOST_CHANNELS:
                     self._warn(f"the server offers more than {MOST_CHANNELS} channels; further ones are not watched")
                     return
-                others = self._by_topic.get(channel.topic, ())
-                if len(others) >= MOST_OF_TOPIC:
+                of_topic = self._by_topic.setdefault(channel.topic, [])
+                if len(of_topic) >= MOST_OF_TOPIC:
                     self._warn(f"the server offers more than {MOST_OF_TOPIC} channels of one topic")
                     continue
                 self._channels[channel.id] = self._with_known_schema(channel)
-                self._by_topic[channel.topic] = (*others, channel.id)
+                of_topic.append(channel.id)
                 self._serve(channel.id)
 
     def unadvertise(self, channel_ids: Sequence[int]) -> None:
@@ -98,10 +96,8 @@ class Channels:
                 channel = self._channels.pop(id, None)
                 if channel is None:
                     continue
-                left = tuple(other for other in self._by_topic[channel.topic] if other != id)
-                if left:
-                    self._by_topic[channel.topic] = left
-                else:
+                self._by_topic[channel.topic].remove(id)
+                if not self._by_topic[channel.topic]:
                     del self._by_topic[channel.topic]
                 self._unsubscribe(id)
 
@@ -145,7 +141,7 @@ class Channels:
     def _serve(self, channel_id: int) -> None:
         """Subscribes to a channel, or ends that; binds those who read it."""
         channel = self._channels[channel_id]
-        receivers = () if channel.problem else self._receivers.get(channel.topic, ())
+        receivers = [] if channel.problem else self._receivers.get(channel.topic, [])
         messages = SerializedType(channel.topic, channel.raw_format)
         bound = (receiver.bind(channel, messages) for receiver in receivers)
         takers = tuple(take for take in bound if take is not None)

@@ -188,21 +188,16 @@ class Judge:
 
     @property
     def summaries(self) -> list[SignalSummary]:
-        """One per configuration and signal, in the order of the configurations; complete after `run`.
+        """One per configuration and signal, complete after `run`; those of one signal follow each other.
 
-        Those of elements follow that of their template.
+        They are in the order of the configurations, those of elements behind their template.
         """
-        order = {key: place for place, key in enumerate(self._signals)}
-        keys = sorted(self._signals, key=lambda key: (order[key[0], template_name(key[1])], order[key]))
+        order = {name: place for place, name in enumerate(dict.fromkeys(name for _, name in self._signals))}
+        keys = sorted(self._signals, key=lambda key: (order[template_name(key[1])], order[key[1]]))
         return [self._signals[key] for key in keys]
 
-    def config_of(self, file: str, signal: str) -> SignalConfig | None:
-        """Returns the configuration of a signal, which may be an element; None if it is not judged."""
-        summary = self._find(file, signal)
-        return None if summary is None else summary.config
-
-    def _find(self, file: str, name: str) -> SignalSummary | None:
-        """Returns a signal by its name; that of an element or a source begins to be measured."""
+    def find(self, file: str, name: str) -> SignalSummary | None:
+        """Returns a signal by its name; that of an element or a source begins to be measured. None if not judged."""
         key, template = (file, name), self._templates.get((file, template_name(name)))
         if key not in self._signals and (is_source(name) or template is not None):
             config, topic = replace(_OF_SOURCE, name=name), name
@@ -222,7 +217,7 @@ class Judge:
 
     def _note(self, file: str, event: Event) -> None:
         effects: Sequence[str] = ()
-        judged = self._find(file, event.signal) if isinstance(event, Transition) else None
+        judged = self.find(file, event.signal) if isinstance(event, Transition) else None
         if judged is not None and isinstance(event, Transition):
             judged.note(event, self._played_s)
             effects = judged.effects if event.from_level is Level.OK else ()
@@ -233,12 +228,12 @@ class Judge:
             alert = self._signals.get((file, cause))
             if alert is not None and alert.level is not Level.OK:
                 alert.effects += [name for name in names if name not in alert.effects]
-                for effect in filter(None, [self._find(file, name) for name in names]):
+                for effect in filter(None, [self.find(file, name) for name in names]):
                     effect.caused = max(effect.caused, (alert.begun_s, cause))
 
     def _note_sample(self, file: str, signal: SignalMonitor, judged: float | None, now_s: float, good: bool) -> None:
         """Notes a sample of a signal; an element begins to be measured with its first one."""
-        measured = self._find(file, signal.config.name)
+        measured = self.find(file, signal.config.name)
         if measured is not None:
             measured.note_sample(self._played_s, judged, good)
             if self._on_sample is not None:

@@ -23,7 +23,7 @@ from mcap.stream_reader import StreamReader
 
 from ..core.judge.attachments import STATE, THRESHOLDS
 from ..core.messages.raw_messages import RawFormat
-from .recording import LARGEST, Attachment, ChunkedFile, Damaged, Messages, Record, Wanted, unpack
+from .recording import LARGEST, ChunkedFile, Damaged, Messages, Record, Wanted, unpack
 
 _PROFILES = {"ros1": "ros1", "cdr": "ros2", "json": ""}
 _FORMATS = ("ros1msg", "ros2msg", "ros2idl", "jsonschema")
@@ -106,8 +106,7 @@ class McapFile(ChunkedFile):
             raise Damaged(f"an attachment of {index.length} bytes")
         file.seek(index.offset + _PREFIX_SIZE)
         attachment = McapAttachment.read(ReadDataStream(io.BytesIO(file.read(index.length - _PREFIX_SIZE))))
-        text = attachment.data.decode("utf-8", "replace")
-        self.attachments[attachment.name] = Attachment(attachment.log_time, text)
+        self.attachments[attachment.name] = attachment.data.decode("utf-8", "replace")
 
     def _chunks(self, file: BinaryIO, wanted: Wanted) -> Iterator[Messages]:
         if not self._places or wanted is None:

@@ -58,7 +58,7 @@ class RecordedMiddleware(LocalMiddleware):
 
     def create_timer(self, period_s: float, callback: Callable[[float], None], *, steady: bool = False) -> ClockTimer:
         timer = super().create_timer(period_s, callback, steady=steady)
-        self.player.note_timer(timer)
+        self.player.due_s = min(self.player.due_s, timer.due_s)
         return timer
 
     def subscribe(
@@ -117,7 +117,7 @@ class Player:
         self.on_gap: list[Callable[[float, float], None]] = []
         """Called with begin and end, in seconds, of each time that is skipped: timers do not run in it."""
         self._gaps_ns: list[tuple[int, int]] = []
-        self._due_s = math.inf  # when the next timer of a node is due; may be too early, never too late
+        self.due_s = math.inf  # when the next timer of a node is due; may be too early, never too late
         self._channels: dict[str, list[Channel]] = {}
         for channel in recordings.channels:
             self._channels.setdefault(channel.topic, []).append(channel)
@@ -226,7 +226,7 @@ class Player:
                 now_s = time_ns / 1e9
                 if self._gaps_ns and self._gaps_ns[0][1] <= time_ns:
                     self._cross_gaps(time_ns)
-                if self._due_s < now_s:
+                if self.due_s < now_s:
                     self._run_timers(now_s)
                 self.wall_s = now_s
                 if time_ns >= progress_ns:
@@ -241,14 +241,10 @@ class Player:
         self._cross_gaps(min(end_ns, read_ns))
         end_s = max(self.wall_s, min(end_ns, read_ns) / 1e9)
         self._run_timers(end_s)
-        if self._due_s == end_s:
+        if self.due_s == end_s:
             self._run_due(end_s)
         self.wall_s = end_s
         report(1.0)
-
-    def note_timer(self, timer: ClockTimer) -> None:
-        """Notes a new timer of a node."""
-        self._due_s = min(self._due_s, timer.due_s)
 
     def _matching(self, topic: str, type_name: str) -> list[Channel]:
         wanted = canonical_type(type_name) if type_name else ""
@@ -301,13 +297,13 @@ class Player:
     def _run_timers(self, before_s: float) -> None:
         """Runs the timers that are due before a time; those due at that instant come after its samples."""
         stop_s = self.wall_s + _LONGEST_SILENCE_S
-        while self._due_s < before_s:
-            if self._due_s > stop_s:
-                self._skipped_s += before_s - self._due_s
+        while self.due_s < before_s:
+            if self.due_s > stop_s:
+                self._skipped_s += before_s - self.due_s
                 if not self.use_sim_time:
-                    self._skip(self._due_s, before_s)
-                self._due_s = before_s
-            self._run_due(max(self.wall_s, self._due_s))
+                    self._skip(self.due_s, before_s)
+                self.due_s = before_s
+            self._run_due(max(self.wall_s, self.due_s))
 
     def _skip(self, begin_s: float, end_s: float) -> None:
         self.wall_s = end_s
@@ -317,7 +313,7 @@ class Player:
     def _run_due(self, now_s: float) -> None:
         self.wall_s = now_s
         self.bus.run_due(now_s)
-        self._due_s = min((node.next_steady_s() for node in self.bus.nodes), default=math.inf)
+        self.due_s = min((node.next_steady_s() for node in self.bus.nodes), default=math.inf)
 
 
 def _left_out(messages: int, why: str) -> str:

@@ -13,7 +13,7 @@ from operator import itemgetter
 from typing import Collection, Iterator, Mapping, Sequence
 
 from ..runtime.libraries import RECORDINGS, libraries
-from .recording import LARGEST, Attachment, Channel, RawMessage, RecordedFile, RecordingError, Span, Target, log_time
+from .recording import LARGEST, Channel, RawMessage, RecordedFile, RecordingError, Span, Target, log_time
 from .ros1_bag import Ros1Bag
 from .sqlite_file import SqliteFile
 
@@ -71,8 +71,8 @@ class Recordings:
         return _span(self._files)
 
     @property
-    def attachments(self) -> Mapping[str, Attachment]:
-        """What a black box has attached, by name; empty for several files."""
+    def attachments(self) -> Mapping[str, str]:
+        """The texts that a black box has attached, by name; empty for several files."""
         files = self._files
         return files[0].attachments if len(files) == 1 else {}
 

@@ -53,13 +53,6 @@ class Channel(NamedTuple):
         return canonical_type(self.raw_format.schema_name)
 
 
-class Attachment(NamedTuple):
-    """A file within a recording."""
-
-    time_ns: int  # in ns since 1970
-    text: str
-
-
 Target = TypeVar("Target")
 """A value that a reader attaches to a channel and gets with each of its messages."""
 
@@ -96,8 +89,8 @@ class RecordedFile(abc.ABC):
         """Whether messages between others were left out so far, because they could not be read."""
         self.span_ns: Span = None
         """When reading stops at damage, the end becomes the last message that was read."""
-        self.attachments: dict[str, Attachment] = {}
-        """Those that a black box attaches, by name."""
+        self.attachments: dict[str, str] = {}
+        """The texts that a black box attaches, by name."""
         self._path = path
         self._channels: dict[int, Channel] = {}
         self._texts: dict[str, str] = {}  # each definition once: channels may share one

@@ -42,7 +42,7 @@ class Ros1Bag(ChunkedFile):
         if not start:
             raise Damaged("no index")
         file.seek(start)
-        first_ns, last_ns = 1 << 63, -1
+        times: list[int] = []
         counts: Counter[int] = Counter()
         for _ in range(connections + _uint32(record.kind[b"chunk_count"])[0]):
             entry = self._read_record(file, size)
@@ -52,8 +52,7 @@ class Ros1Bag(ChunkedFile):
             if fields[b"op"] == _CONNECTION:
                 self._note_connection(fields, entry.data)
             elif fields[b"op"] == _CHUNK_INFO and _uint32(fields[b"count"])[0]:
-                first_ns = min(first_ns, _nanoseconds(fields[b"start_time"]))
-                last_ns = max(last_ns, _nanoseconds(fields[b"end_time"]))
+                times += map(_nanoseconds, (fields[b"start_time"], fields[b"end_time"]))
                 for number, count in struct.iter_unpack("<II", entry.data):
                     if number not in self._channels:
                         raise Damaged("the index lacks a connection")
@@ -61,7 +60,7 @@ class Ros1Bag(ChunkedFile):
         if len(self._channels) != connections:
             raise Damaged("the index lacks a connection")
         self._counts = counts
-        self.span_ns = (first_ns, last_ns) if last_ns >= 0 else None
+        self.span_ns = (min(times), max(times)) if times else None
 
     def _read_record(self, file: BinaryIO, size: int) -> Record | None:
         if file.tell() == size:

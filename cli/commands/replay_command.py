@@ -139,7 +139,7 @@ class _Replay:
         finally:
             self._progress.clear()
         self._require("was judged", lambda summary: not summary.missing)
-        summaries = self._summaries()
+        summaries = self._judge.summaries
         missing = {summary.config.name: summary.missing for summary in summaries if summary.missing}
         problems = self._player.problems
         if missing:
@@ -170,12 +170,6 @@ class _Replay:
         if self._several:
             return bool(self._shown_levels)
         return max((level.severity for level in self._shown_levels), default=0) >= fail_on.severity
-
-    def _summaries(self) -> list[SignalSummary]:
-        """Returns the summaries; those of one signal follow each other, so that configurations can be compared."""
-        summaries = self._judge.summaries
-        names = list(dict.fromkeys(summary.config.name for summary in summaries))
-        return sorted(summaries, key=lambda summary: names.index(summary.config.name))
 
     # While the recordings are played
 
@@ -247,11 +241,11 @@ class _Replay:
 
     def _plot_of(self, file: str, signal: str) -> PlottedSignal | None:
         """Returns the plot of a signal, which begins here; None if it is not of the configuration."""
-        config = self._judge.config_of(file, signal)
+        summary = self._judge.find(file, signal)
         key = file if self._several else "", signal
-        if key not in self._plots and config is not None:
+        if key not in self._plots and summary is not None:
             span_s = self._player.end_s - self._start_s
-            self._plots[key] = PlottedSignal(config, key[0], self._start_s, span_s, self._buckets)
+            self._plots[key] = PlottedSignal(summary.config, key[0], self._start_s, span_s, self._buckets)
         return self._plots.get(key)
 
     def _page(self, rows: list[SummaryRow], verdict: str, problems: list[str]) -> str:

@@ -348,7 +348,7 @@ def attached(recordings: Recordings) -> tuple[YamlFile | None, SavedMonitor | No
 
     Raises ConfigError if they cannot be read.
     """
-    path, texts = recordings.paths[0], {name: each.text for name, each in recordings.attachments.items()}
+    path, texts = recordings.paths[0], recordings.attachments
     file = parse_yaml(texts[THRESHOLDS], os.path.join(path, THRESHOLDS)) if THRESHOLDS in texts else None
     try:
         return file, read_saved_monitor(texts[STATE]) if STATE in texts else None

@@ -10,7 +10,7 @@ Sources: wiki.ros.org/msg; design.ros2.org/articles/idl_interface_definition.htm
 from __future__ import annotations
 
 import re
-from typing import Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+from typing import Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 from ..values import canonical_type, number_of_text
 
@@ -41,6 +41,7 @@ _MSG_FIELD = re.compile(
     r"\s+(?P<name>[A-Za-z_]\w{0,200})(?P<constant>\s*=.*)?(?:\s.*)?"
 )
 _STRING_CONSTANT = re.compile(r"w?string(?:<=\d+)?\s+\w+\s*=")
+_AS_SPELT: Mapping[str, str] = {}
 _MSG_ALIASES = {
     "char": "uint8", "time": "builtin_interfaces/Time", "duration": "builtin_interfaces/Duration",
 }  # fmt: skip
@@ -125,7 +126,7 @@ def parse_definition(type_name: str, text: str, form: str, *, is_ros1: bool = Fa
     """
     if form.endswith("msg"):
         aliases = {**_MSG_ALIASES, "byte": "int8" if is_ros1 else "uint8"}
-        types = _with_kinds(parse_msg(type_name, text), lambda kind: aliases.get(kind, kind))
+        types = parse_msg(type_name, text, aliases)
     else:
         types = {}
         for part in _parts(text if form.endswith("idl") else ""):
@@ -137,8 +138,11 @@ def parse_definition(type_name: str, text: str, form: str, *, is_ros1: bool = Fa
     return {**(ROS1_TIMES if is_ros1 else TIMES), **types}
 
 
-def parse_msg(type_name: str, text: str) -> Definitions:
-    """Returns the types in a definition in .msg, `type_name` first, with kinds as spelt there; raises ValueError."""
+def parse_msg(type_name: str, text: str, aliases: Mapping[str, str] = _AS_SPELT) -> Definitions:
+    """Returns the types in a definition in .msg, `type_name` first, whose plain kinds are as `aliases` say.
+
+    Types without a package are looked for in the other packages too: a Header is that of std_msgs. Raises ValueError.
+    """
     types: Definitions = {}
     name = type_name
     for number, part in enumerate(_parts(text)):
@@ -149,7 +153,14 @@ def parse_msg(type_name: str, text: str) -> Definitions:
             name = canonical_type(first[len("MSG: ") :].strip())
         types.setdefault(name, _msg_definition(name, part))
         _check_number_of_fields(types)
-    return _resolved(types)
+    by_name = {"Header": "std_msgs/Header", **{name.partition("/")[2]: name for name in types}}
+
+    def resolved(field: Field) -> Field:
+        kind = aliases.get(field.kind, field.kind)
+        is_known = "/" not in kind or kind in types or kind in TIMES
+        return field._replace(kind=kind if is_known else by_name.get(kind.partition("/")[2], kind))
+
+    return {name: each._replace(fields=list(map(resolved, each.fields))) for name, each in types.items()}
 
 
 def _parts(text: str) -> List[str]:
@@ -185,24 +196,6 @@ def _msg_definition(type_name: str, text: str) -> Definition:
         size = None if not match["array"] else SEQUENCE if match["size"] is None else _size(match["size"])
         fields.append(Field(name, kind, size))
     return Definition(fields, constants)
-
-
-def _resolved(types: Definitions) -> Definitions:
-    """Looks for types without a package in the other packages too: a Header is that of std_msgs."""
-    by_name = {"Header": "std_msgs/Header", **{name.partition("/")[2]: name for name in types}}
-
-    def resolve(kind: str) -> str:
-        is_known = "/" not in kind or kind in types or kind in TIMES
-        return kind if is_known else by_name.get(kind.partition("/")[2], kind)
-
-    return _with_kinds(types, resolve)
-
-
-def _with_kinds(types: Definitions, kind_of: Callable[[str], str]) -> Definitions:
-    return {
-        name: definition._replace(fields=[field._replace(kind=kind_of(field.kind)) for field in definition.fields])
-        for name, definition in types.items()
-    }
 
 
 def _size(text: str) -> int:

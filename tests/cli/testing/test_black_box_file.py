@@ -10,7 +10,6 @@ from robot_health_monitor.cli.embedded import sections_of_nodes
 from robot_health_monitor.cli.testing.past_alert import attached
 from robot_health_monitor.core.judge.attachments import SavedMonitor
 from robot_health_monitor.core.values.errors import ConfigError
-from robot_health_monitor.recordings.recording import Attachment
 
 
 class Opened:
@@ -18,7 +17,7 @@ class Opened:
 
     def __init__(self, **texts: str) -> None:
         self.paths = ["/box/r1.mcap"]
-        self.attachments = {name.replace("_", "."): Attachment(0, text) for name, text in texts.items()}
+        self.attachments = {name.replace("_", "."): text for name, text in texts.items()}
 
 
 def opened(**texts: str) -> Any:
