@@ -11,12 +11,11 @@ from __future__ import annotations
 
 import os
 import shutil
-import subprocess
 import sys
 import tempfile
 from email.utils import formatdate
 from pathlib import Path
-from typing import Mapping, Sequence
+from typing import Mapping
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT)]
@@ -70,7 +69,7 @@ def generate(source: Path, name: str, variables: Mapping[str, str]) -> None:
     """Writes debian/ of the nodes into a copy of the source tree, with bloom."""
     system, codename, generator = DISTROS[name]
     options = ["--ros-distro", name, "--os-name", system, "--os-version", codename]
-    run(["bloom-generate", generator, *options], source, variables)
+    manifest.run(source, "bloom-generate", generator, *options, env=variables)
     if generator == "debian":  # modules in /usr are compiled when they are installed, and cleaned when removed
         replace(source / "debian" / "rules", "dh $@ -v ", "dh $@ -v --with python3 ")
         replace(source / "debian" / "control", "${shlibs:Depends}", "${python3:Depends}")
@@ -91,16 +90,7 @@ def build(source: Path) -> None:
     system = {"PATH": "/usr/sbin:/usr/bin:/sbin:/bin", "HOME": str(source.parent), "LC_ALL": "C.UTF-8"}
     without_tests = {"DEB_BUILD_OPTIONS": "nocheck", "DEB_BUILD_PROFILES": "nocheck"}
     # -d: the packages of ROS are not installed, and neither build needs more than Debian's catkin and setuptools.
-    run(["dpkg-buildpackage", "-d", "-us", "-uc", "-b"], source, {**system, **without_tests})
-
-
-def run(command: Sequence[str], folder: Path, variables: Mapping[str, str]) -> None:
-    """Runs a command and shows its output only if it fails."""
-    done = subprocess.run(
-        command, cwd=folder, env=variables, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT
-    )
-    if done.returncode:
-        sys.exit(f"{done.stdout.decode(errors='replace')}\n{' '.join(command)} exited with {done.returncode}")
+    manifest.run(source, "dpkg-buildpackage", "-d", "-us", "-uc", "-b", env={**system, **without_tests})
 
 
 def main() -> None:
@@ -114,7 +104,7 @@ def main() -> None:
         work = Path(temporary)
         variables = index_variables(work)
         if [*names] != [COMMAND_LINE]:
-            run(["rosdep", "update", "--include-eol-distros"], work, variables)
+            manifest.run(work, "rosdep", "update", "--include-eol-distros", env=variables)
         for name in names:
             source = manifest.unpack_sources(ROOT, work / name, f"robot-health-{manifest.text('version')}")
             if name == COMMAND_LINE:

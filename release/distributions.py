@@ -9,7 +9,6 @@ The source distribution holds all files of the commit. The wheel has an SBOM of 
 from __future__ import annotations
 
 import os
-import subprocess
 import sys
 import tempfile
 from email import message_from_string
@@ -38,10 +37,10 @@ def build(folder: Path) -> list[Path]:
         source, built = manifest.unpack_sources(ROOT, Path(place), "source"), Path(place, "built")
         _run("pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation", "--wheel-dir", built, source)
         (wheel,) = built.iterdir()
-        _run("wheel", "unpack", "--dest", place, wheel, stdout=subprocess.DEVNULL)
+        _run("wheel", "unpack", "--dest", place, wheel)
         information = Path(place, base, f"{base}.dist-info")
         _write_sbom(information, version)
-        _run("wheel", "pack", "--dest-dir", folder, Path(place, base), stdout=subprocess.DEVNULL)
+        _run("wheel", "pack", "--dest-dir", folder, Path(place, base))
         metadata = (information / "METADATA").rename(Path(place, "PKG-INFO"))
         sdist = folder / f"{base}.tar.gz"
         options = [f"--prefix={base}/", f"--add-file={metadata}", f"--output={sdist}"]
@@ -58,14 +57,12 @@ def _write_sbom(information: Path, version: str) -> None:
         project.write(f'[project]\nname = "{NAME}"\nversion = "{version}"\n')
         project.flush()
         options = ["--pyproject", project.name, "--output-reproducible", "-o", folder / f"{NAME}.cdx.json", "-"]
-        _run("cyclonedx_py", "requirements", *options, input="\n".join(required), text=True, stderr=subprocess.DEVNULL)
+        _run("cyclonedx_py", "requirements", *options, stdin="\n".join(required))
 
 
-def _run(*command: Any, **options: Any) -> None:
-    """Runs a tool of Python; ends the process if it fails."""
-    code = subprocess.run([sys.executable, "-m", *command], **options).returncode
-    if code:
-        sys.exit(f"{command[0]} exited with {code}")
+def _run(*command: object, **options: Any) -> None:
+    """Runs a tool of Python; ends the program if it fails."""
+    manifest.run(ROOT, sys.executable, "-m", *command, **options)
 
 
 def main() -> None:

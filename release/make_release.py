@@ -132,13 +132,10 @@ def _run(folder: Path, command: Sequence[str]) -> None:
 def main() -> None:
     """Makes a release, or checks one."""
     *options, version = sys.argv[1:] or [""]
-    try:
-        if options == ["--check"]:
-            check_tagged(ROOT, version)
-            return
-        files = release(ROOT, version)
-    except Refused as problem:
-        sys.exit(f"release: {problem}")
+    if options == ["--check"]:
+        check_tagged(ROOT, version)
+        return
+    files = release(ROOT, version)
     print(f"{version} is committed and tagged, and these are built:")
     print(*(f"  {file.relative_to(ROOT)}" for file in files), sep="\n")
     print(f"To publish it: git push origin HEAD {version}")

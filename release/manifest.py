@@ -1,4 +1,4 @@
-"""Reads package.xml and asks git, for the release tools."""
+"""Reads package.xml, runs git and other programs, for the release tools."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import re
 import shutil
 import subprocess
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -17,16 +18,22 @@ _PLACEHOLDER = re.compile(r"[\w.@/:+-]*\b(example\.(com|net|org)|[\w-]+\.(exampl
 """Domains reserved for examples (RFC 2606)."""
 
 
-class Refused(Exception):
-    """A step of a release is refused; `str()` is one line with the reason."""
+class Refused(SystemExit):
+    """A step of a release is refused or fails, which ends the program; `str()` is the reason."""
+
+
+def run(folder: Path, *command: object, stdin: str = "", **options: Any) -> str:
+    """Returns what a command prints in a folder; raises Refused with all of its output if it fails."""
+    words = [*map(str, command)]
+    done = subprocess.run(words, cwd=folder, input=stdin, capture_output=True, text=True, **options)
+    if done.returncode:
+        raise Refused(f"{command[0]} {command[1]} failed: {done.stdout}{done.stderr.strip()}")
+    return done.stdout.strip("\n")
 
 
 def git(folder: Path, *arguments: object) -> str:
     """Returns what git prints in a folder; raises Refused if it fails."""
-    done = subprocess.run(["git", *map(str, arguments)], cwd=folder, capture_output=True, text=True)
-    if done.returncode:
-        raise Refused(f"git {arguments[0]} failed: {done.stderr.strip()}")
-    return done.stdout.strip("\n")
+    return run(folder, "git", *arguments)
 
 
 def unpack_sources(repository: Path, folder: Path, name: str) -> Path:
