@@ -36,7 +36,6 @@ from ...runtime.libraries import ROSBRIDGE, libraries
 from ..arguments import Parser, add, add_robot_server, seconds
 from ..output.lines import ProgressLine
 
-_SHORTEST_S = 1.0
 _USUAL_S = 60.0
 _LIST_PERIOD_S = 2.0
 """Topics are listed again: discovery takes its time, and nodes may start late."""
@@ -77,11 +76,8 @@ def add_arguments(parser: Parser) -> None:
 
 
 def _check(arguments: argparse.Namespace) -> str:
-    if sum((bool(arguments.url), arguments.ros1, arguments.ros2)) > 1:
-        return "expected one of URL, --ros1 and --ros2"
-    if arguments.seconds < _SHORTEST_S:
-        return f"argument --seconds: expected at least {_SHORTEST_S:g}"
-    return ""
+    chosen = bool(arguments.url) + arguments.ros1 + arguments.ros2
+    return "expected one of URL, --ros1 and --ros2" if chosen > 1 else ""
 
 
 def run(arguments: argparse.Namespace, interrupts: Interrupts) -> None:

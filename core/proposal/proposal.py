@@ -64,9 +64,9 @@ def propose(candidates: Candidates, longest_s: Mapping[str, float] | None = None
     for topic, group in groupby(every, key=lambda each: each.topic):
         of_topic = list(group)
         first = of_topic[0]
-        reason = PUBLISHED_HERE if topic in candidates.own_topics and first.kind != "given" else ""
-        if not first.measured.samples:
-            reason = reason or _SILENT.get(first.kind, "")
+        reason = "" if first.measured.samples else _SILENT.get(first.kind, "")
+        if topic in candidates.own_topics and first.kind != "given":
+            reason = PUBLISHED_HERE
         if reason:
             proposed.not_watched[topic] = reason
             silent.add(topic)
@@ -93,13 +93,10 @@ def _signals(
         signal.note = "goals that ended"
         why = "a guess: more than half of the goals of the last 20 min were aborted"
         signal.seen["warn_above"] = Setting(0.5, why)
-        yield signal
     elif signal.kind == "log":
         _add_errors(signal, lasted_s)
-        yield signal
     elif signal.kind == "statuses":
         _add_statuses(signal)
-        yield signal
     elif signal.kind in ("elements", "frames"):
         if measured.is_cut:
             yield candidate.copy(kind="elements", left_out=[_MORE_ELEMENTS])
@@ -107,10 +104,14 @@ def _signals(
             given = {**signal.given, "field": element_path(signal.given["field"], element)}
             name = candidates.names.of(signal.name, element)
             yield _suggested(candidate.copy(name=name, given=given, measured=element_measured), longest_s)
+        return
     elif measured.samples:
-        yield _suggested(signal, longest_s)
+        _suggested(signal, longest_s)
     elif signal.kind == "given":
-        yield candidate.copy(note="no message: unchanged")
+        signal.note = "no message: unchanged"
+    else:
+        return
+    yield signal
 
 
 def _sort_in(signal: Signal, proposed: Proposed) -> None:

@@ -11,7 +11,7 @@ import math
 import os
 import re
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, Callable, Iterable, Mapping, NamedTuple, Sequence, TypeVar
 
@@ -78,16 +78,16 @@ class _Question:
         self.is_pending = False
 
 
+@dataclass(eq=False)
 class Computer:
     """A computer, and what has been read of it."""
 
-    def __init__(self, paths: HostPaths = HOST_PATHS, background: Background = run_at_once) -> None:
-        """Reads the files below `paths`; `background` runs what may hang."""
-        self.paths = paths
-        self._background = background
-        self._questions: dict[tuple[Any, ...], _Question] = {}
-        self.shared: dict[type, Any] = {}
-        """State that several sources share, such as the processes."""
+    paths: HostPaths = HOST_PATHS
+    background: Background = run_at_once
+    """Runs what may hang."""
+    shared: dict[type, Any] = field(default_factory=dict)
+    """State that several sources share, such as the processes."""
+    _questions: dict[tuple[Any, ...], _Question] = field(default_factory=dict)
 
     def ask(
         self, now_s: float, every_s: float, subject: str, function: Callable[..., Result], *arguments: Any
@@ -113,7 +113,7 @@ class Computer:
             question.asked_s, question.is_pending = now_s, True
             call = partial(question.run, subject, function, self.paths, *arguments)
             try:
-                question.is_late = not self._background(call)
+                question.is_late = not self.background(call)
             except ServiceError as error:
                 question.is_pending = False
                 raise SensorError(str(error)) from None
@@ -140,28 +140,22 @@ class HostReading:
         return self.value(self.ask(now_s))
 
 
+@dataclass
 class Growth:
     """A source of how much counters grew between two reads."""
 
-    def __init__(
-        self, ask: Callable[[float], Counters], value: Callable[[list[list[float]], float], float | None]
-    ) -> None:
-        """Reads nothing yet.
-
-        `ask` returns the counters of each part of the computer by its name, such as those of each disk. `value` is
-        called with the growth of each part and the time in s; it returns None if nothing can be said, such as within a
-        tick of the kernel.
-        """
-        self._ask = ask
-        self._value_of = value
-        self._counters: Counters = {}
-        self._at_s = math.nan
-        self._value: float | None = None
+    ask: Callable[[float], Counters]
+    """Returns the counters of each part of the computer by its name, such as those of each disk."""
+    value_of: Callable[[list[list[float]], float], float | None]
+    """Called with the growth of each part and the time in s; None if nothing can be said, as within a tick."""
+    _counters: Counters = field(default_factory=dict)
+    _at_s: float = math.nan
+    _value: float | None = None
 
     def read(self, now_s: float) -> float:
         """Returns the value since the previous read, or that of before if no time has passed; raises SensorError."""
         try:
-            counters = self._ask(now_s)
+            counters = self.ask(now_s)
         except NotMeasuredYet:
             raise
         except SensorError:  # such as of an interface that is unplugged; it counts from there
@@ -177,7 +171,7 @@ class Growth:
         if not grown:
             self._value = None
         elif elapsed_s > 0.0:
-            value = self._value_of(grown, elapsed_s)
+            value = self.value_of(grown, elapsed_s)
             self._value = self._value if value is None else value
         self._counters, self._at_s = counters, now_s
         if self._value is None:
