@@ -126,10 +126,9 @@ class _Study:
         section = sections_of_nodes(file)["alert_system"]
         with file.located(section.path):
             config = read_monitor(Section((), section.tree))
-        for name, given in section.tree["signals"].items():
-            topic = absolute(config.signals[name].topic, self._candidates.namespace)
-            self._candidates.signals[name] = Signal(name, topic, "given", dict(given))
-        with file.located(section.path):
+            for name, given in section.tree["signals"].items():
+                topic = absolute(config.signals[name].topic, self._candidates.namespace)
+                self._candidates.signals[name] = Signal(name, topic, "given", dict(given))
             return self._text({key: value for key, value in section.tree.items() if key != "signals"})
 
     def of_recorded_topics(self) -> str:
