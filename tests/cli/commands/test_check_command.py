@@ -229,6 +229,8 @@ def test_all_mistakes_of_a_file_are_reported_with_the_lines_of_their_keys(robot_
         "19: battery_sensor.ros__parameters.publish_rate: expected a number from 0.01 to 1000, got 0",
         "20: battery_sensor.ros__parameters.battery_level.source: expected one of simulated, host, none, got 'hots'",
         "20: battery_sensor.ros__parameters.battery_level.charge_at: expected a number from 0 to 99, got 100",
+        "21: battery_sensor.ros__parameters.host.memory.source: expected one of cpu_percent, load_1min, load_5min, ",
+        "21: battery_sensor.ros__parameters.host.disk.source: is missing; expected one of cpu_percent, load_1min, ",
         "21: battery_sensor.ros__parameters.host.cpu_usage: is the name of a standard metric; expected another name",
         "22: batery_sensor: unknown node; did you mean battery_sensor?",
     ]
