@@ -11,10 +11,14 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import socket
 import threading
+import time
 from functools import lru_cache, partial
 from typing import Any, Callable, Collection, Iterator, Mapping, Sequence
 
+import genpy
+import rosgraph.network
 import rospy
 import rospy.core
 import rospy.rostime
@@ -31,6 +35,8 @@ from ..core.port import (
     Callback,
     ClockTimer,
     Counts,
+    Graph,
+    NodeInfo,
     OnChange,
     RawCallback,
     Severity,
@@ -46,6 +52,7 @@ from ..core.values import (
     ConfigError,
     Getter,
     JsonObject,
+    MessageError,
     ServiceError,
     resolve_name,
     split_type_name,
@@ -57,6 +64,7 @@ from . import messages
 from .master import Master, NodeChecks
 from .parameters import NodeParameters, set_log_level
 from .serialized import Reader
+from .services import call_in_time
 
 _LOGGER = logging.getLogger("rosout")
 """That of rospy, whose severities are those of Python."""
@@ -69,7 +77,10 @@ _MOST_TYPES = 1000
 
 
 class Ros1Middleware(NativeNode):
-    """One logical node of this process; implements `core.middleware.Middleware`. Call `rospy.init_node` first."""
+    """One logical node of this process; implements `core.port.middleware.ServedMiddleware`.
+
+    Call `rospy.init_node` first.
+    """
 
     graph_period_s = 2.0
 
@@ -184,8 +195,8 @@ class Ros1Middleware(NativeNode):
         # Messages on /clock may wait for the lock, which rospy's own time does not.
         return self._clock() if self._sim_time_s is None else float(rospy.get_time())
 
-    def _take_time(self, time: rospy.Time) -> None:
-        self.set_sim_time(time.to_sec())
+    def _take_time(self, now: rospy.Time) -> None:
+        self.set_sim_time(now.to_sec())
 
     def serialize(self, type_name: str, message: Message) -> tuple[bytes, RawFormat]:
         native = self._stamped(messages.message_class(type_name), message)
@@ -228,6 +239,41 @@ class Ros1Middleware(NativeNode):
             others(publishers, self._published_topics()),
             others(subscribers, self._subscribed_topics()),
         )
+
+    def graph(self) -> Graph:
+        """See `ServedMiddleware.graph`; the master does not know the types of services."""
+        state = self._master.system_state()
+        nodes: dict[str, list[list[str]]] = {}
+        for kind, entries in enumerate(state):
+            for name, users in entries:
+                for user in users:
+                    nodes.setdefault(user, [[], [], []])[kind].append(name)
+        return Graph(
+            self.topic_types(),
+            {service: "" for service, _ in state[2]},
+            {name: NodeInfo(*lists) for name, lists in nodes.items()},
+        )
+
+    def call_service(self, service: str, type_name: str, request: Message, timeout_s: float) -> Message:
+        """See `ServedMiddleware.call_service`."""
+        resolved = rospy.resolve_name(self._resolve(service))
+        deadline_s = time.monotonic() + timeout_s
+        try:
+            address = self._master.find_service(resolved)
+            if address is None:
+                raise ServiceError("no such service")
+            return call_in_time(resolved, address, type_name, request, deadline_s)
+        except MessageError as error:
+            raise MessageError(f"{resolved}: {error}") from None
+        except (ServiceError, ConfigError) as error:
+            raise ServiceError(f"{resolved}: {error}") from None
+        except (TimeoutError, socket.timeout):  # one class from Python 3.10 on
+            raise ServiceError(f"{resolved}: no response within {timeout_s:g} s") from None
+        except (OSError, ValueError, genpy.MessageException, rosgraph.network.ROSHandshakeException) as error:
+            raise ServiceError(f"{resolved}: the call failed: {error}") from None
+
+    def raw_format(self, type_name: str) -> RawFormat:
+        return messages.raw_format(type_name)
 
     def advertise_service(self, service: str, type_name: str, handler: Callable[[Message], Message]) -> None:
         self._serve(service, type_name, partial(self.answer, handler))

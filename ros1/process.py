@@ -17,7 +17,6 @@ import rospy.impl.paramserver
 
 from ..core.config import load_config
 from ..core.values import PARAMETERS_FAULT, ConfigError, Level, ServiceError
-from .introspection import Ros1ServedMiddleware
 from .master import Master, MasterWatch, limit_calls_of_rospy
 from .middleware import Ros1Middleware
 from .parameters import NodeParameters, set_log_level
@@ -65,13 +64,13 @@ class Ros1Process:
             self.middlewares[-1].faults.report(PARAMETERS_FAULT, self._problem)
         return self.middlewares[-1]
 
-    def create_served_node(self, alert_system: Ros1Middleware) -> Ros1ServedMiddleware:
+    def create_served_node(self, alert_system: Ros1Middleware) -> Ros1Middleware:
         """Creates the logical node that a rosbridge server serves."""
         return self.create_listener("rosbridge")
 
-    def create_listener(self, name: str) -> Ros1ServedMiddleware:
+    def create_listener(self, name: str) -> Ros1Middleware:
         """Creates a node that only listens, and runs it at once."""
-        listener = Ros1ServedMiddleware(name)
+        listener = Ros1Middleware(name)
         self.middlewares.append(listener)
         return listener
 

@@ -6,6 +6,8 @@ A process may hold several `Ros2Middleware`s, each an rclpy node with its own pa
 
 from __future__ import annotations
 
+import threading
+import time
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, Callable, Collection, Iterator, Mapping, Sequence
@@ -26,6 +28,8 @@ from ..core.port import (
     Callback,
     ClockTimer,
     Counts,
+    Graph,
+    NodeInfo,
     OnChange,
     RawCallback,
     Severity,
@@ -34,7 +38,15 @@ from ..core.port import (
     is_pattern,
     matching,
 )
-from ..core.values import ConfigError, Getter, canonical_type, resolve_name, with_degree_sign
+from ..core.values import (
+    ConfigError,
+    Getter,
+    MessageError,
+    ServiceError,
+    canonical_type,
+    resolve_name,
+    with_degree_sign,
+)
 from ..runtime.native_node import NativeNode
 from . import messages
 from .lifecycle import LifecycleStates
@@ -65,7 +77,7 @@ _LONGEST_WAIT_S = 3600.0
 
 
 class Ros2Middleware(NativeNode):
-    """One rclpy node; implements `core.middleware.Middleware`. It works while an executor spins `node`."""
+    """One rclpy node; implements `core.port.middleware.ServedMiddleware`. It works while an executor spins `node`."""
 
     def __init__(self, name: str, context: Context | None = None, **options: Any) -> None:
         """Creates the node.
@@ -141,6 +153,56 @@ class Ros2Middleware(NativeNode):
             messages.service_class(_GET_STATE)
         is_topic = key in ("publishers", "subscribers") and not is_pattern(name)
         return self._resolve(name) if is_topic else resolve_name(name, self.name)
+
+    def graph(self) -> Graph:
+        """See `ServedMiddleware.graph`: what discovery has found so far."""
+        node = self.node
+        nodes: dict[str, NodeInfo] = {}
+        for name, namespace in node.get_node_names_and_namespaces():
+            try:
+                nodes[full_name(name, namespace)] = NodeInfo(
+                    _names(node.get_publisher_names_and_types_by_node(name, namespace)),
+                    _names(node.get_subscriber_names_and_types_by_node(name, namespace)),
+                    _names(node.get_service_names_and_types_by_node(name, namespace)),
+                )
+            except RuntimeError:  # the node has just left
+                continue
+        return Graph(
+            self.topic_types(),
+            {service: types[0] for service, types in node.get_service_names_and_types() if types},
+            nodes,
+        )
+
+    def call_service(self, service: str, type_name: str, request: Message, timeout_s: float) -> Message:
+        """See `ServedMiddleware.call_service`; call it while another thread spins the node."""
+        deadline_s = time.monotonic() + timeout_s
+        try:
+            resolved = self._resolve(service)
+            type_name = type_name or dict(self.node.get_service_names_and_types()).get(resolved, [""])[0]
+            if not type_name:
+                raise ServiceError(f"{resolved}: no such service")
+            cls = messages.service_class(type_name)
+            native = messages.to_native(cls.Request, request)
+            client = self.node.create_client(cls, resolved)
+        except MessageError as error:
+            raise MessageError(f"{service}: {error}") from None
+        except (ValueError, RuntimeError) as error:  # an unknown type, an invalid name, a node that is closing
+            raise ServiceError(f"{service}: {' '.join(str(error).split())}") from None
+        try:
+            if not client.wait_for_service(timeout_s):
+                raise ServiceError(f"{resolved}: no such service")
+            answered = threading.Event()
+            future = client.call_async(native)
+            future.add_done_callback(lambda done: answered.set())
+            if not answered.wait(max(0.0, deadline_s - time.monotonic())):
+                client.remove_pending_request(future)
+                raise ServiceError(f"{resolved}: no response within {timeout_s:g} s")
+            return messages.to_mapping(future.result())
+        finally:
+            self.node.destroy_client(client)
+
+    def raw_format(self, type_name: str) -> RawFormat:
+        return messages.raw_format(type_name)
 
     def _count(self, wanted: Collection[Wanted]) -> Counts:
         node = self.node
@@ -386,3 +448,7 @@ def _reader(subscription: Subscription, messages: SerializedType) -> Getter:
 def _native_name(name: str) -> str:
     """Returns the name in ROS 2's syntax: `~/reset` for `~reset`."""
     return f"~/{name[1:].lstrip('/')}" if name.startswith("~") else name
+
+
+def _names(names_and_types: Any) -> list[str]:
+    return [name for name, _ in names_and_types]

@@ -22,7 +22,6 @@ from std_msgs.msg import Empty
 from ..core.port import Severity
 from ..core.values import ConfigError, Level, ServiceError
 from ..runtime.threads import StepThread
-from .introspection import Ros2ServedMiddleware
 from .middleware import Ros2Middleware
 from .parameters import ParameterFiles
 
@@ -87,17 +86,17 @@ class Ros2Process:
             middleware.faults.report("log file", self._log_problem, Level.WARN)
         return middleware
 
-    def create_served_node(self, alert_system: Ros2Middleware) -> Ros2ServedMiddleware:
+    def create_served_node(self, alert_system: Ros2Middleware) -> Ros2Middleware:
         """Creates the node that a rosbridge server serves."""
         # Without the arguments of the process: a `__node:=` among them is meant for alert_system.
         namespace = alert_system.node.get_namespace()
-        served = Ros2ServedMiddleware("rosbridge", namespace=namespace, use_global_arguments=False)
+        served = Ros2Middleware("rosbridge", namespace=namespace, use_global_arguments=False)
         self.middlewares.append(served)
         return served
 
-    def create_listener(self, name: str) -> Ros2ServedMiddleware:
+    def create_listener(self, name: str) -> Ros2Middleware:
         """Creates a node that only listens, and runs it at once, in a thread."""
-        listener = Ros2ServedMiddleware(name)
+        listener = Ros2Middleware(name)
         self.middlewares.append(listener)
         executor, _ = choose_executor("auto", [listener.node], listener.log)
 

@@ -36,9 +36,9 @@ class TestRos1Served(ServedConformance):
 
     @pytest.fixture
     def served(self, ros_process: Any) -> Any:
-        from robot_health_monitor.ros1.introspection import Ros1ServedMiddleware
+        from robot_health_monitor.ros1.middleware import Ros1Middleware
 
-        return Ros1ServedMiddleware("/bridge")
+        return Ros1Middleware("/bridge")
 
 
 def test_the_executable_serves_when_rosbridge_port_is_set(
@@ -88,9 +88,9 @@ def test_without_the_library_only_the_server_is_missing(start: Any, ros: Any, pa
 
 @pytest.fixture
 def served(ros_process: Any) -> Iterator[Any]:
-    from robot_health_monitor.ros1.introspection import Ros1ServedMiddleware
+    from robot_health_monitor.ros1.middleware import Ros1Middleware
 
-    served = Ros1ServedMiddleware("/bridge")
+    served = Ros1Middleware("/bridge")
     yield served
     served.close()
 
@@ -135,10 +135,10 @@ def test_a_service_of_another_type_is_a_service_error(ros: Any, served: Any) -> 
 
 
 def test_a_master_that_is_down_is_a_service_error(ros_process: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    from robot_health_monitor.ros1.introspection import Ros1ServedMiddleware
+    from robot_health_monitor.ros1.middleware import Ros1Middleware
 
     monkeypatch.setenv("ROS_MASTER_URI", "http://127.0.0.1:9")
-    served = Ros1ServedMiddleware("/bridge")
+    served = Ros1Middleware("/bridge")
     with pytest.raises(ServiceError, match=r"http://127\.0\.0\.1:9 does not answer"):
         served.graph()
     with pytest.raises(ServiceError, match="does not answer"):

@@ -39,10 +39,10 @@ class TestRos2ServedEvents(ServedConformance):
 
 
 def served_in(inside: Any) -> Any:
-    from robot_health_monitor.ros2.introspection import Ros2ServedMiddleware
+    from robot_health_monitor.ros2.middleware import Ros2Middleware
 
     participant, _ = inside
-    served = Ros2ServedMiddleware("bridge", participant.context, use_global_arguments=False)
+    served = Ros2Middleware("bridge", participant.context, use_global_arguments=False)
     participant.executor.add_node(served.node)
     return served
 
