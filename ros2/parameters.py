@@ -20,12 +20,8 @@ from ..core.port import OnChange
 from ..core.values import ConfigError, JsonObject
 from ..runtime.native_node import Log, apply_change
 
-EXECUTOR, USE_SIM_TIME = (
-    next(parameter for parameter in NODE_PARAMETERS if parameter.name == name) for name in ("executor", "use_sim_time")
-)
+_START_ONLY = {parameter.name: parameter for parameter in NODE_PARAMETERS if parameter.name != "log_level"}
 """Parameters that this adapter reads itself, at the start only."""
-
-_START_ONLY = (EXECUTOR.name, USE_SIM_TIME.name)
 _NOT_FOR_NODES = (*_START_ONLY, "qos_overrides", "start_type_description_service")
 """Parameters that this adapter or rclpy reads for itself."""
 _OPTION = "--params-file"
@@ -68,16 +64,15 @@ class NodeParameters:
     @property
     def executor(self) -> str:
         """The parameter `executor`."""
-        return str(self._own.get(EXECUTOR.name, EXECUTOR.default))
+        return str(self._own.get("executor", _START_ONLY["executor"].default))
 
     def given(self) -> JsonObject:
         """Returns the configuration in force.
 
         Raises ConfigError if a parameter of the adapter is wrong, or if a name begins another.
         """
-        for parameter in (EXECUTOR, USE_SIM_TIME):
-            if parameter.name in self._own:
-                parameter.read(self._own[parameter.name], (parameter.name,))
+        for name, value in self._own.items():
+            _START_ONLY[name].read(value, (name,))
         return unflatten(self._given)
 
     def declare(self, parameters: Sequence[Parameter], apply: OnChange, log: Log) -> None:

@@ -33,7 +33,7 @@ class NativeNode(ClockedNode):
         self._publishers: dict[str, tuple[Any, Any]] = {}
         """Publisher and class of its messages, by resolved topic."""
         self._subscriptions: list[Any] = []
-        self._graph: ThreadTimer | None = None
+        self._graph: StepThread | None = None
 
     @abc.abstractmethod
     def _resolve(self, name: str) -> str:
@@ -59,7 +59,7 @@ class NativeNode(ClockedNode):
         given: JsonObject = self.parameters.given()
         return given
 
-    def follow_graph(self, wanted: Callable[[], Collection[Wanted]], callback: GraphCallback) -> ThreadTimer:
+    def follow_graph(self, wanted: Callable[[], Collection[Wanted]], callback: GraphCallback) -> StepThread:
         def read() -> float:
             if timer.active and not self.waiting_for_clock():
                 counts: Counts | Unread
@@ -72,7 +72,7 @@ class NativeNode(ClockedNode):
                         self.call(callback, counts, self.now_s())
             return self.graph_period_s
 
-        timer = self._graph = ThreadTimer("graph", read, self.log_failure)
+        timer = self._graph = StepThread("graph", read, self.log_failure)
         timer.start()
         return timer
 
@@ -125,12 +125,6 @@ class NativeNode(ClockedNode):
         if resolved not in self._publishers:
             raise MessageError(f"{self.name} has not advertised {resolved}")
         return self._publishers[resolved]
-
-
-class ThreadTimer(StepThread):
-    """A timer with a thread. Implements `core.port.middleware.Timer`."""
-
-    cancel = StepThread.close
 
 
 def apply_change(apply: Callable[[], str], log: Log) -> tuple[bool, str]:

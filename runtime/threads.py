@@ -167,6 +167,9 @@ class StepThread(threading.Thread):
         self.active = False
         self._wake.set()
 
+    cancel = close
+    """Of `core.port.middleware.Timer`."""
+
     def join(self, timeout: float | None = None) -> None:
         """Waits for the end of the thread, for `timeout` seconds of the monotonic clock, or without a limit."""
         until_s = math.inf if timeout is None else time.monotonic() + timeout

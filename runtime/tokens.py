@@ -24,8 +24,8 @@ class TokenFiles:
     def __init__(self, warn: Callable[[str], object]) -> None:
         """Reads nothing yet; `warn` is called with one line if other users may read a file."""
         self._warn = warn
-        self._of_pipes: dict[str, str] = {}
-        self._of_files: set[str] = set()
+        self._known: dict[str, str] = {}
+        """The tokens of pipes; empty for a file."""
 
     def find(self, file: str) -> str:
         """Returns the token in a file or, if `file` is empty, in the environment; empty if there is none.
@@ -34,17 +34,17 @@ class TokenFiles:
         ever.
         """
         if not file:
-            return _find_in_environment()
-        if file in self._of_pipes:
-            return self._of_pipes[file]
+            token = os.environ.get(TOKEN_VARIABLE, "").strip()
+            if token and _problem(token):
+                raise ConfigError(f"{TOKEN_VARIABLE}: {_problem(token)}")
+            return token
+        if self._known.get(file):
+            return self._known[file]
         is_pipe = _is_pipe(file)
-        if is_pipe and file in self._of_files:
+        if is_pipe and file in self._known:
             raise ConfigError("expected a file, as before, got a pipe", file=file)
         token = read_token_file(file, self._warn)
-        if is_pipe:
-            self._of_pipes[file] = token
-        else:
-            self._of_files.add(file)
+        self._known[file] = token if is_pipe else ""
         return token
 
     def find_own(self, file: str) -> str:
@@ -54,14 +54,6 @@ class TokenFiles:
             text = f"the token has fewer than {SHORTEST_TOKEN} characters and can be guessed; make one: "
             self._warn(f"{text}openssl rand -hex 16")
         return token
-
-
-def _find_in_environment() -> str:
-    token = os.environ.get(TOKEN_VARIABLE, "").strip()
-    problem = _problem(token) if token else ""
-    if problem:
-        raise ConfigError(f"{TOKEN_VARIABLE}: {problem}")
-    return token
 
 
 def read_token_file(file: str, warn: Callable[[str], object]) -> str:

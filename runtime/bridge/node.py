@@ -72,7 +72,6 @@ class BridgeClient(abc.ABC, Generic[Node]):
         url: str,
         *,
         clock: Clock = time.monotonic,
-        wall_clock: Clock = time.time,
         on_log: Callable[[LogLine], None],
         on_link: Callable[[bool, Cause], None],
         **options: Any,
@@ -82,7 +81,6 @@ class BridgeClient(abc.ABC, Generic[Node]):
         Args:
             url: address of the server.
             clock: monotonic seconds, for nodes without simulated time.
-            wall_clock: seconds since 1970, for the ages of stamps.
             on_log: called with every log line.
             on_link: called in the loop when the connection is up (with an empty cause), when it is down, and when the
                 cause changes.
@@ -93,7 +91,6 @@ class BridgeClient(abc.ABC, Generic[Node]):
         """
         self.on_log = on_log
         self.clock = clock
-        self.wall_clock = wall_clock
         self._nodes: list[Node] = []
         self.connection = self.connection_class(url, on_change=on_link, on_log=self.log, clock=clock, **options)
 
@@ -161,8 +158,7 @@ class BridgeNode(MappingNode):
         outputs: Middleware,
     ) -> None:
         """Use `BridgeClient.node`."""
-        clocks = {"clock": client.clock, "wall_clock": client.wall_clock}
-        super().__init__(name, parameters, remap, **clocks, use_sim_time=use_sim_time)
+        super().__init__(name, parameters, remap, clock=client.clock, wall_clock=time.time, use_sim_time=use_sim_time)
         self._client = client
         self._outputs = outputs
         self._receivers = client.connection.receivers
