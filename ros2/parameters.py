@@ -20,7 +20,9 @@ from ..core.port import OnChange
 from ..core.values import ConfigError, JsonObject
 from ..runtime.native_node import Log, apply_change
 
-_START_ONLY = {parameter.name: parameter for parameter in NODE_PARAMETERS if parameter.name != "log_level"}
+_START_ONLY = {
+    parameter.name: parameter for parameter in NODE_PARAMETERS if parameter.name in ("executor", "use_sim_time")
+}
 """Parameters that this adapter reads itself, at the start only."""
 _NOT_FOR_NODES = (*_START_ONLY, "qos_overrides", "start_type_description_service")
 """Parameters that this adapter or rclpy reads for itself."""
