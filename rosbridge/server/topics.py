@@ -74,6 +74,11 @@ class Topic:
         self._is_encoding = False
         self._clock = asyncio.get_event_loop().time
 
+    def set_type(self, type_name: str) -> None:
+        """Takes the type of a topic that was subscribed to before it was known."""
+        if not self.type_name:
+            self.type_name, self._serialize = type_name, serializer(type_name)
+
     def set_flow(self, receiver: Receiver, flow: Flow | None) -> None:
         """Sets how a client receives the messages; with None, it no longer receives them."""
         self.clients.pop(receiver, None)
@@ -180,6 +185,7 @@ class Topics:
         known = await self._node.topic_type(name) if other is None else other.type_name
         _require_same_type(name, known, type_name)
         topic = self._topics.get(key) or Topic(name, known or type_name, self._node)
+        topic.set_type(type_name)
         topic.set_flow(receiver, flow)
         if key not in self._topics:
             if self._node.threads or (name, topic.type_name) != (ROSOUT, ROSOUT_TYPE):
