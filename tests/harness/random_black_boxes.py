@@ -29,8 +29,8 @@ def judged(file: Path, *, sim_time: bool = False) -> list[tuple[float, Level, st
             found.append((event.wall_s - BOOT_S, event.event.to_level, without_past(event.event.text)))
 
     with Recordings([str(file)]) as recordings:
-        saved = read_saved_monitor(recordings.attachments[STATE].text)
-        section = find_section(parse_yaml(recordings.attachments[THRESHOLDS].text, "x").tree, "alert_system")
+        saved = read_saved_monitor(recordings.attachments[STATE])
+        section = find_section(parse_yaml(recordings.attachments[THRESHOLDS], "x").tree, "alert_system")
         judge = Judge(Player(recordings, use_sim_time=sim_time, begin_ns=round(saved.time_s * 1e9)), note)
         judge.add("x", section.tree, saved)
         judge.run()

@@ -137,7 +137,7 @@ def test_an_attachment_of_an_impossible_place_or_size_is_not_read(tmp_path: Path
         writer.start()
         writer.add_attachment(0, 0, "thresholds.yaml", "text/yaml", b"signals: {}")
         writer.finish()
-    assert McapFile(str(path)).attachments["thresholds.yaml"].text == "signals: {}"
+    assert McapFile(str(path)).attachments["thresholds.yaml"] == "signals: {}"
     data = bytearray(path.read_bytes())
     # The name follows the prefix (9 bytes), four numbers of 8 bytes, the size of the data and its own (8 and 4).
     index = data.rindex(b"thresholds.yaml") - 4 - 5 * 8 - 9
