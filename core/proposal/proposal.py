@@ -163,7 +163,7 @@ def _suggested(signal: Signal, longest_s: Mapping[str, float]) -> Signal:
     if reason and signal.kind == "age":
         signal.left_out.append(reason)
         return signal
-    suggest(signal, longest_s.get(signal.name))
+    suggest(signal, longest_s.get(signal.name, 0.0))
     if signal.kind == "frames":
         if not measured.irregularity < MOST_IRREGULAR:
             signal.proposed["stale_after_s"] = Setting(0.0, "0: never; its transforms are not periodic")

@@ -96,11 +96,11 @@ class Signal:
         return replace(self, **{**fresh, **changes})
 
 
-def suggest(signal: Signal, longest_excursion_s: float | None = None) -> None:
+def suggest(signal: Signal, longest_excursion_s: float = 0.0) -> None:
     """Derives the settings of a signal.
 
     `longest_excursion_s` is the longest time for which a healthy value was beyond a bound that this function suggested
-    before; None if that is not known yet. Rules replace bounds that follow from what was seen.
+    before; 0 if there was none, or that is not known yet. Rules replace bounds that follow from what was seen.
     """
     if signal.measured.config.statistic == "frequency_hz":
         _add_rate_bounds(signal)
@@ -113,13 +113,13 @@ def suggest(signal: Signal, longest_excursion_s: float | None = None) -> None:
         signal.proposed["stale_after_s"] = staleness(signal.measured.gaps)
 
 
-def _add_range(signal: Signal, longest_excursion_s: float | None) -> None:
+def _add_range(signal: Signal, longest_excursion_s: float) -> None:
     measured = signal.measured
     reason = measured.unsuitable()
     if reason:
         signal.left_out.append(f"no bounds: {reason}")
         return
-    from_extreme = longest_excursion_s is not None and longest_excursion_s > LONGEST_EXCURSION_S
+    from_extreme = longest_excursion_s > LONGEST_EXCURSION_S
     _add_bounds(signal, from_extreme)
     if measured.config.statistic == "count":
         signal.proposed.pop("warn_below", None)  # it is measured where it rises: how far it falls is not seen

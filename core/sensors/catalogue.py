@@ -35,7 +35,7 @@ class HostSource(NamedTuple):
     names: Callable[[HostPaths], Iterable[Any]] = lambda paths: ()
     """Returns the values of the first option that this machine has; raises SensorError if they cannot be read."""
     example: Options = _NONE
-    """Keys of which at least one must be given, with what is shown where `available` lists none."""
+    """Keys of which at least one must be given, with what is shown where `names` lists none."""
 
 
 def _asked(
@@ -48,9 +48,7 @@ def _asked(
     """
 
     def make(computer: Computer, **options: Any) -> Source:
-        arguments = tuple(options.values())
-        named = " ".join([subject, *(str(each) for each in arguments if each is not None)]).rstrip()
-        source: Source = kind(lambda now_s: computer.ask(now_s, every_s, named, read, *arguments), value)
+        source: Source = kind(lambda now_s: computer.ask(now_s, every_s, subject, read, *options.values()), value)
         return source
 
     return make
@@ -66,8 +64,8 @@ def _nodes(paths: HostPaths) -> Iterable[str]:
 
 _LOAD = partial(_asked, "the load", lambda paths: os.getloadavg())
 _BATTERY = partial(_asked, "the battery")
-_GPU = partial(_asked, "graphics processor", gpu.read_gpu)
-_SPACE = partial(_asked, "the disk at", disks.read_space, every_s=5.0)
+_GPU = partial(_asked, "the graphics processor", gpu.read_gpu)
+_SPACE = partial(_asked, "the disk", disks.read_space, every_s=5.0)
 _CLOCK = partial(_asked, "the time daemon", daemons.read_clock, every_s=5.0)
 _COMMAND = {"command": "*/amcl *", "node": ""}
 _MEMORY = partial(_asked, "the memory", lambda paths: load_psutil(paths).virtual_memory())
@@ -146,15 +144,15 @@ _TABLE: Sequence[tuple[Any, ...]] = (
         _asked("the disks", disks.read_requests, disks.latency_ms, kind=Growth), *_OF_DISK,
     ),
     (
-        "temperature", "degC", "temperature", _asked("temperature sensor", host.temperature),
+        "temperature", "degC", "temperature", _asked("the temperature sensor", host.temperature),
         *_sensor("temp", "sensor, as chip/label or chip/number; left out: the hottest of the CPU"),
     ),
     (
         "fan_rpm", "rpm", "speed of a fan",
-        _asked("fan", host.fan_rpm), *_sensor("fan", "fan, as chip/label or chip/fan1; left out: the fastest"),
+        _asked("the fan", host.fan_rpm), *_sensor("fan", "fan, as chip/label or chip/fan1; left out: the fastest"),
     ),
     (
-        "voltage_rail", "V", "voltage of a supply", _asked("voltage sensor", host.rail_volts),
+        "voltage_rail", "V", "voltage of a supply", _asked("the voltage sensor", host.rail_volts),
         *_sensor("in", "voltage, as chip/label or chip/in1; left out: the first"),
     ),
     (

@@ -152,7 +152,7 @@ show_sources(False, sys.stdout, Computer(HostPaths(*sys.argv[1:]), DetachedCalls
     assert "{source: battery_percent}: 55 %" in lines
     assert "{source: battery_voltage}: no answer from the battery yet" in lines
     assert "{source: voltage_rail, sensor: pmbus/in1}: 12 V" in lines
-    assert "{source: voltage_rail, sensor: pmbus/in2}: no answer from voltage sensor pmbus/in2 yet" in lines
+    assert "{source: voltage_rail, sensor: pmbus/in2}: no answer from the voltage sensor yet" in lines
 
 
 def test_a_node_that_dies_is_an_alert_and_its_other_metrics_are_stale(stage: Stage, machine: Machine) -> None:

@@ -23,7 +23,7 @@ def measured(values: Sequence[float], interval_s: float = 1.0, **signal: Any) ->
     return result
 
 
-def suggest(found: Measured, longest_s: float | None = None) -> Signal:
+def suggest(found: Measured, longest_s: float = 0.0) -> Signal:
     signal = Signal("battery", "/battery", "number", {}, measured=found)
     suggestion.suggest(signal, longest_s)
     return signal
@@ -191,7 +191,7 @@ def test_one_error_of_a_sensor_does_not_widen_a_bound(outlier: float, sign: floa
     values = [50.0 + (number % 10) / 10.0 for number in range(700)]
     expected = {key: setting.value for key, setting in suggest(measured(values)).proposed.items()}
     values[300] = sign * outlier
-    for longest_s in (None, 1.0, 100.0):
+    for longest_s in (0.0, 1.0, 100.0):
         found = suggest(measured(values), longest_s).proposed
         assert {key: found[key].value for key in ("warn_below", "warn_above")} == {
             key: expected[key] for key in ("warn_below", "warn_above")

@@ -55,7 +55,7 @@ def test_a_driver_that_fails_is_named(machine: Machine, nvml: Any) -> None:
         raise NVMLError("GPU is lost")
 
     nvml.nvmlDeviceGetHandleByIndex = fail
-    with pytest.raises(SensorError, match=r"^graphics processor 0 cannot be read: NVMLError: GPU is lost$") as caught:
+    with pytest.raises(SensorError, match=r"^the graphics processor cannot be read: NVMLError: GPU is lost$") as caught:
         HOST_SOURCES["gpu_percent"].make(machine.computer, device=0).read(0.0)
     assert not isinstance(caught.value, NoSuchSensor)
     assert gpus(machine.paths) == []
