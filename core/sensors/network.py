@@ -12,7 +12,7 @@ import socket
 import struct
 from typing import Callable, Sequence
 
-from .computer import HostPaths, chosen, load_psutil, read_bytes, read_text, sorted_paths
+from .computer import HostPaths, chosen, load_psutil, read_text, sorted_paths
 from .source import NoSuchSensor, SensorError
 
 _WIRELESS = re.compile(r"^ *([^\s:]+): +\S+ +\S+ +(-?[0-9]+)", re.MULTILINE)
@@ -70,11 +70,7 @@ def _names(paths: HostPaths) -> list[str]:
 def wifi_signals(paths: HostPaths) -> dict[str, float]:
     """Returns the signal in dBm of each Wi-Fi interface that is connected; raises NoSuchSensor if there is none."""
     file = os.path.join(paths.proc, "net", "wireless")
-    try:
-        text = read_bytes(file).decode("utf-8", "replace")
-    except OSError:
-        text = ""
-    signals = {name: float(level) for name, level in _WIRELESS.findall(text)}
+    signals = {name: float(level) for name, level in _WIRELESS.findall(read_text(file) or "")}
     if not signals:
         raise NoSuchSensor(f"no Wi-Fi interface in {file}")
     # Some drivers give a byte that is to be read with its sign (wireless.h: IW_QUAL_DBM).

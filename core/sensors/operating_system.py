@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 from typing import Any
 
-from .computer import HostPaths, read_bytes, read_text
+from .computer import HostPaths, read_text
 from .source import NoSuchSensor
 
 
@@ -47,10 +47,7 @@ def throttled(paths: HostPaths) -> float:
 
 def _number(file: str, name: str, missing: str) -> float:
     """Returns the number behind a name at the begin of a line; raises NoSuchSensor if there is no such line."""
-    try:
-        text = read_bytes(file).decode("ascii", "replace")
-    except OSError:
-        raise NoSuchSensor(f"{missing}: {file} cannot be read") from None
+    text = read_text(file) or ""
     _, line, rest = f"\n{text}".partition(f"\n{name}")  # much faster than a pattern
     if not line:
         raise NoSuchSensor(f"{missing}: {file} has no {name.rstrip(' =')}")
