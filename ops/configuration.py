@@ -135,9 +135,8 @@ class ServerOptions:
 
     def mistakes(self, given: JsonObject) -> Mistakes:
         """Yields the mistakes of several keys together."""
-        for one, other in (("tls_certificate", "tls_key"), ("tls_key", "tls_certificate")):
-            if given.get(one) and not given.get(other):
-                yield one, f"expected {other} as well, got {one} alone"
+        if bool(self.tls_certificate) is not bool(self.tls_key):
+            yield "", "expected tls_certificate and tls_key, got one of them"
         if self.public_url and not is_http(self.public_url):
             yield "public_url", f"expected http://host or https://host, got {shown(self.public_url)}"
         if any(letter.isspace() or letter == "/" for letter in self.address):

@@ -119,6 +119,9 @@ class Database:
 
     def submit(self, job: Job[Result], is_urgent: bool = False) -> bool:
         """Adds a job; returns False if the writer is closing, or too many are waiting and it is not urgent."""
+        busy_s = self.busy_s
+        if busy_s > SLOW_S:
+            self._report(f"{self.file}: the disk has not responded for {busy_s:.0f} s")
         with self._lock:
             if (len(self._jobs) >= MAX_WAITING and not is_urgent) or self._is_closing:
                 return False
@@ -135,7 +138,6 @@ class Database:
 
     def put(self, function: Callable[[Connection], object]) -> None:
         """Runs a function in the writer's thread, after everything requested before; returns at once."""
-        self.check_progress()
         self.submit(Job(function))
 
     def run(self, function: Callable[[Connection], Result], timeout_s: float = 5.0) -> Result:
@@ -146,7 +148,6 @@ class Database:
         Raises:
             ServiceError: the database failed, or did not answer in time.
         """
-        self.check_progress()
         job = Job(function)
         if not self.submit(job):
             raise ServiceError("history: too many requests are waiting, or it is closed")
@@ -172,12 +173,6 @@ class Database:
             result = function(connection)
             self._report_skipped(connection)
             return result
-
-    def check_progress(self) -> None:
-        """Reports a disk that does not respond."""
-        busy_s = self.busy_s
-        if busy_s > SLOW_S:
-            self._report(f"{self.file}: the disk has not responded for {busy_s:.0f} s")
 
     def close(self, timeout_s: float = 2.0) -> None:
         """Runs the waiting jobs, stores the end of the run and closes the file; waits at most `timeout_s`."""

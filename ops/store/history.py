@@ -173,7 +173,6 @@ class RobotHistory:
                 write_states(connection, self._robot, state)
 
             job = Job(insert)
-            history.check_progress()
             with self._lock:
                 is_waiting = history.submit(job)
                 if is_waiting:

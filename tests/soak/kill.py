@@ -175,9 +175,9 @@ def _announced_level(name: str, state: Mapping[str, Any]) -> str:
     A source that is silent has a state even if it was never announced: what was, is its one signal or another source.
     Its own silence is announced if it speaks for itself.
     """
+    level: str = state.get("announced", {}).get("level", "OK")
     if name not in SOURCES:
-        return state["announced"]["level"]
-    level = state.get("announced", {}).get("level", "OK")
+        return level
     speaks = state.get("silence", {}).get("speaks", False)
     return level if speaks == (level == "STALE") else f"{level}, speaks: {speaks}"
 
