@@ -31,6 +31,7 @@ from typing import (
     Collection,
     Iterator,
     NamedTuple,
+    Optional,
     Sequence,
 )
 
@@ -125,7 +126,7 @@ class OpenAlert(NamedTuple):
     transition_json: JsonObject
     begun_s: float
     silenced_s: float
-    silenced_from_s: float | None
+    silenced_from_s: Optional[float]
 
 
 class Waiting(NamedTuple):
