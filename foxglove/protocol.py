@@ -26,7 +26,6 @@ _LONGEST_NAME = 1_000
 _LARGEST_CHANNEL_ID = 2**64 - 1
 _SCHEMA_ENCODINGS = {"cdr": ("ros2msg", "ros2idl"), "ros1": ("ros1msg",), "json": ("jsonschema", "")}
 """By encoding of messages: those of schemas that can be read, first the one that servers mean who name none."""
-_PROFILES = {"cdr": "ros2", "ros1": "ros1", "json": ""}
 
 
 class ProtocolError(MessageError):
@@ -125,8 +124,7 @@ def _channels(offered: Sequence[Any]) -> Iterator[Channel]:
         topic, encoding, name, schema_encoding, schema = texts
         if all(isinstance(text, str) for text in texts) and topic and max(map(len, texts[:4])) <= _LONGEST_NAME:
             known = _SCHEMA_ENCODINGS.get(encoding, ("",))
-            profile = _PROFILES.get(encoding, "")
-            yield Channel(each["id"], topic, RawFormat(encoding, name, schema_encoding or known[0], schema, profile))
+            yield Channel(each["id"], topic, RawFormat(encoding, name, schema_encoding or known[0], schema))
 
 
 def _is_id(value: object) -> bool:

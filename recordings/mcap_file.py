@@ -22,10 +22,9 @@ from mcap.records import Channel as McapChannel
 from mcap.stream_reader import StreamReader
 
 from ..core.judge.attachments import STATE, THRESHOLDS
-from ..core.messages.raw_messages import RawFormat
+from ..core.messages.raw_messages import PROFILES, RawFormat
 from .recording import LARGEST, ChunkedFile, Damaged, Messages, Record, Wanted, unpack
 
-_PROFILES = {"ros1": "ros1", "cdr": "ros2", "json": ""}
 _FORMATS = ("ros1msg", "ros2msg", "ros2idl", "jsonschema")
 _LARGEST_ATTACHMENT = 16 << 20
 _OPCODE_OF_MESSAGE = int(Opcode.MESSAGE)
@@ -187,5 +186,5 @@ class McapFile(ChunkedFile):
     def _note_channel(self, channel: McapChannel) -> None:
         schema = self._schemas.get(channel.schema_id)
         encoding = channel.message_encoding
-        if schema is not None and encoding in _PROFILES:  # else not a message of ROS
-            self._add_channel(channel.id, channel.topic, RawFormat(encoding, *schema, _PROFILES[encoding]))
+        if schema is not None and encoding in PROFILES:  # else not a message of ROS
+            self._add_channel(channel.id, channel.topic, RawFormat(encoding, *schema))

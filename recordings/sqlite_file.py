@@ -138,7 +138,7 @@ class SqliteFile(RecordedFile):
         for number, topic, type_name, encoding in database.execute(f"{query} LIMIT {_MOST_TOPICS}"):
             if encoding == "cdr":
                 text, form = definitions.get(str(type_name), ("", ""))
-                self._add_channel(number, str(topic), RawFormat("cdr", str(type_name), form, text, "ros2"))
+                self._add_channel(number, str(topic), RawFormat("cdr", str(type_name), form, text))
 
 
 def _has_journal(path: str) -> bool:

@@ -31,6 +31,10 @@ _PLAIN: Mapping[str, JsonObject] = {
 }
 
 
+PROFILES: Mapping[str, str] = {"ros1": "ros1", "cdr": "ros2", "json": ""}
+"""MCAP's profile of each encoding of messages that can be read."""
+
+
 class RawFormat(NamedTuple):
     """The form of messages as bytes, in the words of MCAP (mcap.dev/spec/registry)."""
 
@@ -42,8 +46,11 @@ class RawFormat(NamedTuple):
     """`ros1msg`, `ros2msg`, `jsonschema`; from a recording also `ros2idl`."""
     schema: str
     """The definition of the type with those that it contains; empty if it is not known."""
-    profile: str
-    """`ros1` or `ros2`; empty for JSON."""
+
+    @property
+    def profile(self) -> str:
+        """`ros1` or `ros2`; empty for JSON."""
+        return PROFILES.get(self.message_encoding, "")
 
     @property
     def type_name(self) -> str:
@@ -54,13 +61,13 @@ class RawFormat(NamedTuple):
 @functools.lru_cache(maxsize=1000)
 def ros1_format(type_name: str, definition: str) -> RawFormat:
     """Returns the format of serialized messages of ROS 1."""
-    return RawFormat("ros1", canonical_type(type_name), "ros1msg", definition, "ros1")
+    return RawFormat("ros1", canonical_type(type_name), "ros1msg", definition)
 
 
 @functools.lru_cache(maxsize=1000)
 def ros2_format(type_name: str, definition: str) -> RawFormat:
     """Returns the format of serialized messages of ROS 2, whose definition is in .msg."""
-    return RawFormat("cdr", "/msg/".join(canonical_type(type_name).split("/")), "ros2msg", definition, "ros2")
+    return RawFormat("cdr", "/msg/".join(canonical_type(type_name).split("/")), "ros2msg", definition)
 
 
 @functools.lru_cache(maxsize=1000)
@@ -75,7 +82,7 @@ def json_format(type_name: str, definition: str) -> RawFormat:
     except ValueError:
         definitions = {}
     schema = {"title": root, **_schema(definitions, root, itertools.repeat(None, _MOST_PROPERTIES))}
-    return RawFormat("json", root, "jsonschema", json.dumps(schema, separators=(",", ":")), "")
+    return RawFormat("json", root, "jsonschema", json.dumps(schema, separators=(",", ":")))
 
 
 def json_text(value: object, *, in_pieces: bool = False) -> str:

@@ -15,7 +15,6 @@ from .elements import (
     LinkDown,
     Stamp,
     is_own_status,
-    stamp_of,
     too_many,
     with_ages,
 )
@@ -67,6 +66,6 @@ __all__ = [
     "count_text", "datum_text", "describe", "duration_text", "element_path", "every_step", "fingerprint",
     "full_name", "is_equal", "is_namespace", "is_own_status", "key_field", "leading_path", "list_text",
     "mapping_getter", "matches_pattern", "number_of_text", "number_text", "package_version", "parse_field_path",
-    "parse_where", "printable", "reduced", "resolve_name", "selected", "selection", "split_type_name", "stamp_of",
+    "parse_where", "printable", "reduced", "resolve_name", "selected", "selection", "split_type_name",
     "steps_getter", "summary_of", "too_many", "with_ages", "with_degree_sign", "with_hint", "with_unit",
 ]  # fmt: skip

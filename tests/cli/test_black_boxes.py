@@ -92,7 +92,7 @@ def test_an_attachment_that_cannot_be_used_is_one_line(replayed: Replay, tmp_pat
     from robot_health_monitor.core.messages.raw_messages import RawFormat
     from robot_health_monitor.ops.black_box.recording_file import RecordingFile
 
-    raw_format = RawFormat("json", "std_msgs/Float32", "jsonschema", "{}", "")
+    raw_format = RawFormat("json", "std_msgs/Float32", "jsonschema", "{}")
     texts = [("alert_system: {ros__parameters: {signals: {a: {warn_belw: 1.0}}}}\n", "{}"), ("a: [", "{}"), ("", "")]
     lines = []
     for number, (thresholds, state) in enumerate(texts):

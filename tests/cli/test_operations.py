@@ -166,9 +166,7 @@ def test_all_robots_share_one_history(config: OpsConfig, operations: Operations)
 def test_what_is_in_use_is_one_line_in_the_log(config: OpsConfig, operations: Operations) -> None:
     robot = Robot(operations, only=True)
     assert config.history is not None
-    assert [line.text for line in robot.lines if "operations" in line.text] == [
-        "operations: history"
-    ]
+    assert [line.text for line in robot.lines if "operations" in line.text] == ["operations: history"]
 
 
 def test_a_silenced_alert_is_announced_and_marked(operations: Operations) -> None:

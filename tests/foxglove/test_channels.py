@@ -17,7 +17,7 @@ FLOAT32 = "std_msgs/msg/Float32"
 
 
 def channel(number: int, topic: str = "/battery", **changes: Any) -> Channel:
-    raw_format = RawFormat("cdr", FLOAT32, "ros2msg", "float32 data\n", "ros2")
+    raw_format = RawFormat("cdr", FLOAT32, "ros2msg", "float32 data\n")
     return Channel(number, topic, raw_format._replace(**changes))
 
 

@@ -24,7 +24,7 @@ async def test_messages_are_captured_as_they_are_with_their_format() -> None:
     await until(lambda: 3 in server.subscribed)
     await server.send(message(server.subscribed[3], cdr(20.5)))
     await until(lambda: len(watched.heard) == 1)
-    raw = RawFormat("cdr", "std_msgs/msg/Float32", "ros2msg", "float32 data\n", "ros2")
+    raw = RawFormat("cdr", "std_msgs/msg/Float32", "ros2msg", "float32 data\n")
     assert watched.heard == [(cdr(20.5), raw)]
     await watched.close()
     await server.close()

@@ -37,7 +37,7 @@ def test_channels_are_offered_and_withdrawn() -> None:
     offered = read_text(json.dumps({"op": "advertise", "channels": [FLOAT]}))
     assert offered == ServerMessage(
         "advertise",
-        [Channel(3, "/battery", RawFormat("cdr", "std_msgs/msg/Float32", "ros2msg", "float32 data", "ros2"))],
+        [Channel(3, "/battery", RawFormat("cdr", "std_msgs/msg/Float32", "ros2msg", "float32 data"))],
     )
     assert read_text('{"op": "unadvertise", "channelIds": [3, 4]}') == ServerMessage("unadvertise", channel_ids=[3, 4])
 

@@ -63,7 +63,7 @@ class Definitions(Target):
 
     def use(self, data: tuple[str, str, str, bytes]) -> None:
         form, encoding, text, message = data
-        types = type_of(Channel("/x", RawFormat(encoding, "a/T", f"ros2{form}", text, "")))
+        types = type_of(Channel("/x", RawFormat(encoding, "a/T", f"ros2{form}", text)))
         candidates = Candidates()
         candidates.add([Topic("/x", "a/T", types.definitions)])
         for field in ["", *(each.given["field"] for each in list(candidates.signals.values())[:20])]:

@@ -40,7 +40,7 @@ BASE, NAME = 1, 2
 
 
 def channel(encoding: str, type_name: str, text: str = "", form: str = "msg") -> Channel:
-    return Channel("/topic", RawFormat(encoding, type_name, f"ros2{form}" if text else "", text, ""))
+    return Channel("/topic", RawFormat(encoding, type_name, f"ros2{form}" if text else "", text))
 
 
 def numbers_in(message: Any, store: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:

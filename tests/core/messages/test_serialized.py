@@ -21,7 +21,7 @@ from robot_health_monitor.core.values.field_path import ABSENT, mapping_getter
 
 def type_of(topic: str, type_name: str, encoding: str, text: str, form: str) -> SerializedType:
     """Returns the type of messages by its definition in .msg or .idl."""
-    return SerializedType(topic, RawFormat(encoding, type_name, f"ros2{form}", text, ""))
+    return SerializedType(topic, RawFormat(encoding, type_name, f"ros2{form}", text))
 
 
 def test_big_endian_messages_are_read() -> None:

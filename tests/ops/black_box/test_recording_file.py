@@ -20,8 +20,8 @@ from robot_health_monitor.core.messages.raw_messages import RawFormat
 from robot_health_monitor.ops.black_box.recording_file import PART, RecordingFile, complete
 from robot_health_monitor.ops.black_box.ring import Message
 
-FLOAT = RawFormat("ros1", "std_msgs/Float32", "ros1msg", "float32 data\n", "ros1")
-TEXT = RawFormat("json", "std_msgs/String", "jsonschema", '{"type":"object"}', "")
+FLOAT = RawFormat("ros1", "std_msgs/Float32", "ros1msg", "float32 data\n")
+TEXT = RawFormat("json", "std_msgs/String", "jsonschema", '{"type":"object"}')
 ATTACHMENTS = {"thresholds.yaml": "a: 1\n", "state.json": "{}"}
 
 

@@ -9,7 +9,7 @@ from robot_health_monitor.core.messages.raw_messages import RawFormat
 from robot_health_monitor.ops.black_box import ring as ring_module
 from robot_health_monitor.ops.black_box.ring import OVERHEAD_BYTES, Message, Reader, Ring, RobotRing
 
-CHANNEL = "/a", RawFormat("json", "std_msgs/Float32", "jsonschema", "{}", "")
+CHANNEL = "/a", RawFormat("json", "std_msgs/Float32", "jsonschema", "{}")
 SIZE = 100 + OVERHEAD_BYTES
 
 
