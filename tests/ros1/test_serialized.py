@@ -39,9 +39,9 @@ def test_the_definition_is_that_of_the_publisher_even_of_a_type_that_is_not_inst
     reader = bytes_reader("/in", "", lambda severity, text: None)
     data, raw_format = reader.read(raw(FLOAT))
     assert data == b"\x00\x00\x9cA"
-    assert raw_format == ("ros1", "std_msgs/Float32", "ros1msg", "float32 data\n", "ros1")
+    assert raw_format == ("ros1", "std_msgs/Float32", "ros1msg", "float32 data\n")
     foreign = {"type": "acme_msgs/Motor", "md5sum": "0" * 32, "message_definition": "int32 rpm\n"}
-    assert reader.read(raw(foreign))[1] == ("ros1", "acme_msgs/Motor", "ros1msg", "int32 rpm\n", "ros1")
+    assert reader.read(raw(foreign))[1] == ("ros1", "acme_msgs/Motor", "ros1msg", "int32 rpm\n")
 
 
 def test_a_publisher_without_a_definition_is_believed_to_have_the_installed_one() -> None:

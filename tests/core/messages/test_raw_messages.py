@@ -20,11 +20,13 @@ from robot_health_monitor.core.values.errors import MessageError
 
 def test_the_formats_of_ros_are_named_as_mcap_names_them() -> None:
     assert ros1_format("std_msgs/Float32", "float32 data\n") == (
-        "ros1", "std_msgs/Float32", "ros1msg", "float32 data\n", "ros1",
+        "ros1", "std_msgs/Float32", "ros1msg", "float32 data\n",
     )  # fmt: skip
     assert ros2_format("std_msgs/Float32", "float32 data\n") == (
-        "cdr", "std_msgs/msg/Float32", "ros2msg", "float32 data\n", "ros2",
+        "cdr", "std_msgs/msg/Float32", "ros2msg", "float32 data\n",
     )  # fmt: skip
+    assert ros1_format("a/B", "").profile == "ros1" and ros2_format("a/B", "").profile == "ros2"
+    assert json_format("a/B", "").profile == ""
 
 
 def schema_of(type_name: str, text: str) -> Any:
