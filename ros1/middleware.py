@@ -118,7 +118,7 @@ class Ros1Middleware(NativeNode):
         """
 
         def apply(proposed: JsonObject) -> str:
-            changes = self.change(on_change, proposed)
+            changes = self.answer(on_change, proposed)
             if self.name == rospy.get_name():  # the log level is one for the process
                 set_log_level(proposed)
             return changes

@@ -107,7 +107,7 @@ class Ros2Middleware(NativeNode):
         )
 
     def declare_parameters(self, parameters: Sequence[Parameter], on_change: OnChange) -> None:
-        self.parameters.declare(parameters, partial(self.change, on_change), self.log)
+        self.parameters.declare(parameters, partial(self.answer, on_change), self.log)
 
     def advertise(self, topic: str, type_name: str, *, latched: bool = False) -> str:
         resolved = self._resolve(topic)

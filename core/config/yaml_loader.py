@@ -48,8 +48,9 @@ def load(text: str, lines: dict[Path, int], problems: Problems) -> Any:
     except MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         line = mark.line + 1 if mark else None
-        is_deep = error.problem == _TOO_DEEP_TO_SCAN
-        problem = _TOO_DEEP if is_deep else f"{_short(error.problem)}{_hint(text, mark)}"
+        problem = f"{_short(error.problem)}{_hint(text, mark)}"
+        if error.problem == _TOO_DEEP_TO_SCAN:
+            problem = _TOO_DEEP
         raise ConfigError(f"is not valid YAML: {problem}", line=line) from None
     except yaml.reader.ReaderError as error:
         character = error.character if isinstance(error.character, int) else ord(error.character)
@@ -120,10 +121,10 @@ def _hint(text: str, mark: Any) -> str:
     if mark is None or mark.line >= len(lines):
         return ""
     line = lines[mark.line]
-    if "\t" in line[: len(line) - len(line.lstrip())] or line[mark.column : mark.column + 1] == "\t":
-        return "; use spaces, not tabs"
     first = line[mark.column : mark.column + 1]
-    return f'; quote it, such as "{first}"' if first and first in "%@`" else ""
+    if "\t" in (*line[: len(line) - len(line.lstrip())], first):
+        return "; use spaces, not tabs"
+    return f'; quote it, such as "{first}"' if first in ("%", "@", "`") else ""
 
 
 def _short(problem: Any) -> str:

@@ -76,9 +76,9 @@ class WatchedSignals:
         added: dict[_Source, Subscription] = {}
         # Signals with a type and a field first: those that only count messages can share their subscription. Of one
         # message, they are handed over in this order: causes first.
-        order = {name: place for place, name in enumerate(causes_first(config.signals))}
+        order = causes_first(config.signals)
         new = wanted - self._subscriptions.keys()
-        for source in sorted(new, key=lambda key: (key[3] is None, key[2] == "", order[key[0]])):
+        for source in sorted(new, key=lambda key: (key[3] is None, key[2] == "", order.index(key[0]))):
             try:
                 added[source] = self._subscribe(source, config.signals[source[0]])
             except ConfigError as error:

@@ -9,11 +9,10 @@ import abc
 import threading
 from typing import Any, Callable, Protocol
 
-from ..messages.dialect import Message
-from ..values import Clock, ConfigError, Faults, JsonObject, ServiceError, printable
+from ..values import Clock, ConfigError, Faults, ServiceError, printable
 from .hints import Answer, Hints
 from .log_limit import LimitedLog
-from .middleware import Callback, OnChange, Result, Severity
+from .middleware import Callback, Result, Severity
 from .timers import ClockTimer, ClockTimers
 
 _MAX_WAITING = 1000
@@ -133,30 +132,20 @@ class ClockedNode(abc.ABC):
             elif subscription.active:
                 self.call(subscription.callback, value, self.now_s())
 
-    def answer(self, handler: Callable[[Message], Message], request: Message) -> Message:
-        """Calls a service's handler under the node's lock; raises ServiceError if the node is closed or it raised."""
-        with self._lock:
-            if self.closed:
-                raise ServiceError(f"{self.name} is closed")
-            try:
-                return handler(request)
-            except Exception as error:
-                raise ServiceError(self.log_failure(error)) from error
+    def answer(self, handler: Callable[[Any], Result], given: Any) -> Result:
+        """Calls a service's handler, or `on_change` with a proposed configuration, under the node's lock.
 
-    def change(self, on_change: OnChange, tree: JsonObject) -> str:
-        """Proposes a configuration under the node's lock; returns what changed.
-
-        Raises ConfigError if the node rejects it, or fails; ServiceError if it is closed.
+        Raises ServiceError if the node is closed or the function raised. A ConfigError is raised as it is.
         """
         with self._lock:
             if self.closed:
                 raise ServiceError(f"{self.name} is closed")
             try:
-                return on_change(tree)
+                return handler(given)
             except ConfigError:
                 raise
             except Exception as error:
-                raise ConfigError(self.log_failure(error)) from error
+                raise ServiceError(self.log_failure(error)) from error
 
     def log_failure(self, error: Exception) -> str:
         """Logs an exception of a callback as one line, which it returns."""

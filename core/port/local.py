@@ -141,8 +141,7 @@ class LocalBus:
     def call_service(self, service: str, request: Message | None = None) -> Message:
         """Calls a service by its absolute name; raises ServiceError if it does not exist, or if it failed."""
         if service not in self._services:
-            available = ", ".join(sorted(self._services)) or "none"
-            raise ServiceError(f"there is no service {service}; available: {available}")
+            raise ServiceError(f"there is no service {service}")
         _, handler = self._services[service]
         return handler(request or {})
 
@@ -240,11 +239,10 @@ class LocalMiddleware(MappingNode):
         subscribers = (topic for node in others for topic in {each.topic for each in node._subscriptions})
         counts = count(wanted, names, publishers, subscribers)
         for key, name in wanted:
-            if key == "lifecycle" and name not in names:
-                counts[key, name] = 0.0
-            elif key == "lifecycle":
+            if key == "lifecycle":
                 with contextlib.suppress(Exception):  # whatever its handler raises
-                    counts[key, name] = state_of(self._bus.call_service(f"{name}/get_state"))
+                    is_there = name in names
+                    counts[key, name] = state_of(self._bus.call_service(f"{name}/get_state")) if is_there else 0.0
         return counts
 
     def unsubscribe(self, subscription: Any) -> None:

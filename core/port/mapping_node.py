@@ -16,6 +16,7 @@ from ..messages.standard_messages import check_type, complete, definition, is_st
 from ..values import (
     ABSENT,
     Clock,
+    ConfigError,
     JsonObject,
     MessageError,
     ServiceError,
@@ -151,10 +152,13 @@ class MappingNode(ClockedNode):
     def set_parameters(self, tree: JsonObject) -> str:
         """Proposes a new configuration, nested, as `ros2 param set` and `~reload` do elsewhere; returns what changed.
 
-        Raises ConfigError if the node rejects it; the old values stay in force.
+        Raises ConfigError if the node rejects it, or fails; the old values stay in force.
         """
         with self._lock:
-            changes = "" if self._on_change is None else self.change(self._on_change, tree)
+            try:
+                changes = "" if self._on_change is None else self.answer(self._on_change, tree)
+            except ServiceError as error:
+                raise ConfigError(str(error)) from error
             self._given = tree
             return changes
 

@@ -154,12 +154,10 @@ def test_a_number_too_large_for_32_bits_becomes_infinity() -> None:
     assert heard.values == [float("inf"), float("-inf")]
 
 
-def test_calling_a_missing_service_lists_the_available_ones() -> None:
+def test_calling_a_missing_service_fails() -> None:
     bus = LocalBus()
-    with pytest.raises(ServiceError, match="available: none"):
-        bus.call_service("/reset")
     bus.node("alert_system").advertise_service("~reset", "std_srvs/Trigger", lambda request: {})
-    with pytest.raises(ServiceError, match="available: /alert_system/reset"):
+    with pytest.raises(ServiceError, match=r"^there is no service /reset$"):
         bus.call_service("/reset")
 
 
