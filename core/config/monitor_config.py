@@ -202,7 +202,7 @@ def find_section(tree: JsonObject, node: str) -> Section:
     with_signals = [section for section in all_sections if "signals" in section.tree]
     if len(with_signals) == 1:
         return with_signals[0]
-    there = describe(", ".join(map(str, list(tree)[:10]))) if tree else "nothing"
+    there = describe(", ".join(map(str, tree)) or None)
     raise ConfigError(f"expected one node with ros__parameters.signals, usually {node}, got {there}")
 
 
@@ -301,18 +301,13 @@ def _mistakes_of_references(
 
 def _share_types(signals: Dict[str, SignalConfig], path: Path, problems: Problems) -> None:
     """Gives signals without a type that of another signal of the same topic; two types for one topic are a mistake."""
-    typed: Dict[str, SignalConfig] = {}
+    typed = {signal.topic: signal for signal in reversed(list(signals.values())) if signal.type}
     for name, signal in signals.items():
-        if signal.type:
-            other = typed.setdefault(signal.topic, signal)
-            if split_type_name(other.type) != split_type_name(signal.type):
-                problem = (
-                    f"signal {other.name} of the same topic {signal.topic} has {other.type}, this one {signal.type}"
-                )
-                problems.add(ConfigError(problem, (*path, name, "type")))
-    for name, signal in signals.items():
-        if not signal.type and signal.topic in typed:
-            other = typed[signal.topic]
+        other = typed.get(signal.topic, signal)
+        if split_type_name(other.type) != split_type_name(signal.type or other.type):
+            problem = f"signal {other.name} of the same topic {signal.topic} has {other.type}, this one {signal.type}"
+            problems.add(ConfigError(problem, (*path, name, "type")))
+        elif other.type and not signal.type:
             signals[name] = replace(signal, type=other.type)
             try:
                 check_field(signal.topic, other.type, signal.field)

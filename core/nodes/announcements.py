@@ -87,8 +87,7 @@ class Announcements:
     def count_silenced(self) -> int:
         """Counts the signals that are not OK and silenced."""
         silenced = [name for name in self._monitor.signals() if self.silence_of(name) is not None]
-        statuses = [self._monitor.status(name, self._middleware.now_s()) for name in silenced]
-        return sum(status is not None and status.level is not Level.OK for status in statuses)
+        return sum(status is not None and status.level is not Level.OK for status in map(self.status, silenced))
 
     def _report(self, now_s: float) -> None:
         publish = partial(node.publish_statuses, self._middleware, lambda: self.statuses(now_s))

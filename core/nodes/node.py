@@ -8,7 +8,7 @@ from typing import Callable, Iterable, Mapping
 
 from ..config import NODE_PARAMETERS, MonitorConfig
 from ..port import NOTHING_CHANGED, Middleware, Timer
-from ..values import ConfigError, Problems, Status, bound_text
+from ..values import ConfigError, Status, bound_text
 from .outlets import array_message
 
 FLOAT_TYPE = "std_msgs/Float32"
@@ -66,12 +66,10 @@ def base_name(middleware: Middleware) -> str:
 
 def refuse_changes(old: Mapping[str, object], new: Mapping[str, object], *, except_for: tuple[str, ...] = ()) -> None:
     """Raises ConfigError if common parameters change that are fixed at the start: not `log_level` and `except_for`."""
-    problems = Problems()
-    for parameter in NODE_PARAMETERS:
-        name, default = parameter.name, parameter.default
-        if name not in (LOG_LEVEL, *except_for) and new.get(name, default) != old.get(name, default):
-            problems.add(ConfigError("can only be set at the start", (name,)))
-    problems.raise_if_any()
+    fixed = {each.name: each.default for each in NODE_PARAMETERS if each.name not in (LOG_LEVEL, *except_for)}
+    changed = [name for name, default in fixed.items() if new.get(name, default) != old.get(name, default)]
+    if changed:
+        raise ConfigError.joined([ConfigError("can only be set at the start", (name,)) for name in changed])
 
 
 def sections_of(config: MonitorConfig, **own: object) -> Sections:
