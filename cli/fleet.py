@@ -16,7 +16,7 @@ from ..core.nodes.node import host_name
 from ..core.nodes.outlets import Outlet, array_message
 from ..core.nodes.self_monitor import CHECK_PERIOD_S, SelfMonitor
 from ..core.port import NOTHING_CHANGED, LimitedLog, LocalBus, LocalMiddleware, LogLine, Severity
-from ..core.values import ARRAY_TYPE, Clock, ConfigError, list_text, printable
+from ..core.values import ARRAY_TYPE, Clock, ConfigError, count_text, list_text, printable
 from ..foxglove import FoxgloveClient
 from ..rosbridge.client import RosbridgeClient
 from ..runtime.bridge.address import is_foxglove
@@ -36,7 +36,7 @@ _START_PERIOD_S = 0.005
 _RESTART_S = 5.0
 _STARTED_ANEW = "started anew"
 _MOST_NAMES = 5
-"""Most robots that are named one by one in the log: at the start, and in a line about a reload."""
+"""Most robots that are named in a line about a reload."""
 
 
 class Fleet:
@@ -92,8 +92,8 @@ class Fleet:
         except ConfigError:
             self.close()
             raise
-        if len(self.robots) > _MOST_NAMES:
-            self.log(Severity.INFO, f"watching {len(self.robots)} robots, {self._count_signals()} signals")
+        robots, signals = count_text(len(self.robots), "robot"), count_text(self._count_signals(), "signal")
+        self.log(Severity.INFO, f"watching {robots}, {signals}")
         operations.show_faults(self.faults, self.log)
 
     @property
@@ -151,9 +151,6 @@ class Fleet:
             self.robots.append(robot)
             if change != NOTHING_CHANGED:
                 changes[new.name] = change
-        if len(added) <= _MOST_NAMES:
-            for robot in added:
-                robot.log_summary()
         if self._is_running:
             self._start(added)
             self._operations.note_robots()
@@ -253,11 +250,6 @@ class Robot:
     def _address(self) -> str:
         """The address of its server, without credentials."""
         return self._client.connection.address
-
-    def log_summary(self) -> None:
-        """Logs in one line what is watched, and where."""
-        signals = list_text(tuple(self.alert_system.monitor.config.signals))
-        self._client.log(Severity.INFO, f"watching {signals} at {self._address}")
 
     def parameters(self) -> tuple[str, Mapping[str, object]]:
         """Returns the name of the node on `Fleet.bus`, and the parameters that were given, nested."""

@@ -110,7 +110,12 @@ class _Copy:
         setattr(sys, self._name, self._python_stream)
         self._closing.set()
         os.dup2(self.original, self._number)  # closes the pipe: the thread reads to its end
-        join_unless_blocked(self._thread, self.original, _DRAIN_S)
+        self._thread.join(_DRAIN_S)
+        poll = select.poll()
+        poll.register(self.original, select.POLLOUT)
+        end_s = time.monotonic() + _BUSY_S
+        while self._thread.is_alive() and poll.poll(0) and time.monotonic() < end_s:
+            self._thread.join(0.05)
         if self._thread.is_alive():
             self._set_problem(_NOT_READ)
 
@@ -158,16 +163,3 @@ class _Stream(io.TextIOWrapper):
             return super().write(text)
         except OSError:  # the pipe is full, because the original is not being read
             return len(text)
-
-
-def join_unless_blocked(thread: threading.Thread, file: int, patience_s: float) -> None:
-    """Waits until a thread that writes to a file descriptor has ended; gives up after 5 s.
-
-    Or if the file has taken no data after `patience_s`.
-    """
-    thread.join(patience_s)
-    poll = select.poll()
-    poll.register(file, select.POLLOUT)
-    end_s = time.monotonic() + _BUSY_S
-    while thread.is_alive() and poll.poll(0) and time.monotonic() < end_s:
-        thread.join(0.05)
