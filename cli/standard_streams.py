@@ -74,6 +74,7 @@ class _Copy:
         self._on_change = on_change
         self._problem = ""
         self._closing = threading.Event()
+        self._is_writing = False
         self._python_stream = getattr(sys, name)
         self._python_stream.flush()
         self._number = number = self._python_stream.fileno()
@@ -114,14 +115,23 @@ class _Copy:
         poll = select.poll()
         poll.register(self.original, select.POLLOUT)
         end_s = time.monotonic() + _BUSY_S
-        while self._thread.is_alive() and poll.poll(0) and time.monotonic() < end_s:
+        # A command of `notify` that still runs keeps the pipe open, but not the process.
+        while (self.unread_bytes or self._is_writing) and poll.poll(0) and time.monotonic() < end_s:
             self._thread.join(0.05)
-        if self._thread.is_alive():
+        if self.unread_bytes or self._is_writing:
             self._set_problem(_NOT_READ)
 
     def _run(self) -> None:
-        for data in iter(lambda: os.read(self._read_end, _CHUNK_BYTES), b""):
-            self._write(data)
+        poll = select.poll()
+        poll.register(self._read_end, select.POLLIN)
+        data = b"unknown"
+        while data:
+            poll.poll()
+            self._is_writing = True  # before it is read, so that `close` misses nothing
+            data = os.read(self._read_end, _CHUNK_BYTES)
+            if data:
+                self._write(data)
+            self._is_writing = False
 
     def _write(self, data: bytes) -> None:
         """Writes what one read returned; it is lost if the reader is gone, or on an error at the end."""

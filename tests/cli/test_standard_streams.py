@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -109,6 +110,22 @@ problems.wait(30)
     assert result(tmp_path) == ["stdout: is not being read: lines may be lost"]
     assert process.stdout is not None
     process.stdout.close()
+
+
+def test_a_child_that_still_runs_does_not_keep_the_process(tmp_path: Path) -> None:
+    """Such as a command of `notify`, whose stderr is that of the process."""
+    body = """
+import subprocess
+standard_streams._BUSY_S = 1000.0
+child = subprocess.Popen(["sleep", "1000"])
+print(child.pid, file=result)
+print("last")
+"""
+    process = run(tmp_path, body, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    assert process.wait(60) == 0
+    (pid,) = result(tmp_path)
+    os.kill(int(pid), signal.SIGKILL)
+    assert process.communicate(timeout=60) == (b"last\n", b"")
 
 
 def test_a_closed_stdout_is_no_problem(tmp_path: Path) -> None:
