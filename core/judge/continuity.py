@@ -116,7 +116,7 @@ class Continuity:
             self.record_samples(now_s)  # what comes belongs to other periods; simulated time comes here all the time
         if wall_s // PERIOD_S != self._period:
             self._period = wall_s // PERIOD_S
-            self._record_samples(now_s + _SAME_TIME_S, wall_s - now_s)
+            self.record_samples(now_s, now_s + _SAME_TIME_S)
         names = monitor.saved_signals()
         changed: dict[str, SavedSignal] = {
             name: {} for name, saved in self._saved.items() if saved and name not in names
@@ -132,14 +132,12 @@ class Continuity:
             self._keep(changed)
             self._history.save(changed)
 
-    def record_samples(self, now_s: float) -> None:
-        """Stores the samples of the open period too: the run ends, or a signal may leave the configuration."""
-        self._record_samples(math.inf, self._history.wall_s() - now_s)
-
-    def _record_samples(self, until_s: float, wall_offset_s: float) -> None:
-        samples = self._monitor.take_samples(until_s, wall_offset_s) if self._history.keeps_samples else {}
-        if samples:
-            self._history.record_samples(samples)
+    def record_samples(self, now_s: float, until_s: float = math.inf) -> None:
+        """Stores the samples until then, or those of the open period too: the run, or that of a signal, may end."""
+        if self._history.keeps_samples:
+            samples = self._monitor.take_samples(until_s, self._history.wall_s() - now_s)
+            if samples:
+                self._history.record_samples(samples)
 
     def _keep(self, states: Mapping[str, SavedSignal]) -> None:
         self._saved.update(states)

@@ -301,13 +301,18 @@ class Monitor:
             self._clock = clock = WallClock(wall_offset_s)
             self.collect_samples(lambda signal: SampleCollector(clock))
         self._clock.offset_s = wall_offset_s
-        taken = ((name, signal.take_samples(now_s)) for name, signal in self._signals.items())
+        collectors = ((name, signal.collector) for name, signal in self._signals.items())
+        taken = ((name, each.take(now_s)) for name, each in collectors if each is not None)
         return {name: summaries for name, summaries in taken if summaries}
 
     def collect_samples(self, make: Callable[[SignalMonitor], SampleCollector]) -> None:
         """Passes every sample to a collector of its signal, which `make` returns, now or when an element comes."""
         self._make_collector = make
         self._arrange()
+
+    def _collect(self, signal: SignalMonitor) -> None:
+        if self._make_collector is not None and signal.collector is None:
+            signal.collector = self._make_collector(signal)
 
     def at_rest_since_s(self, signal: str) -> float | None:
         """Returns since when a signal is OK; None unless its state depends on nothing else."""
@@ -478,8 +483,7 @@ class Monitor:
         self._active = _UNKNOWN
         self._followers = {cause: [] for cause in (*self._causes.names, LINK)}
         for signal in self._signals.values():
-            if self._make_collector is not None:
-                signal.collect(self._make_collector)
+            self._collect(signal)
             for condition in filter(None, (getattr(signal.config, key) for key in CONDITIONS)):
                 self._followers.setdefault(condition.signal, []).append(signal)
 
@@ -562,8 +566,7 @@ class Monitor:
 
     def _begin(self, signal: SignalMonitor, now_s: float, changes: Changes) -> None:
         """Brings a new signal to the state of the others: the link, and its conditions on other signals."""
-        if self._make_collector is not None:
-            signal.collect(self._make_collector)
+        self._collect(signal)
         if self._link_down:
             signal.inhibit(now_s)
         changes.add(signal.follow(self.fresh_value, now_s))

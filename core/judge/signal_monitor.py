@@ -16,7 +16,7 @@ from .alert import Alert, Held
 from .forecast import ForecastWindow, window_for
 from .quality import number_of, received
 from .rule import Rule, SignalRules
-from .sample_summary import SampleCollector, SampleSummary
+from .sample_summary import SampleCollector
 from .saved_state import SavedState
 from .window import CountWindow, Samples, Window
 from .wording import Judgement
@@ -37,8 +37,8 @@ class SignalMonitor(Alert):
     """State and judgement of one signal. Times (`now_s`) are in seconds."""
 
     __slots__ = (
-        "_bad_samples", "_calm_max", "_calm_min", "_good_samples", "_healthy_max", "_latest", "_rules", "_samples",
-        "_statistics", "_valid_max", "_valid_min", "_zero_s", "judged", "window",
+        "_bad_samples", "_calm_max", "_calm_min", "_good_samples", "_healthy_max", "_latest", "_rules",
+        "_statistics", "_valid_max", "_valid_min", "_zero_s", "collector", "judged", "window",
     )  # fmt: skip
 
     def __init__(self, config: SignalConfig, robot: str, now_s: float) -> None:
@@ -52,7 +52,7 @@ class SignalMonitor(Alert):
         """The value of the statistic that the bounds apply to; None while it is undefined."""
         self._statistics: Window | None = None
         """The values of the judged statistic at ticks, to show; None if the window is shown."""
-        self._samples: SampleCollector | None = None
+        self.collector: SampleCollector | None = None
         """Collects the values of the judged statistic for a history; None if nothing stores them."""
         self._rules = SignalRules(config)
         self._zero_s: float | None = None
@@ -82,8 +82,8 @@ class SignalMonitor(Alert):
                 staleness.last_seen_s = staleness.silent_since_s = now_s
                 self._latest = value
                 self._good_samples += 1
-                if self._samples is not None:
-                    self._samples.note(number, now_s)
+                if self.collector is not None:
+                    self.collector.note(number, now_s)
                 return None
         return self._judge(value, now_s)
 
@@ -91,8 +91,8 @@ class SignalMonitor(Alert):
         """Advances the time."""
         staleness = self.staleness
         if self._calm_max > -math.inf and now_s - staleness.silent_since_s <= staleness.limit_s:
-            if self._samples is not None:
-                self._samples.note_level(_OK, now_s)
+            if self.collector is not None:
+                self.collector.note_level(_OK, now_s)
             return None  # everything is at rest, and stays so until a sample comes
         if self._zero_s is not None and not staleness.is_in_grace(now_s):
             if now_s - self._zero_s <= max(self.config.stale_after_s, 5.0):
@@ -217,15 +217,6 @@ class SignalMonitor(Alert):
         """Returns the values of the statistic that the bounds apply to; see `Monitor.shown_samples`."""
         return (self.window if self._statistics is None else self._statistics).samples(limit, since_s)
 
-    def collect(self, make: Callable[[SignalMonitor], SampleCollector]) -> None:
-        """Begins to collect samples with what `make` returns; does nothing if it does so already."""
-        if self._samples is None:
-            self._samples = make(self)
-
-    def take_samples(self, now_s: float) -> list[SampleSummary]:
-        """Returns the periods that have ended; see `SampleCollector.take`. None unless samples are collected."""
-        return [] if self._samples is None else self._samples.take(now_s)
-
     def exchange(self, state: SavedState) -> None:
         """Writes the state, or continues from one, as `Alert.exchange`."""
         self._rules.exchange(state)
@@ -282,8 +273,8 @@ class SignalMonitor(Alert):
         else:
             rules.advance(now_s)
         rules.note_quality(good=good, now_s=now_s)
-        if self._samples is not None:
-            self._samples.note(judged, now_s, good=good)
+        if self.collector is not None:
+            self.collector.note(judged, now_s, good=good)
         level = rules.level(stale=staleness.stale)
         if good:
             self.note_sample(level, now_s)
@@ -376,8 +367,8 @@ class SignalMonitor(Alert):
         return super()._is_news(level) or (level is _ERROR and self._rules.invalid.fires)
 
     def _enter(self, level: Level, now_s: float) -> Transition | None:
-        if self._samples is not None and not self.staleness.unknown:
-            self._samples.note_level(level, now_s)
+        if self.collector is not None and not self.staleness.unknown:
+            self.collector.note_level(level, now_s)
         return super()._enter(level, now_s)
 
 

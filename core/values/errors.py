@@ -77,9 +77,8 @@ class ConfigError(ValueError):
     @staticmethod
     def joined(errors: Sequence[ConfigError]) -> ConfigError:
         """Returns the first of the errors, with the rest as its `others`."""
-        first = errors[0].at(errors[0].path, errors[0].file, errors[0].line)
-        first.others = tuple(errors[1:])
-        return first
+        errors[0].others = tuple(errors[1:])
+        return errors[0]
 
 
 def _shown(key: str) -> str:

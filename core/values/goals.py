@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import Any, Mapping
 
 STATUS_TOPICS = ("/_action/status", "/status")
@@ -41,19 +42,14 @@ class Goals:
             return []
         samples: list[float] = []
         for entry in listed[-MOST_GOALS:]:
-            try:
+            with suppress(KeyError, TypeError):  # also of a goal that has not ended
                 is_ros2 = "goal_info" in entry
                 goal = str(entry["goal_info"]["goal_id"]["uuid"] if is_ros2 else entry["goal_id"]["id"])[:200]
-                code = entry["status"]
-                ends = _ENDS_OF_ROS2 if is_ros2 else _ENDS_OF_ROS1
-                if code not in ends:
-                    continue
-            except (KeyError, TypeError):
-                continue
-            if goal not in self._ended and self._has_begun and ends[code] is not None:
-                samples.append(ends[code] or _SUCCEEDED)
-            self._ended.pop(goal, None)
-            self._ended[goal] = None
+                end = (_ENDS_OF_ROS2 if is_ros2 else _ENDS_OF_ROS1)[entry["status"]]
+                if end is not None and self._has_begun and goal not in self._ended:
+                    samples.append(end)
+                self._ended.pop(goal, None)
+                self._ended[goal] = None
         self._has_begun = True
         while len(self._ended) > MOST_GOALS:
             del self._ended[next(iter(self._ended))]
