@@ -49,7 +49,7 @@ class LineOfRange:
     def _flip(self, begin: int, end: int) -> None:
         """Makes all samples the front; the newest is the reference."""
         times, values = self._times[begin:end], self._values[begin:end]
-        self._front_end = end
+        self._front_end = self._end = end
         self._sum_s = self._total = self._square = self._product = 0.0
         self._reference_s, self._reference = times[-1], values[-1]
         distances_s = [at_s - self._reference_s for at_s in reversed(times)]
@@ -70,14 +70,14 @@ class LineOfRange:
             return None
         if begin >= self._front_end:  # at once, since the reference has left
             self._flip(begin, end)
-        else:
-            for at in range(self._end, end):
-                distance_s, distance = times[at] - self._reference_s, values[at] - self._reference
-                self._sum_s += distance_s
-                self._total += distance
-                self._square += distance_s * distance_s
-                self._product += distance_s * distance
-        self._end = end
+        reference_s, reference = self._reference_s, self._reference
+        while self._end < end:
+            distance_s, distance = times[self._end] - reference_s, values[self._end] - reference
+            self._sum_s += distance_s
+            self._total += distance
+            self._square += distance_s * distance_s
+            self._product += distance_s * distance
+            self._end += 1
         at = self._front_end - begin - 1
         sum_s = self._sum_s + self._sums_s[at]
         mean_s, mean = sum_s / count, (self._total + self._totals[at]) / count
@@ -85,7 +85,7 @@ class LineOfRange:
         if squares <= 0.0:
             return None
         slope = (self._product + self._products[at] - sum_s * mean) / squares
-        return self._reference + mean + slope * (times[-1] - self._reference_s - mean_s + horizon_s), slope
+        return reference + mean + slope * (times[-1] - reference_s - mean_s + horizon_s), slope
 
 
 class ForecastWindow(Window):
