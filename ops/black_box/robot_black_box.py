@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import contextlib
-from functools import partial
 from typing import Mapping
 
-from ...core.config import MonitorConfig
 from ...core.judge.attachments import STATE, THRESHOLDS, TICKS, SavedMonitor, thresholds_tree
 from ...core.judge.saved_state import SavedSignal
 from ...core.messages.dialect import Message as Mapped
@@ -66,23 +64,22 @@ class RobotBlackBox:
 
         Call it before the transition is stored and announced. Never raises.
         """
+        signal, level = transition.signal, transition.to_level
         try:
-            return self._file_of(transition)
+            if level is Level.OK:
+                self._open.pop(signal, None)
+                return ""
+            if transition.repeat:
+                return self._open.get(signal, "")
+            if level.severity < self._box.settings.min_level.severity:
+                return ""
+            name = self._begin_or_continue(transition)
+            if name:
+                self._open[signal] = name
+            return name
         except Exception as error:
             self._middleware.faults.report(PART, f"{type(error).__name__}: {error}")
             return ""
-
-    def _file_of(self, transition: Transition) -> str:
-        signal, level = transition.signal, transition.to_level
-        if level is Level.OK:
-            self._open.pop(signal, None)
-            return ""
-        if transition.repeat or level.severity < self._box.settings.min_level.severity:
-            return self._open.get(signal, "") if transition.repeat else ""
-        name = self._begin_or_continue(transition)
-        if name:
-            self._open[signal] = name
-        return name
 
     @property
     def reach_s(self) -> float:
@@ -107,20 +104,22 @@ class RobotBlackBox:
         if self._ring.current is None or self._alert_system is None:
             return ""
         reader, offset_s = self._ring.reader(), self._box.wall_time_s() - steady_s
-        saved = SavedMonitor(self.robot, reader.first.begin_s, reader.first.states)
+        config, topics = self._alert_system.configuration, self._capture.resolved
+
+        def attachments() -> Mapping[str, str]:
+            import yaml
+
+            saved = SavedMonitor(self.robot, reader.first.begin_s, reader.first.states)
+            tree = thresholds_tree(config, self.robot, topics, use_sim_time=self._capture.is_simulated)
+            thresholds: str = yaml.safe_dump(tree, sort_keys=False, allow_unicode=True)
+            return {THRESHOLDS: thresholds, STATE: saved.to_json(offset_s)}
+
         recording = self._recording = Recording(
             name=self._box.new_name(self.robot, transition.signal),
             robot=self.robot,
             reader=reader,
             offset_s=offset_s,
-            attachments=partial(
-                _attachments,
-                self._alert_system.configuration,
-                self._capture.resolved,
-                self._capture.is_simulated,
-                saved,
-                offset_s,
-            ),
+            attachments=attachments,
             profile=self._middleware.serialize(STATUS_TYPE, {})[1].profile,  # empty unless it is native, as the topics
             alert=transition.text,
             end_s=steady_s + after_s,
@@ -192,13 +191,3 @@ class RobotBlackBox:
         with contextlib.suppress(ServiceError, RuntimeError):  # it does not answer, or its topics are changing
             self._capture.topic_types = self._middleware.topic_types()
         return _TOPICS_PERIOD_S
-
-
-def _attachments(
-    config: MonitorConfig, topics: Mapping[str, str], use_sim_time: bool, saved: SavedMonitor, offset_s: float
-) -> Mapping[str, str]:
-    import yaml
-
-    tree = thresholds_tree(config, saved.robot, topics, use_sim_time=use_sim_time)
-    thresholds: str = yaml.safe_dump(tree, sort_keys=False, allow_unicode=True)
-    return {THRESHOLDS: thresholds, STATE: saved.to_json(offset_s)}

@@ -61,34 +61,25 @@ def wall_stamp() -> dict[str, int]:
     return {"secs": seconds, "nsecs": nanoseconds}
 
 
-class EncodedMessage:
-    """A message, and the frames that were made of it."""
+def publication(
+    topic: str,
+    content: Message | bytes,
+    compression: str,
+    serialize: Serializer | None = None,
+    *,
+    is_large: bool = False,
+) -> bytes:
+    """Returns the WebSocket frame of a message or of its raw bytes, by one of COMPRESSIONS.
 
-    def __init__(self, topic: str, content: Message | bytes, serialize: Serializer | None = None) -> None:
-        """Takes a message or only its raw bytes; `serialize` makes raw bytes of a message, unless it is None."""
-        self.size = estimated_bytes(content)
-        """Estimated memory in bytes."""
-        self.is_large = self.size > LARGE_BYTES
-        """Whether encoding takes so long that a thread should do it."""
-        self._topic = topic
-        self._content = content
-        self._serialize = serialize
-        self._frames: dict[str, bytes] = {}
-
-    def frame(self, compression: str) -> bytes:
-        """Returns the WebSocket frame, by one of COMPRESSIONS; raises MessageError if it cannot be encoded so."""
-        if compression not in self._frames:
-            message = {**wall_stamp(), "bytes": self._raw()} if compression == "cbor-raw" else self._content
-            fields = {"op": "publish", "topic": self._topic, "msg": message}
-            self._frames[compression] = frame(encode(fields, compression, is_large=self.is_large))
-        return self._frames[compression]
-
-    def _raw(self) -> bytes:
-        if isinstance(self._content, bytes):
-            return self._content
-        if self._serialize is None:
-            raise MessageError("cannot be sent as cbor-raw: the definition of its type is not known")
-        return self._serialize(self._content)
+    `serialize` makes raw bytes of a message, unless it is None. Raises MessageError if it cannot be encoded so.
+    """
+    if compression == "cbor-raw":
+        if not isinstance(content, bytes):
+            if serialize is None:
+                raise MessageError("cannot be sent as cbor-raw: the definition of its type is not known")
+            content = serialize(content)
+        content = {**wall_stamp(), "bytes": content}
+    return frame(encode({"op": "publish", "topic": topic, "msg": content}, compression, is_large=is_large))
 
 
 class ClientQueue:

@@ -142,20 +142,17 @@ class Session:
             await self._topics.subscribe(self, request.topic, "", None)
 
     async def _advertise(self, request: operations.Advertise) -> None:
-        await self._open(request.topic, request.type)
-
-    async def _open(self, topic: str, type_name: str = "") -> None:
-        if topic not in self._advertised:
+        if request.topic not in self._advertised:
             self._require_room()
-        await self._topics.advertise(topic, type_name)
-        self._advertised.add(topic)
+        await self._topics.advertise(request.topic, request.type)
+        self._advertised.add(request.topic)
 
     async def _unadvertise(self, request: operations.Unadvertise) -> None:
         self._advertised.discard(request.topic)
 
     async def _publish(self, request: operations.Publish) -> None:
         if request.topic not in self._advertised:
-            await self._open(request.topic)
+            await self._advertise(operations.Advertise(request.topic, ""))
         await self._topics.publish(request.topic, request.msg)
 
     async def _call_service(self, request: operations.CallService) -> None:

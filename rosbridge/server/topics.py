@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import math
 from dataclasses import dataclass
+from functools import partial
 from typing import Callable, Collection, Protocol, Sequence
 
 from ...core.messages.dialect import Message
@@ -14,7 +15,7 @@ from ...runtime.access import matches
 from ...runtime.bounded_queue import BoundedQueue
 from ..protocol.definitions import serializer
 from ..protocol.operations import COMPRESSIONS, Subscribe
-from .sending import EncodedMessage, wall_stamp
+from .sending import LARGE_BYTES, estimated_bytes, publication, wall_stamp
 from .served_node import ROSOUT, ROSOUT_TYPE, ServedNode
 
 MOST_PUBLISHED = 1_000
@@ -67,7 +68,7 @@ class Topic:
         self._serialize = serializer(type_name)
         """Makes raw bytes of a message if the middleware gives none; None if that is not possible."""
         self._node = node
-        self._waiting: BoundedQueue[tuple[EncodedMessage, str, Sequence[Receiver]]]
+        self._waiting: BoundedQueue[tuple[Callable[[], bytes], Sequence[Receiver]]]
         self._waiting = BoundedQueue(node.limits.encoding_bytes)
         """Large messages, until a thread has encoded them, and those that came after: their order stays. The newest
         win."""
@@ -89,10 +90,9 @@ class Topic:
 
     def deliver(self, content: Message | bytes) -> None:
         """Sends a message, or its raw bytes."""
-        message = EncodedMessage(self.name, content, self._serialize)
-        limit = self._node.limits.sent_bytes
-        if message.size > limit:
-            self._fail(f"message of {message.size} bytes dropped (limit {limit})")
+        size, limit = estimated_bytes(content), self._node.limits.sent_bytes
+        if size > limit:
+            self._fail(f"message of {size} bytes dropped (limit {limit})")
             return
         now_s = self._clock()
         receiving: dict[str, list[Receiver]] = {}
@@ -101,26 +101,25 @@ class Topic:
                 flow.due_s = now_s + flow.throttle_s
                 receiving.setdefault(flow.compression, []).append(receiver)
         for compression, receivers in receiving.items():
-            self._send(message, compression, receivers)
-
-    def _send(self, message: EncodedMessage, compression: str, receivers: Sequence[Receiver]) -> None:
-        if message.is_large or self._is_encoding:
-            self._node.dropped += self._waiting.put((message, compression, receivers), message.size)
-            if not self._is_encoding:
-                self._is_encoding = True
-                self._encoder = asyncio.ensure_future(self._encode_waiting())
-            return
-        try:
-            self._put(message.frame(compression), receivers)
-        except MessageError as error:
-            self._fail(str(error))
+            is_large = size > LARGE_BYTES
+            encode = partial(publication, self.name, content, compression, self._serialize, is_large=is_large)
+            if is_large or self._is_encoding:
+                self._node.dropped += self._waiting.put((encode, receivers), size)
+                if not self._is_encoding:
+                    self._is_encoding = True
+                    self._encoder = asyncio.ensure_future(self._encode_waiting())
+                continue
+            try:
+                self._put(encode(), receivers)
+            except MessageError as error:
+                self._fail(str(error))
 
     async def _encode_waiting(self) -> None:
         try:
             while self._waiting:
-                message, compression, receivers = self._waiting.pop()
+                encode, receivers = self._waiting.pop()
                 try:
-                    self._put(await self._node.codec.run(message.frame, compression), receivers)
+                    self._put(await self._node.codec.run(encode), receivers)
                 except (MessageError, ServiceError) as error:
                     self._fail(str(error))
         finally:

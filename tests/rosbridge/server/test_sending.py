@@ -11,9 +11,9 @@ from robot_health_monitor.core.values.errors import MessageError
 from robot_health_monitor.rosbridge.server.sending import (
     LARGE_BYTES,
     ClientQueue,
-    EncodedMessage,
     estimated_bytes,
     frame,
+    publication,
 )
 
 
@@ -24,37 +24,25 @@ def payload(frame: bytes) -> bytes:
 
 
 def test_json_and_cbor_carry_the_same_operation() -> None:
-    message = EncodedMessage("/a", {"data": 19.5})
     expected = {"op": "publish", "topic": "/a", "msg": {"data": 19.5}}
-    assert json.loads(payload(message.frame("none"))) == expected
-    assert cbor2.loads(payload(message.frame("cbor"))) == expected
+    assert json.loads(payload(publication("/a", {"data": 19.5}, "none"))) == expected
+    assert cbor2.loads(payload(publication("/a", {"data": 19.5}, "cbor"))) == expected
 
 
 def test_raw_bytes_come_from_the_middleware_or_from_the_serializer() -> None:
-    for message in (
-        EncodedMessage("/a", b"\x01\x02"),
-        EncodedMessage("/a", {"data": 1}, serialize=lambda message: b"\x01\x02"),
+    for raw in (
+        publication("/a", b"\x01\x02", "cbor-raw"),
+        publication("/a", {"data": 1}, "cbor-raw", lambda message: b"\x01\x02"),
     ):
-        frame = message.frame("cbor-raw")
-        assert cbor2.loads(payload(frame))["msg"]["bytes"] == b"\x01\x02"
+        assert cbor2.loads(payload(raw))["msg"]["bytes"] == b"\x01\x02"
     with pytest.raises(MessageError, match="definition of its type is not known"):
-        EncodedMessage("/a", {"data": 1}).frame("cbor-raw")
-
-
-def test_an_encoding_is_computed_once() -> None:
-    message = EncodedMessage("/a", {"data": 19.5})
-    assert message.frame("cbor") is message.frame("cbor")
-
-
-@pytest.mark.parametrize(("message", "large"), [({"data": 1.0}, False), ({"data": "x" * 900_000}, True)])
-def test_large_messages_are_marked(message: Any, large: bool) -> None:
-    assert EncodedMessage("/a", message).is_large is large
+        publication("/a", {"data": 1}, "cbor-raw")
 
 
 def test_a_message_that_cannot_be_encoded_is_a_message_error() -> None:
     for compression in ("none", "cbor"):
         with pytest.raises(MessageError):
-            EncodedMessage("/a", {"data": object()}).frame(compression)
+            publication("/a", {"data": object()}, compression)
 
 
 @pytest.mark.parametrize(

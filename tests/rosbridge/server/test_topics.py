@@ -15,7 +15,7 @@ from harness.rosbridge_peer import FLOAT32, Robot, with_robot
 from robot_health_monitor.core.values.errors import ConfigError, ServiceError
 from robot_health_monitor.rosbridge.protocol.limits import Limits
 from robot_health_monitor.rosbridge.protocol.operations import Subscribe
-from robot_health_monitor.rosbridge.server.sending import EncodedMessage
+from robot_health_monitor.rosbridge.server import topics
 from robot_health_monitor.rosbridge.server.topics import MOST_PUBLISHED, Flow, Topic, merge
 from robot_health_monitor.runtime.access import Access
 from robot_health_monitor.runtime.event_loops import ThreadPool
@@ -77,16 +77,16 @@ def test_small_messages_do_not_overtake_large_ones() -> None:
 
 def test_large_messages_are_encoded_in_a_thread(monkeypatch: pytest.MonkeyPatch) -> None:
     threads: list[int] = []
-    encode = EncodedMessage.frame
+    encode = topics.publication
 
-    def note(message: EncodedMessage, compression: str) -> bytes:
+    def note(*arguments: Any, **options: Any) -> bytes:
         threads.append(threading.get_ident())
-        return encode(message, compression)
+        return encode(*arguments, **options)
 
     async def scenario(topic: Topic, problems: list[str]) -> None:
         client = Receiver()
         topic.set_flow(client, Flow())
-        monkeypatch.setattr(EncodedMessage, "frame", note)
+        monkeypatch.setattr(topics, "publication", note)
         topic.deliver({"data": "x" * 200_000})
         while not client.frames:
             await asyncio.sleep(0)
