@@ -14,7 +14,7 @@ from ...core.nodes import Aggregator, AlertSystem, BatterySensor
 from ...core.nodes.aggregator import has_inputs
 from ...core.port import LocalBus, NodeInfo
 from ...core.values import ConfigError, JsonObject, package_version
-from ..configuration import OpsConfig
+from ..configuration import OpsConfig, ServerOptions
 from .prometheus import filled
 
 Permissions = Dict[Tuple[str, str], Set[str]]
@@ -75,7 +75,7 @@ def permissions_of(tree: JsonObject, robot: Robot) -> dict[str, Permissions]:
         permissions[alert_system]["topic", "subscribe"].update(robot.ops.black_box.topics)
     if robot.ops.server is not None:
         namespace = alert_system.rpartition("/")[0]
-        permissions[f"{namespace}/{BRIDGE}"] = _bridge(robot.ops, f"{namespace}/{BRIDGE}", alert_system)
+        permissions[f"{namespace}/{BRIDGE}"] = _bridge(robot.ops.server, f"{namespace}/{BRIDGE}", alert_system)
     return permissions
 
 
@@ -98,10 +98,8 @@ def _used(tree: JsonObject, robot: Robot) -> Mapping[str, NodeInfo]:
     return bus.graph().nodes
 
 
-def _bridge(ops: OpsConfig, name: str, alert_system: str) -> Permissions:
+def _bridge(server: ServerOptions, name: str, alert_system: str) -> Permissions:
     """Returns what the clients of the server may do: read everything, and what ops.yaml allows."""
-    server = ops.server
-    assert server is not None
     return {
         ("topic", "publish"): {*RCLPY_PUBLISHES, *map(_absolute, server.allow_publish)},
         ("topic", "subscribe"): {_EVERYTHING},

@@ -159,8 +159,7 @@ def _transition(connection: Connection, number: int) -> StoredTransition:
 
 def _silences_at(connection: Connection, alert: StoredTransition, now_s: float) -> List[Json]:
     """Returns the silences that were active at some time of an alert, its acknowledgement among them."""
-    ended_s = queries.ended_s(connection, alert)
-    until_s = math.inf if ended_s is None else ended_s
+    until_s = queries.ended_s(connection, alert) or math.inf
     return [
         silence_json(each, now_s)
         for each in read_silences(connection)

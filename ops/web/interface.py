@@ -223,15 +223,14 @@ class WebInterface:
             raise no_robot(name)
         return await _streamed(request, state.parts(), "application/json; charset=utf-8")
 
-    async def _read_update(self, before: State | None, plotted: Collection[str]) -> State:
+    async def _read_update(self, before: State, plotted: Collection[str]) -> State:
         """Returns the state. What was `before` counts for most robots of a large fleet: to read all costs too much."""
         announced, self._announced = self._announced, set()
         readers = self._current_readers()
         begin = self._next_read % max(1, len(readers))
         self._next_read = begin + MOST_READ
         read = {reader.robot for reader in (readers * 2)[begin : self._next_read]}.union(announced, plotted)
-        states = {} if before is None else before.robots
-        return await self._state_of(readers, {name: state for name, state in states.items() if name not in read})
+        return await self._state_of(readers, {name: state for name, state in before.robots.items() if name not in read})
 
     async def _state_of(
         self, readers: Sequence[RobotReader], known: Mapping[str, RobotState], window: bool = False
@@ -314,12 +313,11 @@ class WebInterface:
         return await _streamed(request, self._metrics.render(robots, profile), CONTENT_TYPE)
 
     async def _get_health(self, request: web.Request) -> web.StreamResponse:
-        late = [robot for robot in self._robots() if robot.tick_age_s > LATEST_TICK_S]
-        if not late:
-            admitted = self._client_of(request).admitted
-            return json_response({"ok": True, "faults": self._own_state.texts()} if admitted else {"ok": True})
-        oldest_s = max(robot.tick_age_s for robot in late)
-        return json_response({"ok": False, "error": f"no tick for {oldest_s:.0f} s"}, 503)
+        age_s = max((robot.tick_age_s for robot in self._robots()), default=0.0)
+        if age_s > LATEST_TICK_S:
+            return json_response({"ok": False, "error": f"no tick for {age_s:.0f} s"}, 503)
+        admitted = self._client_of(request).admitted
+        return json_response({"ok": True, "faults": self._own_state.texts()} if admitted else {"ok": True})
 
 
 def _encoded(state: Json) -> RobotState:

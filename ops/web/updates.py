@@ -52,6 +52,9 @@ class State(NamedTuple):
         yield b"}}"
 
 
+_NONE = State({}, {})
+
+
 class _Page:
     """One open connection."""
 
@@ -90,20 +93,20 @@ class Updates:
 
     def __init__(
         self,
-        read_state: Callable[[State | None, Collection[str]], Awaitable[State]],
+        read_state: Callable[[State, Collection[str]], Awaitable[State]],
         read_samples: Callable[[str, Samples | None], Awaitable[Samples | None]],
     ) -> None:
         """Takes what reads. Called in the server's loop.
 
         Args:
-            read_state: returns the state without samples; takes the one before, which is None if there is none, and the
-                robots that pages show with their samples.
+            read_state: returns the state without samples; takes the one before, which is empty if there is none, and
+                the robots that pages show with their samples.
             read_samples: returns a robot's samples since an earlier result; None if there is no such robot.
         """
         self._read_state = read_state
         self._read_samples = read_samples
         self.pages: dict[_Page, None] = {}  # those that are open, the oldest first
-        self._state: State | None = None
+        self._state = _NONE
         self._encoded_state: bytes | None = None
         self._samples: dict[str, Samples] = {}
         self._task: asyncio.Task[None] | None = None
@@ -144,8 +147,8 @@ class Updates:
 
     async def _add(self, page: _Page) -> None:
         async with self._reading:
-            if self._state is None:
-                self._state = await self._read_state(None, ())
+            if self._state is _NONE:
+                self._state = await self._read_state(_NONE, ())
             for robot in page.robots:
                 if robot not in self._state.robots:
                     raise no_robot(robot)
@@ -175,7 +178,7 @@ class Updates:
         plotted = self._plotted()
         self._samples = {robot: samples for robot, samples in self._samples.items() if robot in plotted}
         if not self.pages:
-            self._state = self._encoded_state = None
+            self._state, self._encoded_state = _NONE, None
             if self._task is not None:
                 self._task.cancel()
                 self._task = None
@@ -203,7 +206,7 @@ class Updates:
             after = await self._read_state(self._state, plotted)
             samples = {robot: await self._read_samples(robot, self._samples.get(robot)) for robot in plotted}
             # Nothing is remembered before everything is read: what is not sent now is sent with the next update.
-            changed = None if self._state is None else changes(self._state, after)
+            changed = changes(self._state, after)
             self._state, self._encoded_state = after, None
             self._samples = {robot: new for robot, new in samples.items() if new is not None}
             event = self._state_event() if changed is None else _event("change", json_bytes(changed))
@@ -213,7 +216,6 @@ class Updates:
 
     def _state_event(self) -> bytes:
         if self._encoded_state is None:
-            assert self._state is not None
             self._encoded_state = _event("state", *self._state.parts())
         return self._encoded_state
 

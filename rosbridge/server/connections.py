@@ -14,7 +14,7 @@ import asyncio
 import logging
 import resource
 import ssl
-from typing import Any, Callable, Optional
+from typing import Any, Callable
 
 from aiohttp import web
 from aiohttp.http_exceptions import LineTooLong
@@ -26,14 +26,17 @@ MOST_REQUEST_BYTES = 131_072
 _NO_LOG = logging.Logger("rosbridge", logging.CRITICAL + 1)
 """aiohttp's own lines, which have tracebacks and quote what clients send."""
 
-Tls = Optional[ssl.SSLContext]
-
 
 class Connections:
     """The open connections. Those that wait have presented nothing yet, or wait for the next request."""
 
     def __init__(
-        self, limit: int, timeout_s: float, log: Callable[[str], None], call_later: Callable[..., Any], tls: Tls = None
+        self,
+        limit: int,
+        timeout_s: float,
+        log: Callable[[str], None],
+        call_later: Callable[..., Any],
+        tls: ssl.SSLContext | None = None,
     ) -> None:
         """Starts without connections.
 

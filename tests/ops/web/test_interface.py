@@ -539,7 +539,7 @@ def test_an_update_of_a_large_fleet_reads_some_robots_in_turn_and_at_once_those_
             state = await site.web._read_update(state, plotted)
             return [json.loads(robot.data)["signals"]["battery_level"]["value"] for robot in state.robots.values()]
 
-        state: State | None = None
+        state = State({}, {})
         observe_all(50.0)
         assert await update() == [50.0] * 6
         observe_all(60.0)
@@ -599,7 +599,7 @@ def test_without_a_page_nothing_is_read() -> None:
         while site.web.updates.pages:
             await asyncio.sleep(0.01)
         assert site.web.updates._task is None
-        assert site.web.updates._state is None
+        assert site.web.updates._state.robots == {}
 
     with_site(use)
 
