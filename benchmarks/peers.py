@@ -116,7 +116,7 @@ async def _monitor(count: str, rate_hz: str, kind: str = "") -> None:
     for robot in robots:
         interface.watch(robot)
     routes = (lambda client_of: ()) if kind == "bare" else interface.routes
-    server = Server(bus.node("rosbridge"), port=0, threads=False, routes=routes, on_close=(interface.close,))
+    server = Server(bus.node("rosbridge"), port=0, threads=False, routes=routes, on_close=interface.close)
     await server.start()
     print(server.port, flush=True)
     next_s, number = time.monotonic(), 0

@@ -122,7 +122,7 @@ def _make_server(
         threads=threads,
         parameters=monitors.parameters,
         routes=web.routes,
-        on_close=(web.close,),
+        on_close=web.close,
         ssl_context=_tls_context(settings),
     )
     return server, web

@@ -48,15 +48,14 @@ class Recording:
 
     name: str
     """Name of the file."""
-    robot: str
+    metadata: Mapping[str, str]
+    """Name of the robot, and the first alert line."""
     reader: Reader
     offset_s: float
     """Seconds since 1970 minus the robot's steady clock."""
     attachments: Callable[[], Mapping[str, str]]
     """Returns what is attached, by name: the thresholds, and the states at its beginning."""
     profile: str
-    alert: str
-    """The first alert line."""
     end_s: float
     """When it ends unless there is another alert, in s on the steady clock."""
     is_over: bool = False
@@ -167,7 +166,7 @@ class BlackBox:
             try:
                 self._folder = Folder(self.settings, self.wall_time_s)
                 self._faults.clear(PART)
-                for error in self._folder.complete_files()[:1]:  # the next file that is written ends the fault
+                for error in self._folder.complete_files():  # the next file that is written ends the fault
                     self._report(error, self.settings.folder)
             except OSError as error:
                 self._report(error, self.settings.folder)
@@ -191,7 +190,7 @@ class BlackBox:
             self._give_up(recording)
         elif not has_room or reader.is_complete:
             recording.is_over = True
-            file.finish({"robot": recording.robot, "alert": recording.alert, "lost": str(reader.lost)})
+            file.finish({**recording.metadata, "lost": str(reader.lost)})
             self._end(recording)
             self._faults.clear(PART)
             self._retention_s = 0.0

@@ -72,17 +72,15 @@ class Folder:
         except OSError:
             return False
 
-    def complete_files(self) -> list[OSError]:
-        """Completes the files that a killed process left, or removes them; returns why one could be neither."""
-        failed = []
+    def complete_files(self) -> Iterator[OSError]:
+        """Completes the files that a killed process left, or removes them; yields why one could be neither."""
         for name in sorted(os.listdir(self.path)):
             base = name[: -len(PART)]
             if name.endswith(PART) and _OWN_NAME.fullmatch(base) and _is_own(self.file(name)):
                 try:
                     recording_file.complete(self.file(base))
                 except OSError as error:
-                    failed.append(error)
-        return failed
+                    yield error
 
     def make_room(self, open_files: Collection[str], needed_bytes: int = 0) -> bool:
         """Deletes old recordings, the oldest first, never one of `open_files`; returns whether the limits hold.

@@ -88,7 +88,8 @@ class RobotRing:
         """Number of the oldest message."""
         self._before_s = before_s
         self._segments: deque[Segment] = deque()
-        self._readers: list[Reader] = []
+        self.readers: list[Reader] = []
+        """The recordings that are not closed, the latest last."""
 
     @property
     def current(self) -> Segment | None:
@@ -132,11 +133,10 @@ class RobotRing:
         if not self.messages:
             self.ring.robots.remove(self)
 
-    def release(self, closed: Reader | None = None) -> None:
-        """Drops, with the lock held, what neither a recording nor the next one needs; `closed` needs nothing more."""
-        self._readers = [reader for reader in self._readers if reader is not closed]
+    def release(self) -> None:
+        """Drops, with the lock held, what neither a recording nor the next one needs."""
         needed = self._segments[0].number if self._segments else self.end
-        needed = min([needed, *(reader.position for reader in self._readers)])
+        needed = min([needed, *(reader.position for reader in self.readers)])
         while self.first < needed:
             self.drop()
 
@@ -146,13 +146,13 @@ class RobotRing:
             # What went before the recording is not lost for it. Only the first segment may lack its first messages.
             following = list(self._segments)[1:]
             begins = (one for one, after in zip(self._segments, following) if after.number > self.first)
-            self._readers.append(Reader(self, next(begins, self._segments[-1])))
-            return self._readers[-1]
+            self.readers.append(Reader(self, next(begins, self._segments[-1])))
+            return self.readers[-1]
 
     def end_reader(self) -> None:
         """Ends the recording after the messages that are there now."""
         with self.ring.lock:
-            for reader in self._readers:
+            for reader in self.readers:
                 reader.end = self.end if reader.end is None else reader.end
 
     def reach_s(self, now_s: float) -> float:
@@ -210,4 +210,5 @@ class Reader:
     def close(self) -> None:
         """Ends the reading."""
         with self._robot.ring.lock:
-            self._robot.release(self)
+            self._robot.readers.remove(self)
+            self._robot.release()

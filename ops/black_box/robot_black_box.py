@@ -116,12 +116,11 @@ class RobotBlackBox:
 
         recording = self._recording = Recording(
             name=self._box.new_name(self.robot, transition.signal),
-            robot=self.robot,
+            metadata={"robot": self.robot, "alert": transition.text},
             reader=reader,
             offset_s=offset_s,
             attachments=attachments,
             profile=self._middleware.serialize(STATUS_TYPE, {})[1].profile,  # empty unless it is native, as the topics
-            alert=transition.text,
             end_s=steady_s + after_s,
         )
         self._box.begin(recording)

@@ -63,12 +63,13 @@ class OwnState:
     def _faults(self) -> list[tuple[str, str | None, str, Fault]]:
         """Returns the faults with a name for robot and part, the robot, if any, and the part; the process's first."""
         robots = self._robots()
-        faults: list[tuple[str, str | None, str, Fault]]
-        faults = [(part, None, part, fault) for part, fault in self._process_faults().items()]
-        for robot in robots:
-            prefix = f"{robot.robot}: " if len(robots) > 1 else ""
-            faults += [(prefix + part, robot.robot, part, fault) for part, fault in robot.own_faults().items()]
-        return faults
+        sources: list[tuple[str | None, Mapping[str, Fault]]] = [(None, self._process_faults())]
+        sources += [(robot.robot, robot.own_faults()) for robot in robots]
+        return [
+            (f"{robot}: {part}" if robot and len(robots) > 1 else part, robot, part, fault)
+            for robot, faults in sources
+            for part, fault in faults.items()
+        ]
 
 
 class Samples(NamedTuple):

@@ -20,6 +20,9 @@ from ..protocol.definitions import Serializer
 LARGE_BYTES = 65_536
 """Messages above this size are encoded and decoded in a background thread."""
 
+HIGH_WATER = 65_536
+"""Bytes in the buffer of a transport from which on frames wait."""
+
 _FINAL_TEXT, _FINAL_BINARY = 0x81, 0x82
 _OBJECT_BYTES = 32
 _COUNTED_ITEMS = 16
@@ -85,20 +88,14 @@ def publication(
 class ClientQueue:
     """The frames that wait for one client."""
 
-    def __init__(
-        self,
-        transport: asyncio.WriteTransport,
-        bound_bytes: int,
-        high_water: int = 65_536,
-    ) -> None:
+    def __init__(self, transport: asyncio.WriteTransport, bound_bytes: int) -> None:
         """Starts empty. At most `bound_bytes` wait here; one larger frame may wait alone.
 
-        Frames wait while the transport's buffer holds more than `high_water` bytes; not more are written at once. The
+        Frames wait while the transport's buffer holds more than `HIGH_WATER` bytes; not more are written at once. The
         owner calls `flush` when the transport resumes writing.
         """
         self._transport = transport
-        self._high = high_water
-        transport.set_write_buffer_limits(high_water)
+        transport.set_write_buffer_limits(HIGH_WATER)
         self._frames: BoundedQueue[bytes] = BoundedQueue(bound_bytes)
         self._rest = memoryview(b"")
         """What is left of the frame that is being sent."""
@@ -111,11 +108,11 @@ class ClientQueue:
     @property
     def behind(self) -> bool:
         """Whether the client reads more slowly than it is sent to."""
-        return bool(self._frames or self._rest) or self._transport.get_write_buffer_size() > self._high
+        return bool(self._frames or self._rest) or self._transport.get_write_buffer_size() > HIGH_WATER
 
     def put(self, frame: bytes) -> bool:
         """Sends a frame or queues it; returns whether the client is behind."""
-        if not (self._frames or self._rest) and len(frame) <= self._high >= self._transport.get_write_buffer_size():
+        if not (self._frames or self._rest) and len(frame) <= HIGH_WATER >= self._transport.get_write_buffer_size():
             self._transport.write(frame)
             return False
         self._frames.put(frame, len(frame))
@@ -125,14 +122,14 @@ class ClientQueue:
 
     def flush(self) -> None:
         """Writes queued frames as far as the transport takes them."""
-        transport, high = self._transport, self._high
+        transport = self._transport
         # The buffer of a broken connection stays empty, and asyncio logs a line for each write.
-        while transport.get_write_buffer_size() <= high and not transport.is_closing():
+        while transport.get_write_buffer_size() <= HIGH_WATER and not transport.is_closing():
             if not self._rest:
                 if not self._frames:
                     return
                 self._rest = memoryview(self._frames.pop())
-            piece, self._rest = self._rest[:high], self._rest[high:]
+            piece, self._rest = self._rest[:HIGH_WATER], self._rest[HIGH_WATER:]
             transport.write(piece)
 
     def clear(self) -> None:

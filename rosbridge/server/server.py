@@ -59,7 +59,7 @@ class Server:
         ssl_context: ssl.SSLContext | None = None,
         parameters: Callable[[], Mapping[str, JsonObject]] | None = None,
         routes: Callable[[Callable[[web.Request], Client]], Sequence[web.RouteDef]] = lambda client_of: (),
-        on_close: Sequence[Callable[[], None]] = (),
+        on_close: Callable[[], None] = lambda: None,
     ) -> None:
         """Prepares a server; `start` opens the port.
 
@@ -131,8 +131,7 @@ class Server:
         runner, self._runner = self._runner, None
         if runner is None:
             return
-        for end in self._on_close:
-            end()
+        self._on_close()
         for listening in self._listener.sockets:
             asyncio.get_event_loop().remove_reader(listening.fileno())
         await asyncio.sleep(0)  # asyncio fails if it closes the listener before it has created the last transport

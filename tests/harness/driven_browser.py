@@ -169,7 +169,7 @@ class ServedRobots:
         web = self._web = robots.interface()
         access = Access(services=("/alert_system/re*",), token=self._token)
         node = robots.bus.node("server")
-        server = Server(node, port=port, access=access, threads=False, routes=web.routes, on_close=(web.close,))
+        server = Server(node, port=port, access=access, threads=False, routes=web.routes, on_close=web.close)
         await server.start()
         return server
 

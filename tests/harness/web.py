@@ -106,7 +106,7 @@ def with_site(
         web = served.interface(**options)
         access = Access(services=("/alert_system/re*",), token=token)
         node = served.bus.node("server")
-        server = Server(node, port=0, access=access, threads=False, routes=web.routes, on_close=(web.close,))
+        server = Server(node, port=0, access=access, threads=False, routes=web.routes, on_close=web.close)
         await server.start()
         try:
             async with aiohttp.ClientSession(cookie_jar=aiohttp.CookieJar(unsafe=True)) as session:

@@ -91,7 +91,7 @@ def test_files_that_no_black_box_has_written_are_left_alone_and_do_not_count(tmp
     before = sorted(os.listdir(tmp_path))
     new, _ = recording(tmp_path, "new", 500_000), recording(tmp_path, "old", 600_000, 10.0)
     folder = folder_of(tmp_path, keep_mb=1.0, keep_days=2.0)
-    assert folder.complete_files() == []
+    assert list(folder.complete_files()) == []
     assert folder.make_room((), 400_000)
     assert sorted(os.listdir(tmp_path)) == sorted([*before, new])
     folder.close()
@@ -137,7 +137,7 @@ def test_what_a_killed_process_left_is_removed_if_nothing_can_be_read(tmp_path: 
     for name in ("a.mcap.part", "b.mcap.part"):
         (tmp_path / f"{BEGIN}{name}").write_bytes(b"")
     folder = folder_of(tmp_path)
-    assert folder.complete_files() == []
+    assert list(folder.complete_files()) == []
     assert names(tmp_path) == []
     folder.close()
 

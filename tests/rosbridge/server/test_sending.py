@@ -8,6 +8,7 @@ import pytest
 from harness.slow_transport import SlowTransport
 
 from robot_health_monitor.core.values.errors import MessageError
+from robot_health_monitor.rosbridge.server import sending
 from robot_health_monitor.rosbridge.server.sending import (
     LARGE_BYTES,
     ClientQueue,
@@ -94,9 +95,14 @@ def test_text_is_sent_as_utf_8() -> None:
     assert frame("\N{DEGREE SIGN}C") == b"\x81\x03\xc2\xb0C"
 
 
-def send_queue(bound: int, high_water: int = 10) -> Any:
+@pytest.fixture(autouse=True)
+def _low_water(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sending, "HIGH_WATER", 10)
+
+
+def send_queue(bound: int) -> Any:
     transport = SlowTransport()
-    return transport, ClientQueue(transport, bound, high_water)  # type: ignore[arg-type]
+    return transport, ClientQueue(transport, bound)  # type: ignore[arg-type]
 
 
 def test_frames_go_straight_through_while_the_transport_takes_them() -> None:
@@ -155,8 +161,9 @@ def test_a_frame_that_was_sent_in_part_is_completed() -> None:
     assert queue.dropped == 1
 
 
-def test_the_bytes_that_wait_are_bounded_whatever_is_put() -> None:
-    transport, queue = send_queue(1000, 100)
+def test_the_bytes_that_wait_are_bounded_whatever_is_put(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sending, "HIGH_WATER", 100)
+    transport, queue = send_queue(1000)
     for number in range(500):
         queue.put(b"x" * (7 * number % 450))
         assert queue._frames.size + len(queue._rest) <= 1000 + 450 and transport.buffered <= 200
