@@ -21,6 +21,7 @@ from robot_health_monitor.ops.store.summary import summarize
 from robot_health_monitor.ops.web.metrics import Metrics
 from robot_health_monitor.ops.web.state import OwnState, RobotReader
 from robot_health_monitor.ops.web.updates import RobotState, State, changes
+from robot_health_monitor.runtime.http_answers import json_bytes
 
 ODD = 'a, "b" = [c]: \\d*'
 DRIVERS: Mapping[str, Any] = {
@@ -61,7 +62,7 @@ def test_page_and_metrics_show_elements_as_they_come_and_go() -> None:
     assert state["signals"]["drivers"]["text"] == "2 elements"
     assert (state["signal"], state["message"]) == ("drivers[lidar]", "no returns")
     # A page that is open gets the whole state when signals come or go.
-    before, after = (State({}, {"atlas": RobotState.of(each)}) for each in (empty, state))
+    before, after = (State({}, {"atlas": RobotState(each["level"], json_bytes(each))}) for each in (empty, state))
     assert changes(before, after) is None
     assert list(reader.samples().event["signals"]) == ["drivers", "drivers[lidar]", f"drivers[{ODD}]"]
     assert series(metrics, robots)["robot_health_level"] == ["drivers", "drivers[lidar]", f"drivers[{ODD}]"]
