@@ -137,8 +137,8 @@ def _check_thresholds(file: YamlFile, problems: Problems, remarks: list[ConfigEr
     unknown_types: dict[str, None] = {}
     for section in by_node["alert_system"]:
         with problems:
+            unknown_types.update(_check_sources(section, problems))
             config = read_monitor(section)
-            unknown_types.update(_check_sources(section, config, problems))
             for name, signal in config.signals.items():
                 path = (*section.path, "signals", name)
                 errors = (ConfigError(f"remark: {remark}", (*path, key)) for key, remark in remarks_of(signal))
@@ -158,20 +158,30 @@ def _check_thresholds(file: YamlFile, problems: Problems, remarks: list[ConfigEr
     return "; ".join(parts)
 
 
-def _check_sources(section: Section, config: MonitorConfig, problems: Problems) -> dict[str, None]:
+def _check_sources(section: Section, problems: Problems) -> dict[str, None]:
     """Collects mistakes in the topics, types and fields of all signals; returns the types that are unknown here."""
+    signals = section.tree.get("signals")
+    if not isinstance(signals, Mapping):
+        return {}
     definitions = known_definitions()
     unknown: dict[str, None] = {}
-    for name, signal in config.signals.items():
-        path = (*section.path, "signals", name)
-        if signal.topic not in ("", name) and not _TOPIC.match(signal.topic):
-            problems.add(ConfigError(f"expected the name of a topic, got {signal.topic[:60]!a}", (*path, "topic")))
-        type_name = "/".join(split_type_name(signal.type) or ())
+    for name, signal in signals.items():
+        if not isinstance(signal, Mapping):
+            continue
+        path = (*section.path, "signals", str(name))
+        topic, type_name, field = signal.get("topic", str(name)), signal.get("type", ""), signal.get("field", "data")
+        where = signal.get("where", "")
+        if isinstance(topic, str) and topic not in ("", name) and not _TOPIC.match(topic):
+            problems.add(ConfigError(f"expected the name of a topic, got {topic[:60]!a}", (*path, "topic")))
+        split = split_type_name(type_name) if isinstance(type_name, str) else None
+        if split is None or not isinstance(field, str):
+            continue
+        spelling = "/".join(split)
         try:
-            if type_name and not check_field(definitions, signal.topic, type_name, signal.field):
-                unknown[type_name] = None
-            elif type_name and signal.where:
-                check_field(definitions, signal.topic, type_name, selection("", signal.where) or "", key="where")
+            if not check_field(definitions, str(topic), spelling, field):
+                unknown[spelling] = None
+            elif isinstance(where, str) and where:
+                check_field(definitions, str(topic), spelling, selection("", where) or "", key="where")
         except ConfigError as error:
             problems.add(error.below(path))
     return unknown

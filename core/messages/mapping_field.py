@@ -7,7 +7,7 @@ from typing import Any
 
 from ..values import Elements, Getter, mapping_getter, parse_field_path, selected
 from .dialect import Message
-from .standard_messages import check_field, constant_getter
+from .standard_messages import check_field, constant_getter, is_number
 
 
 def _arrival(message: Any) -> Any:
@@ -39,16 +39,22 @@ class MappingField:
         """Returns the field of a message; raises one of `MISSING`."""
         return self._get(message)
 
+    def known_type(self) -> str:
+        """Returns the type of the messages; empty if it is not known."""
+        return self._type_name
+
     def _bind(self, path: str) -> Getter:
         """Returns a function that reads a path as elsewhere."""
         get, steps = mapping_getter(path), parse_field_path(path)
-        if not self.null_is_nan or not steps or any(isinstance(step, int) for step in steps):
-            return get
+        is_short = not steps or any(isinstance(step, int) for step in steps)
+        null = math.nan if self.null_is_nan and not is_short else None
 
         def read(message: Any) -> Any:
             value = get(message)
-            if type(value) is Elements:
-                return Elements((name, math.nan if each is None else each) for name, each in value)
-            return math.nan if value is None else value
+            if type(value) is Elements and null is not None:
+                return Elements((name, null if each is None else each) for name, each in value)
+            if type(value) is bool and is_number(self.known_type(), path):
+                return "true" if value else "false"
+            return null if value is None else value
 
         return read

@@ -11,10 +11,10 @@ import operator
 from typing import Any, Callable, Mapping, Sequence
 
 from ..values import STATUS_TYPE, DriverStatus, canonical_type, parse_field_path, split_type_name, steps_getter
-from .definitions import ROS1_TIMES, Definitions, Field, parse_definition, parse_msg
+from .definitions import NUMBERS, ROS1_TIMES, Definitions, Field, parse_definition, parse_msg
 from .dialect import Dialect, Message
 from .native_messages import NativeMessages, bytes_as_text
-from .typed_field import typed_getter
+from .typed_field import bound_path, typed_getter
 
 PACKAGES = ("std_msgs", "std_srvs", "sensor_msgs", "diagnostic_msgs")
 """Packages of which every type is known here."""
@@ -305,6 +305,16 @@ def check_field(topic: str, type_name: str, field: str) -> None:
     """Checks a field of a type whose definition is known here; raises ConfigError if there is no such field or type."""
     if check_type(type_name) or canonical_type(type_name) in _KNOWN:
         field_getter(topic, type_name, field)
+
+
+@functools.lru_cache(maxsize=1000)
+def is_number(type_name: str, path: str) -> bool:
+    """Returns whether a field is known to be a number, and no bool."""
+    try:
+        kind = bound_path(_definitions_known(), canonical_type(type_name), parse_field_path(path)).target.kind
+    except ValueError:
+        return False
+    return kind in NUMBERS and kind != "bool"
 
 
 def complete(type_name: str, message: Message) -> dict[str, Any]:

@@ -188,8 +188,8 @@ alert_system:
   ros__parameters:
     publish_rate: fast
     signals:
-      arm: {warn_below: 1, warn_below: 2}
-      battery: {type: sensor_msgs/BatteryState, field: percentage, topic: battery,
+      arm: {topic: my arm, type: std_msgs/Flaot32, warn_below: 1, warn_below: 2}
+      battery: {type: sensor_msgs/BatteryState, field: percentag, topic: battery,
                 hysteresis: -1}
       current: {type: nav_msgs/Odometry, topic: battery}
       link: {}
@@ -219,6 +219,10 @@ def test_all_mistakes_of_a_file_are_reported_with_the_lines_of_their_keys(robot_
         "3: alert_sytem.ros__parameters.signals.spare.warn_belw: unknown key; did you mean warn_below?",
         "6: alert_system.ros__parameters.publish_rate: expected a number from 0.01 to 100, got 'fast'",
         f"8: {signals}.arm.warn_below: is given twice, first in line 8",
+        f"8: {signals}.arm.topic: expected the name of a topic, got 'my arm'",
+        f"8: {signals}.arm.type: expected a message type, got std_msgs/Flaot32, which does not exist;"
+        " did you mean std_msgs/Float32?",
+        f"9: {signals}.battery.field: battery: sensor_msgs/BatteryState has no field percentag;",
         f"10: {signals}.battery.hysteresis: expected a number of at least 0, got -1",
         f"12: {signals}.link: this name is reserved for the link to the robot; expected another",
         "14: robot2.alert_system: expected one section for alert_system in a file (one file per robot),"
@@ -270,7 +274,6 @@ def test_a_file_of_thousands_of_mistakes_ends_after_a_hundred(robot_health: Star
             "{field: '', where: 'level >= '}",
             "where: expected comparisons such as level >= ERROR and name == \"*arm*\", got 'level >='",
         ),
-        ("{topic: my arm, type: std_msgs/Float32}", "topic: expected the name of a topic, got 'my arm'"),
         ("{type: sensor_msgs/Imu}", "field: s: sensor_msgs/Imu has no field data;"),
         ("{type: sensor_msgs/Imu, field: 'orientation_covariance[9]'}", "field: s: sensor_msgs/Imu has no field "),
         ("{type: std_srvs/Trigger}", "type: expected a message type, got std_srvs/Trigger, which does not exist"),

@@ -19,6 +19,7 @@ class JsonField(MappingField):
     ("type_name", "field", "message", "expected"),
     [
         ("std_msgs/Float32", "data", {"data": 1.5}, 1.5),
+        ("std_msgs/Float32", "data", {"data": True}, "true"),
         ("std_msgs/Bool", "data", {"data": True}, True),
         ("", "data", {"data": True}, True),
         ("std_msgs/Float32", None, {}, 1.0),

@@ -154,3 +154,21 @@ def _text(value: Any) -> str:
         if isinstance(value, list)
         else str(value)
     )
+
+
+@pytest.mark.parametrize(
+    ("type_name", "value", "expected"),
+    [
+        ("std_msgs/Float32", True, "true"),
+        ("std_msgs/msg/Int8", False, "false"),
+        ("std_msgs/Bool", True, True),
+        ("robot_msgs/Other", True, True),
+        ("std_msgs/Float32", 1, 1),
+    ],
+)
+def test_a_boolean_is_no_number_unless_the_type_has_one(type_name: str, value: Any, expected: Any) -> None:
+    received: list[Any] = []
+    subscription = MappingSubscription(Node(), "/in", type_name, "data", lambda value, now_s: received.append(value))
+    subscription.deliver({"data": value})
+    assert received == [expected]
+    assert type(received[0]) is type(expected)
