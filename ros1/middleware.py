@@ -26,7 +26,6 @@ import rospy.topics
 from rosgraph_msgs.msg import Clock
 
 from ..core.config import Parameter
-from ..core.messages.dialect import Message
 from ..core.messages.raw_messages import RawFormat
 from ..core.messages.serialized import SerializedType
 from ..core.port import (
@@ -52,6 +51,7 @@ from ..core.values import (
     ConfigError,
     Getter,
     JsonObject,
+    Message,
     MessageError,
     ServiceError,
     resolve_name,

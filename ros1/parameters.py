@@ -13,9 +13,8 @@ import threading
 from typing import Any
 
 from ..core.config import NODE_PARAMETERS
-from ..core.messages.dialect import Message
 from ..core.port import OnChange
-from ..core.values import PARAMETERS_FAULT, ConfigError, Faults, JsonObject, Path, Problems, describe
+from ..core.values import PARAMETERS_FAULT, ConfigError, Faults, JsonObject, Message, Path, Problems, describe
 from ..runtime.native_node import Log, apply_change
 from .master import Master
 

@@ -10,8 +10,7 @@ from urllib.parse import urlsplit
 import rosgraph.network
 import rospy
 
-from ..core.messages.dialect import Message
-from ..core.values import ServiceError
+from ..core.values import Message, ServiceError
 from . import messages
 
 _RECEIVE_BYTES = 65_536

@@ -20,7 +20,6 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import serialize_message
 
 from ..core.config import Parameter
-from ..core.messages.dialect import Message
 from ..core.messages.raw_messages import RawFormat
 from ..core.messages.serialized import SerializedType
 from ..core.port import (
@@ -41,6 +40,7 @@ from ..core.port import (
 from ..core.values import (
     ConfigError,
     Getter,
+    Message,
     MessageError,
     ServiceError,
     canonical_type,

@@ -9,10 +9,9 @@ import abc
 import time
 from typing import Any, Callable, Collection
 
-from ..core.messages.dialect import Message
 from ..core.messages.native_messages import NativeMessages
 from ..core.port import NOTHING_CHANGED, ClockedNode, Counts, GraphCallback, Severity, Unread, Wanted
-from ..core.values import ABSENT, ConfigError, JsonObject, MessageError, ServiceError, printable
+from ..core.values import ABSENT, ConfigError, JsonObject, Message, MessageError, ServiceError, printable
 from .threads import StepThread
 
 Log = Callable[[Severity, str], None]

@@ -4,11 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Callable, NamedTuple, Sequence
 
-from ..values import JsonObject
 from .definitions import Field
-
-Message = JsonObject
-"""A message, request or response in rosbridge's form."""
 
 
 class Dialect(NamedTuple):

@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from ..values import Elements, Getter, mapping_getter, parse_field_path, selected
-from .dialect import Message
+from ..values import Elements, Getter, Message, mapping_getter, parse_field_path, selected
 from .standard_messages import check_field, constant_getter, is_number
 
 

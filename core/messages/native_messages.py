@@ -19,9 +19,9 @@ import sys
 from array import array
 from typing import Any, Mapping, Sequence
 
-from ..values import ConfigError, Getter, MessageError, describe, split_type_name
+from ..values import ConfigError, Getter, Message, MessageError, describe, split_type_name
 from .definitions import NUMBERS, OTHER_NAMES, SEQUENCE, Field
-from .dialect import Dialect, Message
+from .dialect import Dialect
 
 _INTEGER_RANGES: Mapping[str, tuple[int, int]] = {
     **{f"int{bits}": (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1) for bits in (8, 16, 32, 64)},

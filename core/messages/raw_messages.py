@@ -13,9 +13,8 @@ import json
 import math
 from typing import Iterator, Mapping, NamedTuple
 
-from ..values import JsonObject, MessageError, canonical_type, split_type_name
+from ..values import JsonObject, Message, MessageError, canonical_type, split_type_name
 from .definitions import NUMBERS, ROS1_KINDS, TEXTS, Definitions, parse_msg
-from .dialect import Message
 
 _MOST_PROPERTIES = 5_000
 """Properties of a schema. A definition of a few lines can describe millions; the rest is left open."""

@@ -10,9 +10,9 @@ import functools
 import operator
 from typing import Any, Callable, Mapping, Sequence
 
-from ..values import STATUS_TYPE, DriverStatus, canonical_type, parse_field_path, split_type_name, steps_getter
+from ..values import STATUS_TYPE, DriverStatus, Message, canonical_type, parse_field_path, split_type_name, steps_getter
 from .definitions import NUMBERS, ROS1_TIMES, Definitions, Field, parse_definition, parse_msg
-from .dialect import Dialect, Message
+from .dialect import Dialect
 from .native_messages import NativeMessages, bytes_as_text
 from .typed_field import bound_path, typed_getter
 

@@ -10,10 +10,9 @@ from __future__ import annotations
 import json
 from typing import Any, Callable, Iterable, NamedTuple, Union
 
-from ..messages.dialect import Message
 from ..messages.raw_messages import json_text
 from ..port import Severity
-from ..values import OWN_KEY, Faults, Level, Status, Transition, datum_text, fingerprint, with_hint
+from ..values import OWN_KEY, Faults, Level, Message, Status, Transition, datum_text, fingerprint, with_hint
 
 FIELDS = tuple(name for name in Transition.__dataclass_fields__ if name != "status")
 """The fields of a transition in JSON. Its status is left out: it repeats them as text."""

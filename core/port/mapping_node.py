@@ -9,7 +9,6 @@ from __future__ import annotations
 from typing import Callable, Collection, Mapping, Sequence
 
 from ..config import Parameter
-from ..messages.dialect import Message
 from ..messages.mapping_field import MISSING, MappingField
 from ..messages.raw_messages import RawFormat, json_bytes, json_format
 from ..messages.standard_messages import check_type, complete, definition, is_stamped
@@ -18,6 +17,7 @@ from ..values import (
     Clock,
     ConfigError,
     JsonObject,
+    Message,
     MessageError,
     ServiceError,
     Stamp,

@@ -27,9 +27,8 @@ import enum
 from typing import Any, Callable, Collection, Mapping, NamedTuple, Protocol, Sequence, Tuple, TypeVar
 
 from ..config import Parameter
-from ..messages.dialect import Message
 from ..messages.raw_messages import RawFormat
-from ..values import Faults, JsonObject
+from ..values import Faults, JsonObject, Message
 from .graph import GraphCallback, Wanted
 
 Callback = Callable[[Any, float], None]

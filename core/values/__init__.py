@@ -50,7 +50,7 @@ from .formatting import (
     with_unit,
 )
 from .goals import STATUS_TOPICS, STATUS_TYPES, Goals
-from .model import Changes, Clock, Forecast, JsonObject, Level, Report, Sample, Status, Transition
+from .model import Changes, Clock, Forecast, JsonObject, Level, Message, Report, Sample, Status, Transition
 from .names import canonical_type, full_name, is_namespace, resolve_name, split_type_name
 from .patterns import matches_pattern
 from .reduction import REDUCTIONS, Element, Reduced, reduced
@@ -60,7 +60,7 @@ from .where import COMPARE, is_equal, parse_where, selected, selection
 __all__ = [
     "ABSENT", "ARRAY_TYPE", "Age", "BadDatum", "COMPARE", "Changes", "Clock", "ConfigError", "DriverStatus", "Element",
     "Elements", "Every", "Fault", "Faults", "Forecast", "Getter", "Goals", "JsonObject", "Keyed", "Level", "LinkDown",
-    "LinkError", "MOST_ELEMENTS", "MessageError", "NAME_ARRAYS", "OWN_KEY", "OWN_TOPICS", "PARAMETERS_FAULT",
+    "LinkError", "MOST_ELEMENTS", "Message", "MessageError", "NAME_ARRAYS", "OWN_KEY", "OWN_TOPICS", "PARAMETERS_FAULT",
     "Path", "Problems", "REDUCTIONS", "Reduced", "Report", "STATUS_TOPICS", "STATUS_TYPE", "STATUS_TYPES", "Sample",
     "ServiceError", "Stamp", "Status", "Step", "TIME_TYPES", "Transition", "bound_text", "canonical_type",
     "count_text", "datum_text", "describe", "duration_text", "element_path", "every_step", "fingerprint",

@@ -12,7 +12,10 @@ from typing import Any, Callable, Dict, Iterable, List, Mapping, NamedTuple, NoR
 Value = TypeVar("Value")
 
 JsonObject = Mapping[str, Any]
-"""An object as JSON and YAML have them: a message, a section of a file, the arguments of a request."""
+"""An object as JSON and YAML have them: a section of a file, the arguments of a request."""
+
+Message = JsonObject
+"""A message, request or response of a middleware in rosbridge's form."""
 
 Clock = Callable[[], float]
 """Returns a time in seconds: since 1970 where its name says `wall`, else since an arbitrary moment."""

@@ -7,12 +7,12 @@ from typing import Mapping
 
 from ...core.judge.attachments import STATE, THRESHOLDS, TICKS, SavedMonitor, thresholds_tree
 from ...core.judge.saved_state import SavedSignal
-from ...core.messages.dialect import Message as Mapped
 from ...core.nodes import AlertSystem
 from ...core.nodes.node import DIAGNOSTICS, base_name
 from ...core.nodes.outlets import Event, alert_message, array_message
 from ...core.port import Middleware, Severity
 from ...core.values import ARRAY_TYPE, STATUS_TYPE, ConfigError, Level, MessageError, ServiceError, Transition
+from ...core.values import Message as Mapped
 from ...runtime.threads import StepThread
 from .black_box import PART, BlackBox, Recording
 from .capture import Capture, is_pattern

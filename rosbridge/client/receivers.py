@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from typing import Union
 
-from ...core.messages.dialect import Message
 from ...core.messages.raw_messages import RawFormat
 from ...core.messages.serialized import SerializedType
 from ...core.port import MappingSubscription, RawSubscription
-from ...core.values import ABSENT, ConfigError, Getter, canonical_type
+from ...core.values import ABSENT, ConfigError, Getter, Message, canonical_type
 from ...runtime.bridge.receivers import BridgeReceiver
 
 

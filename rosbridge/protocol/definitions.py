@@ -12,9 +12,8 @@ import struct
 from typing import Any, Callable
 
 from ...core.messages.definitions import NUMBERS, ROS1_KINDS, SEQUENCE, Definitions, Field, parse_msg
-from ...core.messages.dialect import Message
 from ...core.messages.standard_messages import SERVICES, definition
-from ...core.values import MessageError, canonical_type
+from ...core.values import Message, MessageError, canonical_type
 
 Serializer = Callable[[Message], bytes]
 """Serializes a complete message as ROS 1 does."""

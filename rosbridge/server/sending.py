@@ -11,8 +11,7 @@ import asyncio
 import struct
 import time
 
-from ...core.messages.dialect import Message
-from ...core.values import MessageError
+from ...core.values import Message, MessageError
 from ...runtime.bounded_queue import BoundedQueue
 from ..protocol import Wire, encode
 from ..protocol.definitions import Serializer

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Callable, Collection, Protocol, Sequence
 
-from ...core.messages.dialect import Message
 from ...core.port import LogLine, Severity, Subscription
-from ...core.values import MessageError, ServiceError, canonical_type
+from ...core.values import Message, MessageError, ServiceError, canonical_type
 from ...runtime.access import matches
 from ...runtime.bounded_queue import BoundedQueue
 from ..protocol.definitions import serializer

@@ -21,7 +21,6 @@ from typing import (
     TypeVar,
 )
 
-from ...core.messages.dialect import Message
 from ...core.port import (
     CLOCK,
     CLOCK_TYPE,
@@ -35,7 +34,7 @@ from ...core.port import (
     RawCallback,
     Severity,
 )
-from ...core.values import Clock, JsonObject, full_name
+from ...core.values import Clock, JsonObject, Message, full_name
 from .cause import Cause
 from .connection import BridgeConnection
 from .receivers import BridgeReceiver
