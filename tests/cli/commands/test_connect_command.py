@@ -411,7 +411,7 @@ def test_robots_that_misbehave_do_not_affect_another_one(robot_health: Start, tm
         watcher = robot_health("connect", *urls, "--thresholds", thresholds, "--json")
         good = servers["good"]
         await until(lambda: any(fields.get("topic") == "/battery_level" for fields in good.received))
-        await until(lambda: all(count > 5 for count in sent.values()))
+        await until(lambda: all(count > 1 for count in sent.values()))
 
         loop = asyncio.get_event_loop()
         for value, level in ((15.0, "WARN"), (50.0, "OK")):
