@@ -40,8 +40,6 @@ _STORM = f"more than {MOST} transitions in {PERIOD_S:g} s"
 class Held:
     """Why worse levels are not announced now. Times are in seconds."""
 
-    __slots__ = ("awaits_until_s", "cause", "caused_s", "ended_s", "last_cause", "settles_until_s", "silence")
-
     def __init__(self) -> None:
         """Holds nothing yet."""
         self.silence = ""

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import json
+from contextlib import suppress
 from typing import Any, Mapping, NamedTuple
 
 from ..config import MonitorConfig, settings_of
@@ -42,16 +43,15 @@ class SavedMonitor(NamedTuple):
 
 def read_saved_monitor(text: str) -> SavedMonitor:
     """Reads the text of `STATE`; raises MessageError. The states themselves are checked when they are restored."""
-    try:
+    with suppress(ValueError, KeyError, TypeError, RecursionError):
         tree = json.loads(text)
-        robot, time_s, states = tree["robot"], tree["time_s"], tree["signals"]
-    except (ValueError, KeyError, TypeError, RecursionError):
-        raise MessageError(f"{STATE}: expected an object with robot, time_s and signals") from None
-    if not (isinstance(robot, str) and isinstance(time_s, float) and isinstance(states, dict)):
-        raise MessageError(f"{STATE}: expected robot, time_s and signals to be a text, a number and an object")
-    if not 0.0 <= time_s <= _LATEST_S:
-        raise MessageError(f"{STATE}: expected time_s in seconds since 1970, got {time_s:g}")
-    return SavedMonitor(robot, time_s, states)
+        saved = SavedMonitor(tree["robot"], tree["time_s"], tree["signals"])
+        kinds_match = (
+            isinstance(saved.robot, str) and isinstance(saved.time_s, float) and isinstance(saved.states, dict)
+        )
+        if kinds_match and 0.0 <= saved.time_s <= _LATEST_S:
+            return saved
+    raise MessageError(f"{STATE}: expected robot, time_s in seconds since 1970, and signals")
 
 
 def thresholds_tree(

@@ -28,6 +28,9 @@ class SignalHistory(Protocol):
     means that its signal is no longer watched: the stored state is deleted.
     """
 
+    keeps_samples: bool
+    """Whether it stores samples."""
+
     def wall_s(self) -> float:
         """Returns the time in seconds since 1970."""
 
@@ -46,10 +49,6 @@ class SignalHistory(Protocol):
 
     def save(self, states: Mapping[str, SavedSignal]) -> None:
         """Stores the states that changed, by the names of their signals."""
-
-    @property
-    def keeps_samples(self) -> bool:
-        """Whether it stores samples."""
 
     def record_samples(self, samples: Mapping[str, Sequence[SampleSummary]]) -> None:
         """Stores what was collected of the samples of signals, by their names."""

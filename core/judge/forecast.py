@@ -35,11 +35,6 @@ _Line = Tuple[float, float]
 class LineOfRange:
     """The least-squares line through a range of samples whose begin and end only move on."""
 
-    __slots__ = (
-        "_end", "_front_end", "_product", "_products", "_reference", "_reference_s", "_square", "_squares", "_sum_s",
-        "_sums_s", "_times", "_total", "_totals", "_values",
-    )  # fmt: skip
-
     def __init__(self, times: Sequence[float], values: Sequence[float]) -> None:
         """Knows no sample of these yet, to which more may be appended."""
         self._times, self._values = times, values
@@ -90,8 +85,6 @@ class LineOfRange:
 
 class ForecastWindow(Window):
     """A window that also forecasts its values. Both halves hold a sample that is exactly half a window old."""
-
-    __slots__ = ("_bounds", "_choose", "_ranges", "forecast_s")
 
     def __init__(
         self,

@@ -34,7 +34,7 @@ from ..values import Changes, ConfigError, Elements, Level, LinkDown, Report, Sa
 from . import wording
 from .alert import Alert
 from .element_signals import ElementSignals, config_of, element_of, own_config, unconfigured
-from .sample_summary import SampleCollector, SampleSummary, WallClock
+from .sample_summary import SampleCollector, SampleSummary
 from .saved_state import Downtime, SavedSignal, SavedState, UnusableStateError
 from .signal_monitor import SignalMonitor
 from .sources import Source, Sources, is_source
@@ -86,8 +86,8 @@ class Monitor:
         """The states of an earlier run and the time since then, until the first call."""
         self._resets = False
         """Whether latches are cleared when they are restored."""
-        self._clock: WallClock | None = None
-        """Wall time for the samples that `take_samples` returns; None before its first call."""
+        self._wall_offset_s = 0.0
+        """The time in s since 1970 minus that of the calls, as of `take_samples`."""
         self._make_collector: Callable[[SignalMonitor], SampleCollector] | None = None
         """Returns what collects the samples of a signal; None if nothing does."""
         self._link_restored_s = math.inf
@@ -176,8 +176,7 @@ class Monitor:
         changes = Changes()
         if self._signals and self._now_s <= until_s <= _LARGEST and since_s <= until_s:
             since_s = max(since_s, self._now_s)
-            behind = () if self._link_down else self._behind_link()
-            for each in (*behind, *filter(None, [self._signals.get(LINK)])):
+            for each in [self._signals[LINK]] if self._link_down else self._sources_and_signals():
                 each.inhibit(since_s)
                 changes.add(each.release(until_s, is_link=False))
             self._now_s = until_s
@@ -297,10 +296,9 @@ class Monitor:
         At an infinite time, the open period too: call it so before `configure` and `end`, since the samples of a signal
         that is no longer watched are gone. `wall_offset_s` is the time in s since 1970 minus that of the calls.
         """
-        if self._clock is None:
-            self._clock = clock = WallClock(wall_offset_s)
-            self.collect_samples(lambda signal: SampleCollector(clock))
-        self._clock.offset_s = wall_offset_s
+        self._wall_offset_s = wall_offset_s
+        if self._make_collector is None:
+            self.collect_samples(lambda signal: SampleCollector(lambda: self._wall_offset_s))
         collectors = ((name, signal.collector) for name, signal in self._signals.items())
         taken = ((name, each.take(now_s)) for name, each in collectors if each is not None)
         return {name: summaries for name, summaries in taken if summaries}
@@ -420,9 +418,8 @@ class Monitor:
         elif now_s < self._now_s:
             back_s = self._now_s - now_s
             changes.notices = (f"time went back by {back_s:.3f} s: windows, pending timers and staleness restart",)
-            if self._clock is not None:
-                self._clock.offset_s += back_s
-            for signal in (*self._sources, *self._signals.values()):
+            self._wall_offset_s += back_s
+            for signal in self._sources_and_signals():
                 signal.restart_time(now_s, back_s)
             self._arrange()
             for template in self._templates().values():
@@ -605,7 +602,10 @@ class Monitor:
             each.inhibit(now_s)
 
     def _behind_link(self) -> Sequence[Source | SignalMonitor]:
-        return [*self._sources, *(signal for name, signal in self._signals.items() if name != LINK)]
+        return [each for each in self._sources_and_signals() if each.config.name != LINK]
+
+    def _sources_and_signals(self) -> Sequence[Source | SignalMonitor]:
+        return [*self._sources, *self._signals.values()]
 
 
 def _signals_in(watched: SignalMonitor | ElementSignals | None) -> list[SignalMonitor]:

@@ -58,42 +58,27 @@ def suspicion_of(config: SignalConfig, latest: object, good_samples: int, bad_sa
     """Returns what looks wrong with the latest datum, and how to mend it; empty if nothing does."""
     raw, number = as_float(latest), number_of(config, latest)
     if math.isnan(raw) and bad_samples >= RUN:
-        return _suspect(
-            f"{bad_samples} values are not numbers", "if the source does not measure this, use another field"
-        )
+        return f"{bad_samples} values are not numbers; if the source does not measure this, use another field"
     if not math.isfinite(number):
         return ""
     if config.unit == "%" and is_equal(raw, -0.01):  # BatteryState.percentage as some drivers send it
-        return _suspect("-0.01 is what some drivers send for 'not measured'", "if so, set placeholders: [-0.01]")
-    low, high = window.min(), window.max()
-    # A flag has no unit, and may be 0 for hours.
-    if number == low == high == 0.0 and good_samples >= RUN and config.unit and _has_lower_bound(config):
-        return _suspect("nothing but 0", "if it means 'not measured', set placeholders: [0.0]")
-    if (
-        config.unit == "%"
-        and 0.0 < number < 1.0
-        and good_samples >= RUN
-        and high
-        and high <= 1.0
-        and low == abs(low or 0.0)
-    ):
-        seen = f"values from 0 to 1, the last {number_text(number)}, look like a fraction, not like %"
-        return _suspect(seen, f"if so, set scale: {bound_text(100.0 * config.scale)}")
+        return "-0.01 is what some drivers send for 'not measured'; if so, set placeholders: [-0.01]"
+    low, high = window.min() or 0.0, window.max() or 0.0
+    if good_samples >= RUN:
+        # A flag has no unit, and may be 0 for hours.
+        has_lower_bound = any(name.endswith("below") for name in config.bounds)
+        if number == low == high == 0.0 and config.unit and has_lower_bound:
+            return "nothing but 0; if it means 'not measured', set placeholders: [0.0]"
+        if config.unit == "%" and 0.0 < number < 1.0 and low >= 0.0 < high <= 1.0:
+            seen = f"values from 0 to 1, the last {number_text(number)}, look like a fraction, not like %"
+            return f"{seen}; if so, set scale: {bound_text(100.0 * config.scale)}"
     shown, ordinary_max = number_text(raw), _ORDINARY_MAX.get(config.unit, math.inf)
     if number <= (ordinary_max if config.valid_max is None else config.valid_max):
         return ""
     if config.unit == "%" and config.scale == 100.0 and 1.0 < raw <= 100.0:
-        return _suspect(f"{shown} looks like a percentage already, not like a fraction", "if so, set scale: 1")
+        return f"{shown} looks like a percentage already, not like a fraction; if so, set scale: 1"
     if config.unit == "" and config.valid_max == 1.0 and number <= 100.0:
-        return _suspect(f"{shown} looks like a percentage, not like a fraction", "if so, set scale: 0.01")
+        return f"{shown} looks like a percentage, not like a fraction; if so, set scale: 0.01"
     if config.valid_max is not None:
         return ""
-    return _suspect(f"{shown} is implausibly high for {config.unit}", "check unit and scale, or set valid_max")
-
-
-def _has_lower_bound(config: SignalConfig) -> bool:
-    return any(name.endswith("below") for name in config.bounds)
-
-
-def _suspect(seen: str, remedy: str) -> str:
-    return f"suspicious data: {seen}; {remedy}"
+    return f"{shown} is implausibly high for {config.unit}; check unit and scale, or set valid_max"

@@ -7,7 +7,7 @@ taken in parts, at the end of a run or when time goes back: each holds what was 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Callable, NamedTuple
 
 from ..values import Level
 
@@ -42,34 +42,19 @@ class SampleSummary(NamedTuple):
 NO_SAMPLES = SampleSummary(0.0, None, None, None, None, 0, 0, Level.OK)
 
 
-class WallClock:
-    """What wall time is, by the monitor's clock; one for all signals of a monitor."""
-
-    __slots__ = ("offset_s",)
-
-    def __init__(self, offset_s: float) -> None:
-        """`offset_s`: wall time, in s since 1970, minus the monitor's time."""
-        self.offset_s = offset_s
-
-
 class SampleCollector:
     """Collects the samples of one signal. Times (`now_s`) are the monitor's."""
 
-    __slots__ = (
-        "_bad", "_begin_s", "_clock", "_count", "_end_s", "_good", "_last", "_least", "_level", "_mean", "_most",
-        "_number", "_waiting",
-    )  # fmt: skip
+    def __init__(self, wall_offset_s: Callable[[], float] | None = None) -> None:
+        """Starts without a period; `wall_offset_s` returns the wall time, in s since 1970, minus the monitor's time.
 
-    def __init__(self, clock: WallClock | None = None) -> None:
-        """Starts without a period; the owner of `clock` corrects it when the wall clock is set.
-
-        Without a clock, there is one endless period.
+        Without it, there is one endless period.
         """
-        self._clock = clock or WallClock(0.0)
+        self._wall_offset_s = wall_offset_s or (lambda: 0.0)
         self._waiting: list[SampleSummary] = []
         self._end_s = math.inf
         self._clear()
-        if clock is None:
+        if wall_offset_s is None:
             self._begin_s = -math.inf
 
     def _clear(self) -> None:
@@ -114,7 +99,7 @@ class SampleCollector:
 
     def _begin(self, now_s: float) -> None:
         self._close()
-        offset_s = self._clock.offset_s
+        offset_s = self._wall_offset_s()
         self._number = number = math.floor((now_s + offset_s) / PERIOD_S)
         self._begin_s, self._end_s = number * PERIOD_S - offset_s, (number + 1) * PERIOD_S - offset_s
         if not self._begin_s <= now_s < self._end_s:  # rounding

@@ -42,8 +42,6 @@ def is_source(name: str) -> bool:
 class Source(Alert):
     """One topic that watched signals read, and the alert of its silence. Times are in seconds."""
 
-    __slots__ = ("head", "is_heard", "signals", "speaks", "was_silent", "with_topics")
-
     def __init__(self, config: SignalConfig, robot: str, now_s: float) -> None:
         """Begins to exist; the startup grace counts from `now_s`."""
         super().__init__(config, robot, now_s)
@@ -84,8 +82,17 @@ class Source(Alert):
     def judgement(self, now_s: float) -> Judgement:
         """Returns the state, as of a signal, with the number of signals and the other topics."""
         seen = 1.0 if self.staleness.seen else None
-        judgement = super().judgement(now_s)._replace(latest=seen, judged=seen, good_samples=int(seen or 0))
-        return judgement._replace(source_signals=len(self.signals), with_topics=self.with_topics)
+        return (
+            super()
+            .judgement(now_s)
+            ._replace(
+                latest=seen,
+                judged=seen,
+                good_samples=int(seen or 0),
+                source_signals=len(self.signals),
+                with_topics=self.with_topics,
+            )
+        )
 
     def listen(self) -> None:
         """Notes the latest message, by the samples of its signals."""

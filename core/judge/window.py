@@ -44,8 +44,6 @@ class Sums:
     They count units of `2**-(_DIGITS + scale)`, or the squares of these.
     """
 
-    __slots__ = ("_begin", "_end", "_products", "_scale", "_squares", "_x", "_xs", "_y", "_ys")
-
     def __init__(self, xs: Sequence[float], ys: Sequence[float] | None = None) -> None:
         """Starts with an empty range; only the ends of the sequences may change."""
         self._xs, self._ys = xs, ys
@@ -277,8 +275,6 @@ class Window:
 class GapWindow(Window):
     """A window that also measures the gaps between arrivals, those of bad samples included."""
 
-    __slots__ = ("_arrived", "_gaps")
-
     def clear(self) -> None:
         """Removes every sample and every arrival."""
         super().clear()
@@ -308,8 +304,6 @@ class CountWindow(Window):
 
     It holds one sample more than `window_samples`: then there are at least that many.
     """
-
-    __slots__ = ("_from_s", "_now_s")
 
     def __init__(self, window_s: float, window_samples: int) -> None:
         """Creates an empty window, whose count is 0."""

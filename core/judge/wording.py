@@ -245,7 +245,7 @@ def reason(judgement: Judgement) -> str:
     text = _invalid_reason(judgement) if judgement.is_invalid else _value_reason(judgement)
     suspicion = suspicion_of(config, judgement.latest, judgement.good_samples, judgement.bad_samples, judgement.window)
     if suspicion:
-        text = f"{text}, {suspicion}"
+        text = f"{text}, suspicious data: {suspicion}"
     if isinstance(judgement.latest, (Age, Reduced)) and judgement.latest.remark:
         text = f"{text}, {judgement.latest.remark}"
     return f"{text}, no sample for {_silence_text(judgement)}" if judgement.is_stale else text
@@ -563,7 +563,9 @@ def _settings(config: SignalConfig) -> dict[str, str]:
         names.append("window_min_s")
     if config.scale != 1.0:
         names.append("scale")
-    settings = {**config.bounds, **{name: getattr(config, name) for name in names}}
-    values = {name: bound_text(setting) for name, setting in settings.items() if setting is not None}
-    conditions = {name: getattr(config, name) for name in CONDITIONS}
-    return {**values, **{name: str(condition) for name, condition in conditions.items() if condition is not None}}
+    settings = {**config.bounds, **{name: getattr(config, name) for name in (*names, *CONDITIONS)}}
+    return {
+        name: str(setting) if name in CONDITIONS else bound_text(setting)
+        for name, setting in settings.items()
+        if setting is not None
+    }

@@ -6,9 +6,9 @@ Getters (`field_path.py`) return these, so that a field means the same on every 
 from __future__ import annotations
 
 import math
-from typing import Any, Callable, Iterable, List, NamedTuple, Sequence, Tuple
+from typing import Any, Callable, Iterable, List, NamedTuple, Tuple
 
-from .formatting import datum_text, number_text
+from .formatting import datum_text
 
 MOST_ELEMENTS = 10_000
 """Largest number of elements of an array that are read; a longer array is invalid data."""
@@ -114,11 +114,8 @@ def stamp_of(seconds: Any, nanoseconds: Any) -> Stamp | BadDatum:
     1700000000.5
     """
     for part in (seconds, nanoseconds):
-        if type(part) is not int and (isinstance(part, bool) or not isinstance(part, (int, float))):
+        if isinstance(part, bool) or not isinstance(part, (int, float)) or not 0 <= part < STAMP_LIMIT:
             return BadDatum(f"not a time stamp: {datum_text(part)}")
-        if not 0 <= part < STAMP_LIMIT:
-            shown = number_text(part) if isinstance(part, float) or abs(part) < 1e300 else datum_text(part)
-            return BadDatum(f"not a time stamp: {shown} s" if part is seconds else f"not a time stamp: {shown} ns")
     return Stamp(seconds + nanoseconds / 1e9)
 
 
@@ -136,23 +133,6 @@ def _age(stamp: Stamp, now_s: float) -> Age | BadDatum:
     return Age(now_s - stamp) if stamp else BadDatum("no time stamp")
 
 
-def numbered(values: Sequence[Any]) -> Elements | BadDatum:
-    """Returns all elements of an array, named by their index."""
-    if len(values) > MOST_ELEMENTS:
-        return too_many(len(values))
-    return Elements(zip(map(str, range(len(values))), values))
-
-
 def too_many(number: int) -> BadDatum:
     """Returns the datum for an array that is too long to be read."""
     return BadDatum(f"{number} elements (limit {MOST_ELEMENTS})")
-
-
-def unequal(array: str, names_field: str, elements: int, names: int) -> BadDatum:
-    """Returns the datum for an array whose length is not that of the names beside it."""
-    return BadDatum(f"{array} has {elements} elements, {names_field} has {names}")
-
-
-def unnamed(place: str, name: Any) -> BadDatum:
-    """Returns the datum for an element whose name is not a text."""
-    return BadDatum(f"{place} is not a text: {datum_text(name)}")

@@ -25,14 +25,11 @@ from .elements import (
     DriverStatus,
     Elements,
     is_own_status,
-    numbered,
     stamp_of,
     too_many,
-    unequal,
-    unnamed,
 )
 from .errors import ConfigError
-from .formatting import describe
+from .formatting import datum_text, describe
 from .patterns import matches_pattern
 
 
@@ -67,14 +64,7 @@ _TIME_FIELDS = (("secs", "nsecs"), ("sec", "nanosec"))
 _STATUS_FIELDS = {"level", "name", "message"}
 
 
-class _Absent:
-    """Type of `ABSENT`."""
-
-    def __repr__(self) -> str:
-        return "ABSENT"
-
-
-ABSENT = _Absent()
+ABSENT = object()
 """Result of a path whose keyed element is not in the message: the message does not concern the signal."""
 
 
@@ -194,22 +184,28 @@ def _read(message: Any, steps: Sequence[Step], finish: Getter, above: Any = None
     elements = _listed(message)
     if isinstance(step, int):
         return _read(elements[step], rest, finish) if step < len(elements) else None
+    if isinstance(step, Every) and len(elements) > MOST_ELEMENTS:
+        return too_many(len(elements))
     if step == Every():
-        named = numbered(elements)
+        numbered = Elements(zip(map(str, range(len(elements))), elements))
         is_plain = not rest and len(elements) and type(elements[0]) in (int, float)
-        return named if is_plain or isinstance(named, BadDatum) else _read_all(named, rest, finish)
+        return numbered if is_plain else _read_all(numbered, rest, finish)
     names, place = _names_of(elements, above, array)
     if len(elements) != len(names):
-        return unequal(array, place, len(elements), len(names)) if len(elements) else ABSENT  # not measured
-    unnamed_at = (unnamed(f"{place}[{at}]", name) for at, name in enumerate(names) if type(name) is not str)
+        if not len(elements):
+            return ABSENT  # not measured
+        return BadDatum(f"{array} has {len(elements)} elements, {place} has {len(names)}")
+    unnamed = (
+        BadDatum(f"{place}[{at}] is not a text: {datum_text(name)}")
+        for at, name in enumerate(names)
+        if type(name) is not str
+    )
     if isinstance(step, Keyed):
         if step.key in names:
             return _read(elements[names.index(step.key)], rest, finish)
-        return next(unnamed_at, ABSENT)
-    if len(elements) > MOST_ELEMENTS:
-        return too_many(len(elements))
+        return next(unnamed, ABSENT)
     chosen = (pair for pair in zip(names, elements) if matches_pattern(pair[0], step.pattern or ""))
-    return next(unnamed_at, None) or _read_all(chosen, rest, finish) or ABSENT
+    return next(unnamed, None) or _read_all(chosen, rest, finish) or ABSENT
 
 
 def _read_all(elements: Iterable[tuple[str, Any]], steps: Sequence[Step], finish: Getter) -> Elements:

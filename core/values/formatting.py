@@ -126,20 +126,14 @@ def _plain(value: float, digits: int) -> str:
 class _BoundedRepr(reprlib.Repr):
     """A `repr` whose cost does not grow with the value: configurations may contain anything."""
 
-    def __init__(self) -> None:
-        super().__init__()
-        self.maxlevel = 3
-        self.maxother = self.maxstring = self.maxlong = 60
-
-    def repr_str(self, x: str, level: int) -> str:
-        return repr(x if len(x) <= 60 else x[:60])
-
     def repr_int(self, x: int, level: int) -> str:
         # Python refuses to print numbers of more than 4300 digits, and is slow before that.
         return repr(x) if x.bit_length() <= 2000 else f"a number of {x.bit_length()} bits"
 
 
-_bounded_repr = _BoundedRepr().repr
+_REPR = _BoundedRepr()
+_REPR.maxlevel = 3
+_REPR.maxother = _REPR.maxstring = 60
 
 
 def describe(value: object) -> str:
@@ -152,5 +146,5 @@ def describe(value: object) -> str:
         return "a mapping"
     if isinstance(value, datetime.date):
         return f"the date {value}"
-    text = _bounded_repr(value)
+    text = _REPR.repr(value)
     return text if len(text) <= 60 else text[:57] + "..."

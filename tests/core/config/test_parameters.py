@@ -145,7 +145,7 @@ def test_a_mapping_of_texts_is_required(found: object, problem: str) -> None:
 
 
 def test_descriptions_are_shortened_to_sixty_characters() -> None:
-    assert describe("x" * 100) == "'" + "x" * 56 + "..."
+    assert describe("x" * 100) == "'" + "x" * 27 + "..." + "x" * 28 + "'"
     assert len(describe("x" * 100)) == 60
 
 

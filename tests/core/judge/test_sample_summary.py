@@ -7,14 +7,14 @@ import math
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robot_health_monitor.core.judge.sample_summary import SampleCollector, SampleSummary, WallClock
+from robot_health_monitor.core.judge.sample_summary import SampleCollector, SampleSummary
 from robot_health_monitor.core.values.model import Level
 
 OK, WARN, ERROR, STALE = Level
 
 
 def collector(offset_s: float = 0.0) -> SampleCollector:
-    return SampleCollector(WallClock(offset_s))
+    return SampleCollector(lambda: offset_s)
 
 
 def test_samples_belong_to_the_period_in_which_they_arrive() -> None:
@@ -71,11 +71,11 @@ def test_periods_without_a_sample_or_a_known_level_do_not_exist() -> None:
 
 
 def test_time_that_goes_back_and_a_changed_wall_clock_begin_other_periods() -> None:
-    clock = WallClock(0.0)
-    collected = SampleCollector(clock)
+    offset_s = 0.0
+    collected = SampleCollector(lambda: offset_s)
     collected.note(1.0, 25.0)
     collected.note(2.0, 3.0)
-    clock.offset_s = 100.0
+    offset_s = 100.0
     collected.note(3.0, 14.0)
     assert [(part.start_s, part.last) for part in collected.take(math.inf)] == [(20.0, 1.0), (0.0, 2.0), (110.0, 3.0)]
 

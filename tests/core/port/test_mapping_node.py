@@ -120,11 +120,11 @@ def test_a_rejected_parameter_keeps_the_old_value() -> None:
         ('effort["*"]', {"name": ["a", 7], "effort": [1.5, 2.5]}, "name[1] is not a text: 7"),
         ('effort["a"]', {"name": "a", "effort": [1.5]}, ""),
         ("stamp", {"stamp": {"sec": None, "nanosec": 0}}, "not a time stamp: None"),
-        ("stamp", {"stamp": {"sec": 1e300, "nanosec": 0}}, "not a time stamp: 1e+300 s"),
+        ("stamp", {"stamp": {"sec": 1e300, "nanosec": 0}}, "not a time stamp: 1e+300"),
         (
             "stamp",
             {"stamp": {"secs": 5, "nsecs": 10**400}},
-            f"not a time stamp: 1{36 * '0'}... ns",
+            f"not a time stamp: 1{36 * '0'}...",
         ),
         ("stamp", {"stamp": {"sec": True, "nanosec": 0}}, "not a time stamp: True"),
         ('status["*"]', {"status": [{"name": "lidar", "level": 7, "message": "?"}]}, "[('lidar', (7, '?'))]"),

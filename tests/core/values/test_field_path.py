@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from robot_health_monitor.core.values.elements import BadDatum
 from robot_health_monitor.core.values.errors import ConfigError
 from robot_health_monitor.core.values.field_path import (
     ABSENT,
@@ -159,10 +160,6 @@ def test_a_text_with_underscores_is_no_number_though_python_reads_it_as_one() ->
     assert number_of_text("1_000") == "1_000"
 
 
-def test_absent_says_its_name() -> None:
-    assert repr(ABSENT) == "ABSENT"
-
-
 BATTERY = {
     "percentage": 0.5,
     "header": {"frame_id": "base"},
@@ -204,3 +201,13 @@ def test_an_error_about_a_long_path_is_short() -> None:
     with pytest.raises(ValueError, match="is not a name") as problem:
         parse_field_path("data" + "[x" * 3_000)
     assert len(str(problem.value)) < 200
+
+
+@pytest.mark.parametrize("path", ["numbers[*]", 'numbers["*"]'])
+def test_ten_thousand_elements_are_read_and_more_are_a_bad_datum_with_their_number(path: str) -> None:
+    names = [str(number) for number in range(10_001)]
+    message = {"name": names[:10_000], "numbers": [1.5] * 10_000}
+    assert mapping_getter(path)(message) == [(name, 1.5) for name in names[:10_000]]
+    too_many = mapping_getter(path)({"name": names, "numbers": [1.5] * 10_001})
+    assert type(too_many) is BadDatum
+    assert too_many == "10001 elements (limit 10000)"

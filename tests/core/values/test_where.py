@@ -51,7 +51,7 @@ EXAMPLE = 'expected comparisons such as level >= ERROR and name == "*arm*", got 
         ("level >= 3 x == 1", EXAMPLE + "'level >= 3 x == 1'"),
         ("level >= 3 and x", EXAMPLE + "'x'"),
         ("level >= 1e999", EXAMPLE + "'level >= 1e999'"),
-        ("level >= " + "9" * 5000, EXAMPLE + "'level >= " + "9" * 47 + "..."),
+        ("level >= " + "9" * 5000, EXAMPLE + "'level >= " + "9" * 18 + "..." + "9" * 28 + "'"),
         ('name < "motor"', EXAMPLE + "'name < \"motor\"'"),
         ("cells[*] > 3", EXAMPLE + "'cells[*] > 3'"),
         ('status["*"].level > 3', EXAMPLE + "'status[\"*\"].level > 3'"),
