@@ -44,6 +44,7 @@ _find_class = functools.partial(find_generated, r"from \._{name} import \*\s*$")
 native = NativeMessages(Dialect(_find_class, _fields, _class_of, byte_array=bytes))
 message_class = native.message_class
 service_class = native.service_class
+is_stamped = native.is_stamped
 to_mapping = native.to_mapping
 to_native = native.to_native
 

@@ -63,7 +63,7 @@ from ..runtime.threads import StepThread
 from . import messages
 from .master import Master, NodeChecks
 from .parameters import NodeParameters, set_log_level
-from .serialized import Reader
+from .serialized import message_reader
 from .services import call_in_time
 
 _LOGGER = logging.getLogger("rosout")
@@ -95,7 +95,7 @@ class Ros1Middleware(NativeNode):
         self._node_checks = NodeChecks(self._master)
         super().__init__(
             resolve_name(name or rospy.get_name(), rospy.get_name()),
-            messages.native,
+            messages,
             None if rospy.rostime.is_wallclock() else 0.0,
         )
         self._lookup = PublisherLookup(self._master, self._last_publishers)
@@ -154,20 +154,21 @@ class Ros1Middleware(NativeNode):
         def getter_of(raw: RawFormat) -> Getter:
             return self._type_of(mapped, raw).field_getter(field)
 
-        reader = Reader(mapped, type_name, getter_of, partial(self.failures.write, mapped))
-        return self._subscribe(topic, type_name, reader.read, callback)
+        read = message_reader(mapped, type_name, getter_of, partial(self.failures.write, mapped))
+        return self._subscribe(topic, type_name, read, callback)
 
     def subscribe_raw(self, topic: str, type_name: str, callback: RawCallback) -> Subscription:
         if type_name and split_type_name(type_name) is None:
             raise ConfigError(f"expected a type such as std_msgs/Float32, got {type_name!r}")
         mapped = rospy.resolve_name(self._resolve(topic))
-        reader = Reader(mapped, type_name, lambda raw: lambda data: (data, raw), partial(self.failures.write, mapped))
+        log = partial(self.failures.write, mapped)
+        read = message_reader(mapped, type_name, lambda raw: lambda data: (data, raw), log)
 
         def take(item: Any, now_s: float) -> None:
             if item is not ABSENT:
                 callback(item, now_s)
 
-        subscription = self._subscribe(topic, "", reader.read, take)
+        subscription = self._subscribe(topic, "", read, take)
         subscription.move_first()
         return subscription
 
@@ -198,19 +199,12 @@ class Ros1Middleware(NativeNode):
     def _take_time(self, now: rospy.Time) -> None:
         self.set_sim_time(now.to_sec())
 
-    def serialize(self, type_name: str, message: Message) -> tuple[bytes, RawFormat]:
-        native = self._stamped(messages.message_class(type_name), message)
-        return messages.serialized(native), messages.raw_format(type_name)
-
     def topic_types(self) -> Mapping[str, str]:
         types = self._master.topic_types()
         return {topic: type_name for topic, type_name in types.items() if type_name != rospy.AnyMsg._type}
 
     def why_silent(self, topic: str, type_name: str) -> str | None:
         return self._hints.get(rospy.resolve_name(self._resolve(topic)), type_name)
-
-    def look_up_silence(self, topic: str, type_name: str, answer: Answer) -> None:
-        self._lookup.look_up(topic, type_name, answer)
 
     def graph_name(self, key: str, name: str) -> str:
         if key == "lifecycle":
@@ -236,8 +230,8 @@ class Ros1Middleware(NativeNode):
         return count(
             wanted,
             nodes - gone,
-            others(publishers, self._published_topics()),
-            others(subscribers, self._subscribed_topics()),
+            others(publishers, {publisher.resolved_name for publisher, _ in tuple(self._publishers.values())}),
+            others(subscribers, {subscription.topic for subscription in tuple(self._subscriptions)}),
         )
 
     def graph(self) -> Graph:
@@ -271,9 +265,6 @@ class Ros1Middleware(NativeNode):
             raise ServiceError(f"{resolved}: no response within {timeout_s:g} s") from None
         except (OSError, ValueError, genpy.MessageException, rosgraph.network.ROSHandshakeException) as error:
             raise ServiceError(f"{resolved}: the call failed: {error}") from None
-
-    def raw_format(self, type_name: str) -> RawFormat:
-        return messages.raw_format(type_name)
 
     def advertise_service(self, service: str, type_name: str, handler: Callable[[Message], Message]) -> None:
         self._serve(service, type_name, partial(self.answer, handler))
@@ -315,14 +306,6 @@ class Ros1Middleware(NativeNode):
 
     def _stamp(self) -> Any:
         return rospy.Time.now()
-
-    def _published_topics(self) -> set[str]:
-        """Returns the topics that this node publishes, as the master knows them. May be called in any thread."""
-        return {publisher.resolved_name for publisher, _ in tuple(self._publishers.values())}
-
-    def _subscribed_topics(self) -> set[str]:
-        """Returns the topics that it subscribes to, as the master knows them. May be called in any thread."""
-        return {subscription.topic for subscription in tuple(self._subscriptions)}
 
     def _last_publishers(self, topic: str) -> set[str]:
         """Returns the nodes whose messages on a topic came last. May be called in any thread."""

@@ -21,37 +21,31 @@ from . import messages
 _MOST_HEADERS = 100
 
 
-class Reader:
-    """Reads the messages of a topic, each by the definition of its publisher."""
+def message_reader(topic: str, expected: str, getter_of: Callable[[RawFormat], Getter], log: Log) -> Getter:
+    """Returns what reads the messages of a topic, of the type `expected`, or of any if it is empty.
 
-    def __init__(self, topic: str, expected: str, getter_of: Callable[[RawFormat], Getter], log: Log) -> None:
-        """Takes messages of the type `expected`, or of any if it is empty.
+    `getter_of` returns what reads messages of a format, and raises ConfigError if they cannot be read. A message of a
+    type that does not fit reads as ABSENT, after one ERROR line. One that does not match its type raises ValueError.
+    """
+    wanted = canonical_type(expected)
 
-        `getter_of` returns what reads messages of a format, and raises ConfigError if they cannot be read.
-        """
-        self._topic, self._expected, self._log = topic, canonical_type(expected), log
-        self._getter_of = getter_of
-        self._getter = functools.lru_cache(maxsize=_MOST_HEADERS)(self._bind)
-        """By type, checksum and definition."""
+    @functools.lru_cache(maxsize=_MOST_HEADERS)
+    def bind(type_name: str, checksum: str, definition: str) -> Getter:
+        try:
+            if wanted not in ("", type_name):
+                raise ConfigError(f"{topic}: expected messages of type {wanted}, got {type_name}")
+            return getter_of(_format(type_name, checksum, definition))
+        except ConfigError as error:
+            log(Severity.ERROR, str(error))
+            return lambda data: ABSENT
 
-    def read(self, native: Any) -> Any:
-        """Returns what is read of a message; ABSENT, after one ERROR line, if the publisher's type does not fit.
-
-        Raises ValueError if the message does not match that type.
-        """
+    def read(native: Any) -> Any:
         header = native._connection_header
-        get = self._getter(header.get("type", ""), header.get("md5sum", ""), header.get("message_definition", ""))
+        get = bind(header.get("type", ""), header.get("md5sum", ""), header.get("message_definition", ""))
         # rospy itself reads /clock as messages.
         return get(native._buff if isinstance(native, rospy.AnyMsg) else messages.serialized(native))
 
-    def _bind(self, type_name: str, checksum: str, definition: str) -> Getter:
-        try:
-            if self._expected not in ("", type_name):
-                raise ConfigError(f"{self._topic}: expected messages of type {self._expected}, got {type_name}")
-            return self._getter_of(_format(type_name, checksum, definition))
-        except ConfigError as error:
-            self._log(Severity.ERROR, str(error))
-            return lambda data: ABSENT
+    return read
 
 
 def _format(type_name: str, checksum: str, definition: str) -> RawFormat:

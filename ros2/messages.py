@@ -11,6 +11,8 @@ import sys
 from pathlib import Path
 from typing import Any, Sequence
 
+from rclpy.serialization import serialize_message
+
 from ..core.messages.definitions import LONGEST_TEXT, SEQUENCE, Field, parse_msg
 from ..core.messages.dialect import Dialect
 from ..core.messages.native_messages import NativeMessages, find_generated
@@ -54,17 +56,19 @@ def _class_of(kind: str) -> Any:
     return message_class(kind) if "/" in kind else None
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
     """Converts arrays and their elements to plain Python; those of fixed size are numpy's, others `array.array`."""
     return value.tolist() if hasattr(value, "tolist") else value
 
 
 _find_class = functools.partial(find_generated, r"from {package}\.{kind}\._\w+ import {name}(?:\s|$)")
-native = NativeMessages(Dialect(_find_class, _fields, _class_of, byte_array=list, plain=_plain))
+native = NativeMessages(Dialect(_find_class, _fields, _class_of, byte_array=list, plain=plain))
 message_class = native.message_class
 service_class = native.service_class
+is_stamped = native.is_stamped
 to_mapping = native.to_mapping
 to_native = native.to_native
+serialized = serialize_message
 
 
 def raw_format(type_name: str) -> RawFormat:

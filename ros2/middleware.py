@@ -16,14 +16,12 @@ from rclpy.clock import Clock, ClockType, JumpThreshold, TimeJump
 from rclpy.context import Context
 from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
+from rclpy.logging import get_logger
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.serialization import serialize_message
 
 from ..core.config import Parameter
-from ..core.messages.raw_messages import RawFormat
 from ..core.messages.serialized import SerializedType
 from ..core.port import (
-    Answer,
     Callback,
     ClockTimer,
     Counts,
@@ -61,14 +59,6 @@ _STATIC_QUEUE_SIZE = 100
 """The same for latched messages, of which each of many publishers may have one: that of tf2's listeners."""
 _DURABILITY = {True: DurabilityPolicy.TRANSIENT_LOCAL, False: DurabilityPolicy.VOLATILE}
 """By whether the messages are latched."""
-_LOG: Mapping[Severity, Callable[[Any, str], object]] = {
-    Severity.DEBUG: lambda logger, text: logger.debug(text),
-    Severity.INFO: lambda logger, text: logger.info(text),
-    Severity.WARN: lambda logger, text: logger.warning(text),
-    Severity.ERROR: lambda logger, text: logger.error(text),
-    Severity.FATAL: lambda logger, text: logger.fatal(text),
-}
-"""One line each: rclpy remembers the severity of each calling line."""
 _GET_STATE = "lifecycle_msgs/GetState"
 _QOS_CHECK_PERIOD_S = 1.0
 """Period of the check for publishers with an incompatible QoS, in s."""
@@ -88,11 +78,10 @@ class Ros2Middleware(NativeNode):
             options: further arguments of rclpy's Node, such as `namespace` and `parameter_overrides`.
         """
         self.node = ParameterNode(name, context=context, **options)
-        self._logger = self.node.get_logger()
         self._ros_clock = self.node.get_clock()
         self._lookup = PublisherLookup(self.node, self._qos_of)
         sim_time_s = self._ros_clock.now().nanoseconds / 1e9 if self._ros_clock.ros_time_is_active else None
-        super().__init__(self.node.get_fully_qualified_name(), messages.native, sim_time_s)
+        super().__init__(self.node.get_fully_qualified_name(), messages, sim_time_s)
         self.parameters = NodeParameters(self.node)
         self._states = LifecycleStates(self.node)
         self._channels: dict[tuple[str, Any], _Channel] = {}
@@ -136,10 +125,6 @@ class Ros2Middleware(NativeNode):
         subscription = Subscription(self._resolve(topic), _native_name(topic), callback, None, is_raw=True)
         subscription.follows_type = not type_name
         return self._begin(subscription, type_name)
-
-    def serialize(self, type_name: str, message: Message) -> tuple[bytes, RawFormat]:
-        native = self._stamped(messages.message_class(type_name), message)
-        return serialize_message(native), messages.raw_format(type_name)
 
     def topic_types(self) -> Mapping[str, str]:
         return {topic: types[0] for topic, types in self.node.get_topic_names_and_types() if types}
@@ -201,9 +186,6 @@ class Ros2Middleware(NativeNode):
         finally:
             self.node.destroy_client(client)
 
-    def raw_format(self, type_name: str) -> RawFormat:
-        return messages.raw_format(type_name)
-
     def _count(self, wanted: Collection[Wanted]) -> Counts:
         node = self.node
         names = node_names(node)
@@ -225,9 +207,6 @@ class Ros2Middleware(NativeNode):
             for info in infos(topic):
                 if full_name(info.node_name, info.node_namespace) != self.name:
                     yield topic
-
-    def look_up_silence(self, topic: str, type_name: str, answer: Answer) -> None:
-        self._lookup.look_up(topic, type_name, answer)
 
     def create_timer(self, period_s: float, callback: Callable[[float], None], *, steady: bool = False) -> ClockTimer:
         timer = super().create_timer(period_s, callback, steady=steady)
@@ -265,7 +244,9 @@ class Ros2Middleware(NativeNode):
 
     def log(self, severity: Severity, text: str) -> None:
         if self.node.context.ok():  # otherwise rcl would print that it cannot publish the line
-            self.faults.guard("log", _LOG[severity], self._logger, with_degree_sign(text))
+            # Another object for each line, as one remembers the severity of each line of code that calls it.
+            logger = get_logger(self.node.get_logger().name)
+            self.faults.guard("log", logger.log, with_degree_sign(text), severity)
 
     def _leave(self) -> None:
         self._channels.clear()

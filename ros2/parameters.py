@@ -19,6 +19,7 @@ from ..core.config import NODE_PARAMETERS, Parameter, load_config, read_yaml, se
 from ..core.port import OnChange
 from ..core.values import ConfigError, JsonObject
 from ..runtime.native_node import Log, apply_change
+from .messages import plain
 
 _START_ONLY = {
     parameter.name: parameter for parameter in NODE_PARAMETERS if parameter.name in ("executor", "use_sim_time")
@@ -58,7 +59,7 @@ class NodeParameters:
         """Reads what was given to a node that has declared nothing else."""
         self._node = node
         values = {name: parameter.value for name, parameter in node.get_parameters_by_prefix("").items()}
-        given = {name: [] if value is None else _plain(value) for name, value in values.items()}
+        given = {name: [] if value is None else plain(value) for name, value in values.items()}
         self._own = {name: given[name] for name in _START_ONLY if name in given}
         self._given = {name: value for name, value in given.items() if name.partition(".")[0] not in _NOT_FOR_NODES}
         self._declared: dict[str, Parameter] = {}
@@ -106,7 +107,7 @@ class NodeParameters:
             self._node.declare_parameter(parameter.name, default, descriptor, ignore_override=True)
 
     def _propose(self, apply: OnChange, log: Log, changes: Sequence[Any]) -> SetParametersResult:
-        proposed = {**self._given, **{change.name: _plain(change.value) for change in changes}}
+        proposed = {**self._given, **{change.name: plain(change.value) for change in changes}}
         proposed = {name: value for name, value in proposed.items() if value is not None}
         if proposed == self._given:
             return SetParametersResult(successful=True)
@@ -130,11 +131,6 @@ class NodeParameters:
         """Applies the parameter `log_level`; if it is not given, `--log-level` stays in force."""
         if "log_level" in values:
             self._node.get_logger().set_level(LoggingSeverity[values["log_level"]])
-
-
-def _plain(value: Any) -> Any:
-    """Converts the arrays among parameter values to lists."""
-    return list(value) if isinstance(value, (list, tuple)) or hasattr(value, "tolist") else value
 
 
 class ParameterFiles:

@@ -9,8 +9,8 @@ import abc
 import time
 from typing import Any, Callable, Collection
 
-from ..core.messages.native_messages import NativeMessages
-from ..core.port import NOTHING_CHANGED, ClockedNode, Counts, GraphCallback, Severity, Unread, Wanted
+from ..core.messages.raw_messages import RawFormat
+from ..core.port import NOTHING_CHANGED, Answer, ClockedNode, Counts, GraphCallback, Severity, Unread, Wanted
 from ..core.values import ABSENT, ConfigError, JsonObject, Message, MessageError, ServiceError, printable
 from .threads import StepThread
 
@@ -22,11 +22,13 @@ class NativeNode(ClockedNode):
 
     parameters: Any
     """Those of the node, with the method `given`."""
+    _lookup: Any
+    """Looks up why a topic brings no samples, with the method `look_up`."""
     graph_period_s = 1.0
     """Time between two readings of the graph, in s."""
 
-    def __init__(self, name: str, messages: NativeMessages, sim_time_s: float | None) -> None:
-        """Connects nothing; `sim_time_s` is of `ClockedNode`."""
+    def __init__(self, name: str, messages: Any, sim_time_s: float | None) -> None:
+        """Connects nothing; `messages` is the module of that name of the adapter, `sim_time_s` is of `ClockedNode`."""
         super().__init__(name, clock=time.monotonic, wall_clock=time.time, sim_time_s=sim_time_s)
         self._messages = messages
         self._publishers: dict[str, tuple[Any, Any]] = {}
@@ -74,6 +76,17 @@ class NativeNode(ClockedNode):
         timer = self._graph = StepThread("graph", read, self.log_failure)
         timer.start()
         return timer
+
+    def look_up_silence(self, topic: str, type_name: str, answer: Answer) -> None:
+        self._lookup.look_up(topic, type_name, answer)
+
+    def raw_format(self, type_name: str) -> RawFormat:
+        raw: RawFormat = self._messages.raw_format(type_name)
+        return raw
+
+    def serialize(self, type_name: str, message: Message) -> tuple[bytes, RawFormat]:
+        native = self._stamped(self._messages.message_class(type_name), message)
+        return self._messages.serialized(native), self.raw_format(type_name)
 
     def publish(self, topic: str, message: Message) -> None:
         publisher, cls = self._advertised(topic)
