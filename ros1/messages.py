@@ -14,8 +14,7 @@ from ..core.messages.definitions import ROS1_KINDS, SEQUENCE, Field
 from ..core.messages.dialect import Dialect
 from ..core.messages.native_messages import NativeMessages, find_generated
 from ..core.messages.raw_messages import RawFormat, ros1_format
-from ..core.messages.serialized import SerializedType
-from ..core.values import Getter, canonical_type
+from ..core.values import canonical_type
 
 _TIMES = {"time": genpy.Time, "duration": genpy.Duration}
 
@@ -44,14 +43,8 @@ _find_class = functools.partial(find_generated, r"from \._{name} import \*\s*$")
 native = NativeMessages(Dialect(_find_class, _fields, _class_of, byte_array=bytes))
 message_class = native.message_class
 service_class = native.service_class
-is_stamped = native.is_stamped
 to_mapping = native.to_mapping
 to_native = native.to_native
-
-
-def field_getter(topic: str, type_name: str, field: str) -> Getter:
-    """Returns what reads a field from serialized messages of a type that is installed here; raises ConfigError."""
-    return SerializedType(topic, raw_format(type_name)).field_getter(field)
 
 
 def serialized(native: Any) -> bytes:
@@ -59,11 +52,6 @@ def serialized(native: Any) -> bytes:
     buffer = io.BytesIO()
     native.serialize(buffer)
     return buffer.getvalue()
-
-
-def deserialized(data: bytes, native_class: Any) -> Any:
-    """Returns a message of a class."""
-    return native_class().deserialize(data)
 
 
 def raw_format(type_name: str) -> RawFormat:

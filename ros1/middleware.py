@@ -102,9 +102,11 @@ class Ros1Middleware(NativeNode):
         self._timers: StepThread | None = None
         self._clock_subscriber: Any = None
         if self._sim_time_s is not None:
-            self._clock_subscriber = rospy.Subscriber("/clock", Clock, lambda native: self._take_time(native.clock))
+            self._clock_subscriber = rospy.Subscriber(
+                "/clock", Clock, lambda native: self.set_sim_time(native.clock.to_sec())
+            )
             if self.waiting_for_clock():  # the latest message may have come before this subscription
-                self._take_time(rospy.get_rostime())
+                self.set_sim_time(rospy.get_time())
         self.parameters = NodeParameters(self._master, self.name)
         self._type_of = lru_cache(maxsize=_MOST_TYPES)(SerializedType)
         """All subscriptions to a topic share the type, which deserializes each message once."""
@@ -149,7 +151,7 @@ class Ros1Middleware(NativeNode):
         if field is None:
             return self._subscribe(topic, "", lambda native: 1.0, callback)
         if type_name:
-            messages.field_getter(mapped, type_name, field)  # raises
+            self._type_of(mapped, messages.raw_format(type_name)).field_getter(field)  # raises
 
         def getter_of(raw: RawFormat) -> Getter:
             return self._type_of(mapped, raw).field_getter(field)
@@ -195,9 +197,6 @@ class Ros1Middleware(NativeNode):
     def now_s(self) -> float:
         # Messages on /clock may wait for the lock, which rospy's own time does not.
         return self._clock() if self._sim_time_s is None else float(rospy.get_time())
-
-    def _take_time(self, now: rospy.Time) -> None:
-        self.set_sim_time(now.to_sec())
 
     def topic_types(self) -> Mapping[str, str]:
         types = self._master.topic_types()
@@ -369,11 +368,7 @@ def _unregister(topic: Any) -> None:
 class PublisherLookup:
     """Asks the master in a thread, which ends when it has answered: neither a callback nor a tick waits for it."""
 
-    def __init__(
-        self,
-        master: Master,
-        last_publishers: Callable[[str], Collection[str]] = lambda topic: (),
-    ) -> None:
+    def __init__(self, master: Master, last_publishers: Callable[[str], Collection[str]]) -> None:
         """Asks nothing yet.
 
         `last_publishers` returns the nodes whose messages on a topic came last; it is called in the thread.
@@ -403,10 +398,7 @@ class PublisherLookup:
             text: str | None = None
             if published is not None:
                 with contextlib.suppress(ServiceError):
-                    text = self._explain(topic, type_name, published)
+                    gone = [node for node in self._last_publishers(topic) if self._master.answers(node) is False]
+                    actual = [published[topic]] if topic in published and not gone else []
+                    text = explain(topic, type_name, actual, gone, similar_topic(topic, type_name, published))
             answer(text)
-
-    def _explain(self, topic: str, type_name: str, published: Mapping[str, str]) -> str | None:
-        gone = [node for node in self._last_publishers(topic) if self._master.answers(node) is False]
-        types = [published[topic]] if topic in published and not gone else []
-        return explain(topic, type_name, types, gone, similar_topic(topic, type_name, published))

@@ -43,7 +43,7 @@ def call_in_time(service: str, address: str, type_name: str, request: Message, d
         data = _receive(connection, length, deadline_s)
     if not succeeded:
         raise ServiceError(data.decode("utf-8", "replace"))
-    return messages.to_mapping(messages.deserialized(data, cls._response_class))
+    return messages.to_mapping(cls._response_class().deserialize(data))
 
 
 def _receive(connection: socket.socket, length: int, deadline_s: float) -> bytes:

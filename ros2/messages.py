@@ -65,7 +65,6 @@ _find_class = functools.partial(find_generated, r"from {package}\.{kind}\._\w+ i
 native = NativeMessages(Dialect(_find_class, _fields, _class_of, byte_array=list, plain=plain))
 message_class = native.message_class
 service_class = native.service_class
-is_stamped = native.is_stamped
 to_mapping = native.to_mapping
 to_native = native.to_native
 serialized = serialize_message

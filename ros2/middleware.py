@@ -336,8 +336,7 @@ class Ros2Middleware(NativeNode):
 
     def _type_of(self, topic: str) -> str:
         """Returns the type of a topic, empty if it is unknown."""
-        types = dict(self.node.get_topic_names_and_types()).get(topic, [])
-        return types[0] if types else ""
+        return self.topic_types().get(topic, "")
 
     def _new_type_of(self, subscription: Subscription) -> str:
         """Returns the type with which to subscribe now; empty if that need not change.

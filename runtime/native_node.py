@@ -127,7 +127,7 @@ class NativeNode(ClockedNode):
     def _stamped(self, cls: Any, message: Message) -> Any:
         """Returns a native message, stamped if it has no stamp."""
         native = self._messages.to_native(cls, message)
-        if self._messages.is_stamped(cls) and "stamp" not in message.get("header", {}):
+        if self._messages.native.is_stamped(cls) and "stamp" not in message.get("header", {}):
             native.header.stamp = self._stamp()
         return native
 

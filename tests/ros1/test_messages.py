@@ -10,9 +10,10 @@ import pytest
 
 pytest.importorskip("rospy")
 
+from robot_health_monitor.core.messages.serialized import SerializedType
 from robot_health_monitor.core.values.errors import ConfigError
 from robot_health_monitor.core.values.field_path import ABSENT
-from robot_health_monitor.ros1.messages import message_class, service_class, to_mapping, to_native
+from robot_health_monitor.ros1.messages import message_class, raw_format, service_class, to_mapping, to_native
 
 
 @pytest.mark.parametrize(
@@ -98,8 +99,6 @@ def test_statuses_are_read_from_serialized_messages_as_from_others() -> None:
 
     from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
-    from robot_health_monitor.ros1.messages import field_getter
-
     statuses = [
         DiagnosticStatus(level, f"driver {level}: größe", "x" * level, "hw", [KeyValue("k" * level, "v")] * level)
         for level in range(-1, 9)
@@ -108,7 +107,9 @@ def test_statuses_are_read_from_serialized_messages_as_from_others() -> None:
     buffer = io.BytesIO()
     DiagnosticArray(status=statuses).serialize(buffer)
     for field, number in (('status["*"]', 10), ('status["driver ?: *"]', 9), ('status["none*"]', None)):
-        found = field_getter("/d", "diagnostic_msgs/DiagnosticArray", field)(buffer.getvalue())
+        found = SerializedType("/d", raw_format("diagnostic_msgs/DiagnosticArray")).field_getter(field)(
+            buffer.getvalue()
+        )
         assert (None if found is ABSENT else len(found)) == number
         read = [(status.name, (status.level, status.message)) for status in statuses[:10]]
         assert number is None or found == read[-number:]
@@ -120,8 +121,6 @@ def test_numbers_are_read_from_serialized_messages() -> None:
     from sensor_msgs.msg import BatteryState, LaserScan
     from std_msgs.msg import Float32, Header
 
-    from robot_health_monitor.ros1.messages import field_getter
-
     for message, field, value in (
         (Float32(data=19.5), "data", 19.5),
         (BatteryState(header=Header(frame_id="base"), percentage=0.5, cell_voltage=[3.5]), "percentage", 0.5),
@@ -132,5 +131,5 @@ def test_numbers_are_read_from_serialized_messages() -> None:
     ):
         buffer = io.BytesIO()
         message.serialize(buffer)
-        get = field_getter("/in", message._type, field)
+        get = SerializedType("/in", raw_format(message._type)).field_getter(field)
         assert get(buffer.getvalue()) == value

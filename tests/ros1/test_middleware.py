@@ -242,7 +242,7 @@ def lookup(uri: str, monkeypatch: pytest.MonkeyPatch, timeout_s: float = 10.0) -
     from robot_health_monitor.ros1.middleware import PublisherLookup
 
     monkeypatch.setenv("ROS_MASTER_URI", uri)
-    return PublisherLookup(Master("/tests", timeout_s))
+    return PublisherLookup(Master("/tests", timeout_s), lambda topic: ())
 
 
 def test_each_question_is_answered_by_the_master_in_another_thread(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 import roslib.message
 
+from robot_health_monitor.core.messages.serialized import SerializedType
 from robot_health_monitor.core.messages.standard_messages import MESSAGES, SERVICES, field_getter
 from robot_health_monitor.ros1 import messages as ros1_messages
 
@@ -53,5 +54,5 @@ def test_every_message_of_the_package_is_known(package: str) -> None:
     ],
 )
 def test_a_field_that_ros_1_binds_is_bound_without_ros_too(type_name: str, field: str) -> None:
-    assert ros1_messages.field_getter("/topic", type_name, field)
+    assert SerializedType("/topic", ros1_messages.raw_format(type_name)).field_getter(field)
     assert field_getter("/topic", type_name, field)
