@@ -1,7 +1,7 @@
 """The monitor without a middleware: values, configuration and judging. `core.nodes` runs it on a middleware."""
 
 from .config import MonitorConfig, SignalConfig, load_config
-from .judge.monitor import Monitor
+from .judge import Monitor
 from .nodes.outlets import Event, Notice, Outlet, Outlets
 from .values import (
     Changes,

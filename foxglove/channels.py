@@ -6,7 +6,7 @@ import itertools
 import threading
 from typing import Callable, Iterable, Mapping, Protocol, Sequence
 
-from ..core.messages.serialized import SerializedType
+from ..core.messages import SerializedType
 from ..core.port import explain, similar_topic
 from ..core.values import printable
 from .protocol import LARGEST_ID, Channel, subscribe, unsubscribe

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from typing import Any, Callable, Mapping
 
-from ..core.messages.serialized import SerializedType
+from ..core.messages import SerializedType
 from ..core.port import Answer, Callback, MappingSubscription, Severity
 from ..core.values import ABSENT, ConfigError, canonical_type, printable
 from ..runtime.bridge.node import BridgeClient, BridgeNode, KnownTopic

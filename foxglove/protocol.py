@@ -11,7 +11,7 @@ import json
 import struct
 from typing import Any, Iterator, NamedTuple, Sequence
 
-from ..core.messages.raw_messages import RawFormat
+from ..core.messages import RawFormat
 from ..core.values import JsonObject, MessageError
 
 SUBPROTOCOLS = ("foxglove.sdk.v1", "foxglove.websocket.v1")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 from typing import Any
 
-from ..core.messages.serialized import SerializedType
+from ..core.messages import SerializedType
 from ..core.values import ConfigError
 from ..runtime.libraries import RECORDINGS, libraries
 from .recording import Channel

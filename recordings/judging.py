@@ -11,12 +11,17 @@ from functools import partial
 from typing import Any, Callable, Counter, Mapping, NamedTuple, Sequence
 
 from ..core.config import DEFAULT_SIGNALS, LINK, Section, SignalConfig, read_monitor, read_signal, template_name
-from ..core.judge.attachments import TICKS, SavedMonitor
-from ..core.judge.element_signals import own_config
-from ..core.judge.monitor import Monitor
-from ..core.judge.sample_summary import NO_SAMPLES, SampleCollector, SampleSummary
-from ..core.judge.signal_monitor import SignalMonitor
-from ..core.judge.sources import is_source
+from ..core.judge import (
+    NO_SAMPLES,
+    TICKS,
+    Monitor,
+    SampleCollector,
+    SampleSummary,
+    SavedMonitor,
+    SignalMonitor,
+    is_source,
+    own_config,
+)
 from ..core.nodes import AlertSystem
 from ..core.nodes.outlets import Event
 from ..core.values import JsonObject, Level, Transition, resolve_name

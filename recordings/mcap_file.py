@@ -21,8 +21,8 @@ from mcap.records import AttachmentIndex, ChunkIndex, Schema, Statistics
 from mcap.records import Channel as McapChannel
 from mcap.stream_reader import StreamReader
 
-from ..core.judge.attachments import STATE, THRESHOLDS
-from ..core.messages.raw_messages import PROFILES, RawFormat
+from ..core.judge import STATE, THRESHOLDS
+from ..core.messages import PROFILES, RawFormat
 from .recording import LARGEST, ChunkedFile, Damaged, Messages, Record, Wanted, unpack
 
 _FORMATS = ("ros1msg", "ros2msg", "ros2idl", "jsonschema")

@@ -18,7 +18,7 @@ from itertools import chain
 from operator import itemgetter
 from typing import Any, BinaryIO, Iterable, Iterator, List, Mapping, NamedTuple, Optional, Tuple, TypeVar
 
-from ..core.messages.raw_messages import RawFormat
+from ..core.messages import RawFormat
 from ..core.values import ConfigError, MessageError, canonical_type, count_text
 from ..runtime.libraries import RECORDINGS, libraries
 

@@ -10,7 +10,7 @@ import os
 import struct
 from typing import BinaryIO, Counter, Dict
 
-from ..core.messages.raw_messages import ros1_format
+from ..core.messages import ros1_format
 from .recording import LARGEST, ChunkedFile, Damaged, Messages, Record, Wanted, unpack
 
 _MESSAGE, _BAG_HEADER, _CHUNK, _CHUNK_INFO, _CONNECTION = (bytes([op]) for op in (2, 3, 5, 6, 7))

@@ -9,7 +9,7 @@ import struct
 from pathlib import Path
 from typing import Any, BinaryIO, Iterator, Mapping
 
-from ..core.messages.raw_messages import RawFormat
+from ..core.messages import RawFormat
 from .recording import LARGEST, Damaged, Messages, RawMessage, RecordedFile, RecordingError, in_time_order
 
 _FORMATS = ("ros2msg", "ros2idl")

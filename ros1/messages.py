@@ -10,10 +10,7 @@ from typing import Any
 import genpy
 import rospy
 
-from ..core.messages.definitions import ROS1_KINDS, SEQUENCE, Field
-from ..core.messages.dialect import Dialect
-from ..core.messages.native_messages import NativeMessages, find_generated
-from ..core.messages.raw_messages import RawFormat, ros1_format
+from ..core.messages import ROS1_KINDS, SEQUENCE, Dialect, Field, NativeMessages, RawFormat, find_generated, ros1_format
 from ..core.values import canonical_type
 
 _TIMES = {"time": genpy.Time, "duration": genpy.Duration}

@@ -26,8 +26,7 @@ import rospy.topics
 from rosgraph_msgs.msg import Clock
 
 from ..core.config import Parameter
-from ..core.messages.raw_messages import RawFormat
-from ..core.messages.serialized import SerializedType
+from ..core.messages import RawFormat, SerializedType
 from ..core.port import (
     NOT_COUNTED,
     Answer,

@@ -12,7 +12,7 @@ from typing import Any, Callable
 
 import rospy
 
-from ..core.messages.raw_messages import RawFormat, ros1_format
+from ..core.messages import RawFormat, ros1_format
 from ..core.port import Severity
 from ..core.values import ABSENT, ConfigError, Getter, canonical_type
 from ..runtime.native_node import Log

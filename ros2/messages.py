@@ -13,10 +13,17 @@ from typing import Any, Sequence
 
 from rclpy.serialization import serialize_message
 
-from ..core.messages.definitions import LONGEST_TEXT, SEQUENCE, Field, parse_msg
-from ..core.messages.dialect import Dialect
-from ..core.messages.native_messages import NativeMessages, find_generated
-from ..core.messages.raw_messages import RawFormat, ros2_format
+from ..core.messages import (
+    LONGEST_TEXT,
+    SEQUENCE,
+    Dialect,
+    Field,
+    NativeMessages,
+    RawFormat,
+    find_generated,
+    parse_msg,
+    ros2_format,
+)
 
 _KINDS = {"boolean": "bool", "float": "float32", "double": "float64"}
 """Kinds of types that rosidl names differently. (A `char` is a uint8 there.)"""

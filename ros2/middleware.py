@@ -20,7 +20,7 @@ from rclpy.logging import get_logger
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from ..core.config import Parameter
-from ..core.messages.serialized import SerializedType
+from ..core.messages import SerializedType
 from ..core.port import (
     Callback,
     ClockTimer,

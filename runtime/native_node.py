@@ -9,7 +9,7 @@ import abc
 import time
 from typing import Any, Callable, Collection
 
-from ..core.messages.raw_messages import RawFormat
+from ..core.messages import RawFormat
 from ..core.port import NOTHING_CHANGED, Answer, ClockedNode, Counts, GraphCallback, Severity, Unread, Wanted
 from ..core.values import ABSENT, ConfigError, JsonObject, Message, MessageError, ServiceError, printable
 from .threads import StepThread

@@ -23,8 +23,7 @@ from ...core.config import (
     refuse_second_section,
     remarks_of,
 )
-from ...core.messages import standard_messages
-from ...core.messages.standard_messages import MESSAGES, PACKAGES
+from ...core.messages import MESSAGES, PACKAGES, standard_messages
 from ...core.nodes import Aggregator, BatterySensor
 from ...core.port import LocalBus, Middleware
 from ...core.values import (

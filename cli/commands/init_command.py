@@ -13,8 +13,7 @@ from functools import partial
 from typing import Any, Callable, Container, ContextManager, Iterator, Mapping, NamedTuple
 
 from ...core.config import MonitorConfig, load_config
-from ...core.messages.definitions import parse_definition
-from ...core.messages.standard_messages import definition
+from ...core.messages import definition, parse_definition
 from ...core.port import NodeInfo, ServedMiddleware
 from ...core.proposal.candidates import Candidates, Topic, absolute
 from ...core.proposal.nodes import Nodes

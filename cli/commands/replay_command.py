@@ -10,8 +10,7 @@ import time
 from typing import Callable, Counter, Sequence, TextIO, Tuple
 
 from ...core.config import Section, SignalConfig, YamlFile, read_yaml
-from ...core.judge.attachments import SavedMonitor
-from ...core.judge.sources import is_source
+from ...core.judge import SavedMonitor, is_source
 from ...core.nodes.outlets import json_line
 from ...core.port import LogLine, Severity
 from ...core.values import ConfigError, Level, ServiceError, Transition, count_text, duration_text, list_text, printable

@@ -9,7 +9,7 @@ import sys
 import time
 from typing import Any
 
-from ...core.judge.sources import is_source
+from ...core.judge import is_source
 from ...core.values import count_text, list_text, printable
 from ...ops.store.matchers import parse_matchers
 from ...ops.store.queries import configuration

@@ -14,7 +14,7 @@ from rich.table import Table
 from rich.text import Text
 
 from ...core.config import LINK, OF_ARRIVALS, SignalConfig
-from ...core.judge.wording import bounds_text
+from ...core.judge import bounds_text
 from ...core.values import Level, Status, with_hint
 from ...runtime.times import local_time
 from .lines import Monitors

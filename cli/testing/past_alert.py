@@ -31,8 +31,7 @@ from ...core.config import (
     settings_of,
     template_name,
 )
-from ...core.judge.attachments import STATE, THRESHOLDS, SavedMonitor, read_saved_monitor
-from ...core.judge.continuity import MAX_EVIDENCE
+from ...core.judge import MAX_EVIDENCE, STATE, THRESHOLDS, SavedMonitor, read_saved_monitor
 from ...core.nodes.alert_system import TICK_PERIOD_S
 from ...core.values import ConfigError, JsonObject, Level, MessageError, Transition, count_text, printable
 from ...ops.store import queries

@@ -34,7 +34,7 @@ from ...core.config import (
     require_mapping,
     template_name,
 )
-from ...core.judge.monitor import Monitor
+from ...core.judge import Monitor
 from ...core.nodes.alert_system import TICK_PERIOD_S
 from ...core.values import (
     ConfigError,

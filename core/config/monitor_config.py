@@ -12,7 +12,7 @@ from functools import lru_cache
 from types import MappingProxyType
 from typing import Any, Dict, Iterator, List, Mapping, NamedTuple, Optional, Tuple, Union
 
-from ..messages.standard_messages import check_field
+from ..messages import check_field
 from ..values import ConfigError, JsonObject, Path, Problems, describe, list_text, split_type_name
 from .causes import Causes, causes_of
 from .parameters import Parameter

@@ -18,7 +18,7 @@ from ..config import (
     read_parameters,
     read_signal,
 )
-from ..judge.monitor import Monitor
+from ..judge import Monitor
 from ..port import Middleware, Severity, Subscription
 from ..sensors.configuration import METRICS
 from ..values import ARRAY_TYPE, OWN_TOPICS, ConfigError, JsonObject, Level, Sample, Status, number_text

@@ -11,11 +11,7 @@ from types import MappingProxyType
 from typing import Any, Callable, Mapping
 
 from ..config import DEFAULT_SIGNALS, MonitorConfig, described_parameters, is_whole_file
-from ..judge.continuity import Continuity, SignalHistory
-from ..judge.element_signals import MOST_REFUSED
-from ..judge.monitor import Monitor
-from ..judge.sources import is_source
-from ..judge.wording import source_text
+from ..judge import MOST_REFUSED, Continuity, Monitor, SignalHistory, is_source, source_text
 from ..port import Middleware, Result, Severity
 from ..values import ABSENT, Fault, JsonObject, Level, Sample, Transition, with_ages
 from . import node

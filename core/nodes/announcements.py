@@ -6,8 +6,7 @@ from dataclasses import replace
 from functools import partial
 from typing import Callable, Mapping
 
-from ..judge.continuity import Continuity
-from ..judge.monitor import Monitor
+from ..judge import Continuity, Monitor
 from ..port import Middleware, Severity
 from ..values import ARRAY_TYPE, STATUS_TYPE, Changes, Level, Status, Transition, printable
 from . import node

@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 from typing import Any, Callable, Iterable, NamedTuple, Union
 
-from ..messages.raw_messages import json_text
+from ..messages import json_text
 from ..port import Severity
 from ..values import OWN_KEY, Faults, Level, Message, Status, Transition, datum_text, fingerprint, with_hint
 

@@ -8,7 +8,7 @@ from functools import partial
 from typing import Any, Callable, Mapping, Optional, Tuple
 
 from ..config import DEFAULT_SIGNALS, LINK, MonitorConfig, SignalConfig, causes_first, load_config
-from ..judge.monitor import Monitor
+from ..judge import Monitor
 from ..port import Counts, Middleware, Subscription, Timer, Unread, Wanted
 from ..values import ABSENT, ConfigError, Goals, JsonObject, ServiceError, resolve_name
 

@@ -13,8 +13,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, Callable, Collection, Iterable, Mapping, NamedTuple
 
-from ..messages.raw_messages import RawFormat, json_format
-from ..messages.standard_messages import check_type, definition
+from ..messages import RawFormat, check_type, definition, json_format
 from ..values import Clock, ConfigError, JsonObject, Message, ServiceError, full_name, split_type_name
 from .graph import Counts, GraphCallback, Wanted, count, state_of
 from .hints import Answer, explain, similar_topic

@@ -9,9 +9,17 @@ from __future__ import annotations
 from typing import Callable, Collection, Mapping, Sequence
 
 from ..config import Parameter
-from ..messages.mapping_field import MISSING, MappingField
-from ..messages.raw_messages import RawFormat, json_bytes, json_format
-from ..messages.standard_messages import check_type, complete, definition, is_stamped
+from ..messages import (
+    MISSING,
+    MappingField,
+    RawFormat,
+    check_type,
+    complete,
+    definition,
+    is_stamped,
+    json_bytes,
+    json_format,
+)
 from ..values import (
     ABSENT,
     Clock,

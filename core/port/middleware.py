@@ -27,7 +27,7 @@ import enum
 from typing import Any, Callable, Collection, Mapping, NamedTuple, Protocol, Sequence, Tuple, TypeVar
 
 from ..config import Parameter
-from ..messages.raw_messages import RawFormat
+from ..messages import RawFormat
 from ..values import Faults, JsonObject, Message
 from .graph import GraphCallback, Wanted
 

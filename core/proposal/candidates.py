@@ -19,8 +19,8 @@ from typing import (
 )
 
 from ..config import LINK, read_signal
-from ..judge.attachments import TICKS
-from ..messages.definitions import NUMBERS, SEQUENCE, TEXTS, Definitions, Field
+from ..judge import TICKS
+from ..messages import NUMBERS, SEQUENCE, TEXTS, Definitions, Field
 from ..port import Middleware
 from ..values import (
     ARRAY_TYPE,

@@ -10,7 +10,7 @@ from dataclasses import replace
 from statistics import fmean, pvariance
 
 from ..config import BOUNDS, SignalConfig, read_signal
-from ..judge.signal_monitor import SignalMonitor
+from ..judge import SignalMonitor
 from ..port import Middleware
 from ..values import ABSENT, DriverStatus, Elements, count_text, duration_text, number_text, with_ages, with_unit
 from .quantiles import Quantiles

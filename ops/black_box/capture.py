@@ -9,7 +9,7 @@ from functools import partial
 from typing import Callable, Collection, Mapping, Sequence
 
 from ...core.config import LINK, MonitorConfig
-from ...core.messages.raw_messages import RawFormat
+from ...core.messages import RawFormat
 from ...core.port import CLOCK, CLOCK_TYPE, LimitedLog, Middleware, RawMessage, Severity, Subscription
 from ...core.values import ConfigError, canonical_type, matches_pattern, printable
 from .ring import Message

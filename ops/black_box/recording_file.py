@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from typing import IO, Any, Mapping, Sequence
 
-from ...core.messages.raw_messages import RawFormat
+from ...core.messages import RawFormat
 from ...core.values import package_version
 from .ring import Message
 

@@ -13,8 +13,8 @@ import threading
 from collections import deque
 from typing import Mapping, NamedTuple, Sequence, Tuple
 
-from ...core.judge.saved_state import SavedSignal
-from ...core.messages.raw_messages import RawFormat
+from ...core.judge import SavedSignal
+from ...core.messages import RawFormat
 
 OVERHEAD_BYTES = 180
 """Memory of a message besides its data: the tuple, the number, the head of the bytes, its place in a list."""

@@ -5,8 +5,7 @@ from __future__ import annotations
 import contextlib
 from typing import Mapping
 
-from ...core.judge.attachments import STATE, THRESHOLDS, TICKS, SavedMonitor, thresholds_tree
-from ...core.judge.saved_state import SavedSignal
+from ...core.judge import STATE, THRESHOLDS, TICKS, SavedMonitor, SavedSignal, thresholds_tree
 from ...core.nodes import AlertSystem
 from ...core.nodes.node import DIAGNOSTICS, base_name
 from ...core.nodes.outlets import Event, alert_message, array_message

@@ -9,7 +9,7 @@ import json
 from typing import Any
 
 from ...core.config import LINK, MonitorConfig, SignalConfig
-from ...core.judge.wording import judged_unit
+from ...core.judge import judged_unit
 from ...core.values import JsonObject, duration_text
 from .prometheus import FILES
 

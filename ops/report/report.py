@@ -16,7 +16,7 @@ from itertools import islice
 from string import Template
 from typing import Iterable, Mapping, NamedTuple, Sequence
 
-from ...core.judge.wording import bounds_text, judged_unit
+from ...core.judge import bounds_text, judged_unit
 from ...core.values import (
     JsonObject,
     Level,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Counter, Mapping, NamedTuple, Sequence
 
 from ...core.config import SignalConfig
-from ...core.judge.wording import judged_unit
+from ...core.judge import judged_unit
 from ...core.values import Level, number_text, with_unit
 
 SHARES = (*(level.name for level in Level), "unknown")

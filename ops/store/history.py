@@ -15,8 +15,7 @@ from contextlib import contextmanager
 from sqlite3 import Connection, OperationalError
 from typing import Any, Callable, Iterable, Iterator, Mapping, Sequence, TypeVar
 
-from ...core.judge.sample_summary import PERIOD_S, SampleSummary
-from ...core.judge.saved_state import SavedSignal
+from ...core.judge import PERIOD_S, SampleSummary, SavedSignal
 from ...core.values import Clock, Faults, JsonObject, ServiceError, Transition, printable
 from ..configuration import HistorySettings
 from .database import PART, Database, Job

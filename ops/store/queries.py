@@ -6,7 +6,7 @@ import math
 from sqlite3 import Connection
 from typing import Any, Dict, Iterator, List, NamedTuple, Sequence, Tuple
 
-from ...core.judge.continuity import MAX_EVIDENCE
+from ...core.judge import MAX_EVIDENCE
 from ...core.values import Level, matches_pattern
 from .rows import TRANSITION_COLUMNS, Rows, StoredTransition, Values, records, select, unpack_samples
 from .schema import INDEX_STEP, INDEXED

@@ -27,7 +27,7 @@ from typing import (
 )
 
 from ...core.config import row_reader
-from ...core.judge.continuity import MAX_EVIDENCE
+from ...core.judge import MAX_EVIDENCE
 from ...core.values import JsonObject, Level, Transition, datum_text, printable
 
 T = TypeVar("T")

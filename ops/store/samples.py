@@ -10,7 +10,7 @@ from sqlite3 import Connection
 from typing import Any, Dict, Iterable, Iterator, List, NamedTuple, Optional, Sequence, Tuple, get_type_hints
 
 from ...core.config import LATEST_S
-from ...core.judge.sample_summary import PERIOD_S
+from ...core.judge import PERIOD_S
 from ...core.values import Level
 from ...runtime.times import iso_time
 from .queries import pattern_condition

@@ -16,8 +16,7 @@ from sqlite3 import Connection
 from typing import Iterator, List, Mapping, Sequence, Tuple
 
 from ...core.config import LINK, template_name
-from ...core.judge.saved_state import Downtime, SavedState
-from ...core.judge.sources import is_source
+from ...core.judge import Downtime, SavedState, is_source
 from ...core.values import Level, matches_pattern
 from .queries import pattern_condition, transitions
 from .rows import StoredTransition, select

@@ -20,7 +20,7 @@ from typing import (
 from aiohttp import web
 
 from ...core.config import read_record, read_texts
-from ...core.messages.raw_messages import json_text
+from ...core.messages import json_text
 from ...core.nodes import AlertSystem
 from ...core.nodes.outlets import Event
 from ...core.values import ConfigError, Fault, Level, ServiceError, Transition, package_version

@@ -10,7 +10,7 @@ import threading
 import time
 from typing import Callable, Counter, Iterable, Iterator, Mapping, NamedTuple, Optional, Sequence
 
-from ...core.judge.wording import Judgement
+from ...core.judge import Judgement
 from ...core.nodes import AlertSystem
 from ...core.values import Clock, Level, Transition, package_version, printable
 

@@ -7,11 +7,7 @@ import time
 from typing import Any, Callable, Dict, Mapping, NamedTuple, Sequence
 
 from ...core.config import OF_ARRIVALS
-from ...core.judge import wording
-from ...core.judge.element_signals import config_of
-from ...core.judge.monitor import Monitor
-from ...core.judge.quality import number_of
-from ...core.judge.wording import Judgement
+from ...core.judge import Judgement, Monitor, config_of, number_of, wording
 from ...core.nodes import AlertSystem
 from ...core.values import Clock, Fault, Level, summary_of
 from ...runtime.times import iso_time

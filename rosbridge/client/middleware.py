@@ -6,7 +6,7 @@ import asyncio
 import concurrent.futures
 from typing import Any, Callable, Collection, Mapping
 
-from ...core.messages.raw_messages import RawFormat
+from ...core.messages import RawFormat
 from ...core.port import Answer, Callback, GraphCallback, NodeInfo, Wanted
 from ...core.values import LinkError, ServiceError
 from ...runtime.bridge.node import BridgeClient, BridgeNode, KnownTopic

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import Union
 
-from ...core.messages.raw_messages import RawFormat
-from ...core.messages.serialized import SerializedType
+from ...core.messages import RawFormat, SerializedType
 from ...core.port import MappingSubscription, RawSubscription
 from ...core.values import ABSENT, ConfigError, Getter, Message, canonical_type
 from ...runtime.bridge.receivers import BridgeReceiver

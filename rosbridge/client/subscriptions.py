@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Callable, Collection
 
-from ...core.messages.raw_messages import RawFormat, json_format, ros1_format, ros2_format
-from ...core.messages.standard_messages import definition as standard_definition
+from ...core.messages import RawFormat, json_format, ros1_format, ros2_format
+from ...core.messages import definition as standard_definition
 from ...core.values import JsonObject, LinkError, ServiceError, canonical_type, split_type_name
 from .receivers import Receiver
 from .topics import Call, find_definition

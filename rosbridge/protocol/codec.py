@@ -15,7 +15,7 @@ import re
 import struct
 from typing import Any, Callable, Sequence, Union
 
-from ...core.messages.raw_messages import json_text
+from ...core.messages import json_text
 from ...core.values import JsonObject, MessageError, describe
 from ...runtime.libraries import missing_text
 from .limits import DEFAULT_LIMITS, Limits, ProtocolError

@@ -11,8 +11,7 @@ import base64
 import struct
 from typing import Any, Callable
 
-from ...core.messages.definitions import NUMBERS, ROS1_KINDS, SEQUENCE, Definitions, Field, parse_msg
-from ...core.messages.standard_messages import SERVICES, definition
+from ...core.messages import NUMBERS, ROS1_KINDS, SEQUENCE, SERVICES, Definitions, Field, definition, parse_msg
 from ...core.values import Message, MessageError, canonical_type
 
 Serializer = Callable[[Message], bytes]

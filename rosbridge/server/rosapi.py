@@ -10,7 +10,7 @@ import json
 from typing import Any, Callable, Mapping
 
 from ...core.config import flatten
-from ...core.messages.definitions import Definitions
+from ...core.messages import Definitions
 from ...core.port import Graph, NodeInfo
 from ...core.values import JsonObject, ServiceError, canonical_type
 from ..protocol.definitions import parse, service_definition

@@ -12,7 +12,7 @@ import threading
 import time
 from typing import Any, Callable, Mapping, TypeVar
 
-from ...core.messages.standard_messages import definition
+from ...core.messages import definition
 from ...core.port import Graph, NodeInfo, ServedMiddleware
 from ...core.values import ConfigError, JsonObject, ServiceError, resolve_name
 from ...runtime.access import READ_ONLY, Access
