@@ -8,15 +8,7 @@ from contextlib import nullcontext
 from functools import partial
 from typing import Any, Callable, Mapping, Sequence
 
-from ..core.config import (
-    MonitorConfig,
-    Section,
-    YamlFile,
-    find_section,
-    list_sections,
-    read_yaml,
-    refuse_second_section,
-)
+from ..core.config import NODES, MonitorConfig, Section, YamlFile, find_section, read_yaml, sections
 from ..core.nodes import Aggregator, AlertSystem, BatterySensor
 from ..core.nodes.aggregator import has_inputs
 from ..core.nodes.outlets import Outlet
@@ -27,8 +19,6 @@ from ..core.values import Clock, ConfigError, JsonObject, Problems
 from ..runtime.event_loops import run_in_daemon_thread
 from ..runtime.threads import DetachedCalls
 
-NODES = ("alert_system", "aggregator", "battery_sensor")
-"""The nodes that run here, by their names in a configuration file."""
 _NO_SECTIONS = dict.fromkeys(NODES, Section((), {}))
 
 
@@ -162,9 +152,5 @@ def sections_of_nodes(file: YamlFile) -> dict[str, Section]:
     Raises ConfigError if alert_system has no section, or one of `NODES` has several.
     """
     with file.located():
-        listed = list_sections(file.tree)
-        for node in NODES:
-            refuse_second_section(listed, node)
-        alert_system = find_section(file.tree, "alert_system")
-    by_node = {section.node: section for section in listed if section != alert_system}
-    return {**_NO_SECTIONS, **by_node, "alert_system": alert_system}
+        by_node = {section.node: section for section in sections(file.tree)}
+        return {**_NO_SECTIONS, **by_node, "alert_system": find_section(file.tree, "alert_system")}

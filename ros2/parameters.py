@@ -17,7 +17,7 @@ from rclpy.node import Node
 
 from ..core.config import NODE_PARAMETERS, Parameter, load_config, read_yaml, sections, unflatten
 from ..core.port import OnChange
-from ..core.values import ConfigError, JsonObject
+from ..core.values import ConfigError, JsonObject, Problems
 from ..runtime.native_node import Log, apply_change
 from .messages import plain
 
@@ -167,9 +167,9 @@ class ParameterFiles:
     def located(self, error: ConfigError, node: str) -> ConfigError:
         """Returns an error of a node with file and line if its key is in one of the files."""
         for file in reversed(self._files.values()):
-            for name, section in sections(file.tree).items():
+            for section in sections(file.tree, Problems()):
                 path = (*section.path, *error.path)
-                if name in (node.rpartition("/")[2], "*", "**") and path in file.lines:
+                if section.node in (node.rpartition("/")[2], "*", "**") and path in file.lines:
                     return file.locate(ConfigError(error.problem, path))
         return error
 

@@ -11,17 +11,16 @@ import sys
 from typing import Any, Callable, Mapping, Sequence
 
 from ...core.config import (
+    NODES,
     MonitorConfig,
     Section,
     YamlFile,
     find_section,
     is_whole_file,
-    list_sections,
     read_monitor,
     read_yaml,
-    refuse_missing_parameters,
-    refuse_second_section,
     remarks_of,
+    sections,
 )
 from ...core.messages import MESSAGES, PACKAGES, standard_messages
 from ...core.nodes import Aggregator, BatterySensor
@@ -44,8 +43,6 @@ from ..fleet_configuration import is_fleet_file, read_entries
 
 _OTHERS: Mapping[str, Callable[[Middleware], Any]] = {"aggregator": Aggregator, "battery_sensor": BatterySensor}
 """Nodes that check their parameters where they start, on a bus without others."""
-_NODES = ("alert_system", *_OTHERS)
-"""The nodes that a thresholds.yaml is for."""
 
 _ALIKE = 0.8
 """Similarity (difflib) from which a name counts as misspelt; battery_sensor and temperature_sensor differ."""
@@ -117,24 +114,20 @@ def _check_contents(file: YamlFile, problems: Problems, remarks: list[ConfigErro
 
 
 def _check_thresholds(file: YamlFile, problems: Problems, remarks: list[ConfigError]) -> str:
-    by_node: dict[str, list[Section]] = {name: [] for name in _NODES}
-    for section in list_sections(file.tree, problems):
-        close = difflib.get_close_matches(section.node[:60], _NODES, n=1, cutoff=_ALIKE)
-        name = close[0] if close else ""
-        if name and section.node != name:
+    by_node: dict[str, list[Section]] = {}
+    for section in sections(file.tree, problems):
+        close = difflib.get_close_matches(section.node[:60], NODES, n=1, cutoff=_ALIKE)
+        name = close[0] if close else section.node
+        if section.node != name:
             problems.add(ConfigError(f"unknown node; did you mean {name}?", section.path[:-1]))
         by_node.setdefault(name, []).append(section)
-    for name in _NODES:
+    if "alert_system" not in by_node:
         with problems:
-            refuse_missing_parameters(file.tree, name)
-        with problems:
-            refuse_second_section(by_node[name], name)
-    if not by_node["alert_system"]:
-        with problems:
-            by_node["alert_system"].append(find_section(file.tree, "alert_system"))
+            section = find_section(file.tree, "alert_system", problems)
+            by_node["alert_system"] = by_node.pop(section.node)
     config = MonitorConfig({})
     unknown_types: dict[str, None] = {}
-    for section in by_node["alert_system"]:
+    for section in by_node.get("alert_system", ()):
         with problems:
             unknown_types.update(_check_sources(section, problems))
             config = read_monitor(section)
@@ -143,10 +136,10 @@ def _check_thresholds(file: YamlFile, problems: Problems, remarks: list[ConfigEr
                 errors = (ConfigError(f"remark: {remark}", (*path, key)) for key, remark in remarks_of(signal))
                 remarks += map(file.locate, errors)
     for name, start in _OTHERS.items():
-        for section in by_node[name]:
+        for section in by_node.get(name, ()):
             with problems, file.located(section.path):
                 start(LocalBus().node(name, parameters=section.tree)).close()
-    unused = sorted({section.node for section in by_node.get("", []) if section not in by_node["alert_system"]})
+    unused = sorted(by_node.keys() - {*NODES})
     bounds = sum(len(signal.bounds) for signal in config.signals.values())
     signals = f"{count_text(len(config.signals), 'signal')} ({', '.join(config.signals)})"
     parts = [f"{signals}, {count_text(bounds, 'bound')}"]

@@ -5,16 +5,14 @@ from .kept_settings import read_kept, settings_of
 from .monitor_config import (
     DEFAULT_SIGNALS,
     NODE_PARAMETERS,
+    NODES,
     MonitorConfig,
     Section,
     described_parameters,
     find_section,
     is_whole_file,
-    list_sections,
     load_config,
     read_monitor,
-    refuse_missing_parameters,
-    refuse_second_section,
     sections,
 )
 from .parameters import Parameter, flatten, unflatten
@@ -49,10 +47,10 @@ from .yaml_file import YamlFile, parse_yaml, read_yaml
 
 __all__ = [
     "ACTIVE", "BOUNDS", "CONDITIONS", "Causes", "DEFAULT_SIGNALS", "LATEST_S", "LINK", "LINK_CONFIG",
-    "LONGEST_NAME", "LONGEST_S", "MonitorConfig", "NODE_PARAMETERS", "OF_ARRIVALS", "Parameter", "REQUIRED",
+    "LONGEST_NAME", "LONGEST_S", "MonitorConfig", "NODES", "NODE_PARAMETERS", "OF_ARRIVALS", "Parameter", "REQUIRED",
     "Section", "SignalConfig", "Time", "YamlFile", "causes_first", "causes_of", "declared", "described_parameters",
-    "doubt_of", "find_section", "flatten", "is_element_name", "is_whole_file", "list_sections", "load_config",
+    "doubt_of", "find_section", "flatten", "is_element_name", "is_whole_file", "load_config",
     "parse_yaml", "read_kept", "read_monitor", "read_parameters", "read_record", "read_section", "read_signal",
-    "read_texts", "read_yaml", "refuse_missing_parameters", "refuse_second_section", "remarks_of",
+    "read_texts", "read_yaml", "remarks_of",
     "require_mapping", "row_reader", "sections", "settings_of", "template_name", "unflatten",
 ]  # fmt: skip

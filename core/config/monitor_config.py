@@ -55,6 +55,8 @@ _CONDITION_PARAMETERS = tuple(
 
 _MAIN_SIGNALS = 3
 
+NODES = ("alert_system", "aggregator", "battery_sensor")
+"""The nodes that a thresholds.yaml is for."""
 _DEEPEST_SECTION = 8
 """Deepest namespace above a `ros__parameters`."""
 _MOST_SHARED = 512
@@ -168,58 +170,51 @@ def _parameters(tree: Mapping[Any, Any], path: Path = ()) -> Iterator[Tuple[Path
                 yield from _parameters(value, below)
 
 
-def sections(tree: JsonObject) -> Dict[str, Section]:
-    """Returns the sections of a whole file by `node`, as `list_sections` does; of several for one node, the last."""
-    return {section.node: section for section in list_sections(tree)}
+def sections(tree: JsonObject, problems: Optional[Problems] = None) -> List[Section]:
+    """Returns the sections of a whole file.
 
-
-def list_sections(tree: JsonObject, problems: Optional[Problems] = None) -> List[Section]:
-    """Returns all sections of a file. If one is not a mapping, the ConfigError is added to `problems`, else raised."""
+    Raises ConfigError, or adds to `problems`: a section is no mapping, several are for a node of `NODES`, or a node of
+    `NODES` has no `ros__parameters` below its name at the top.
+    """
     collected = Problems() if problems is None else problems
+    places: Dict[str, Path] = {}
     all_sections: List[Section] = []
-    for path, tree_below in _parameters(tree):
+    for path, below in _parameters(tree):
         with collected:
-            all_sections.append(Section(path, require_mapping(tree_below, path)))
+            section = Section(path, require_mapping(below, path))
+            all_sections.append(section)
+            first = places.setdefault(section.node, path)
+            if first is not path and section.node in NODES:
+                expected = f"expected one section for {section.node} in a file (one file per robot)"
+                got = f"{'.'.join(first[:-1])} and {'.'.join(path[:-1])}"
+                raise ConfigError(f"{expected}, got {got}", path[:-1])
+    for node in NODES:
+        below = tree.get(node)
+        if isinstance(below, Mapping) and not is_whole_file({node: below}):
+            expected = "expected the key ros__parameters, with two underscores, above the parameters"
+            collected.add(ConfigError(expected, (node,)))
     if problems is None:
         collected.raise_if_any()
     return all_sections
 
 
-def find_section(tree: JsonObject, node: str) -> Section:
+def find_section(tree: JsonObject, node: str, problems: Optional[Problems] = None) -> Section:
     """Returns a node's section of a file, else the only one with `signals`.
 
-    Raises ConfigError if there is none, or several.
+    Raises ConfigError if there is none, or several; those of `sections` are added to `problems`, if it is given.
     """
-    all_sections = list_sections(tree)
-    refuse_second_section(all_sections, node)
-    for section in all_sections:
-        if section.node == node:
-            return section
+    all_sections = sections(tree, problems)
+    of_node = [section for section in all_sections if section.node == node]
+    if len(of_node) == 1:
+        return of_node[0]
     if "signals" in tree:
         nesting = f"{node}: {{ros__parameters: {{signals: ...}}}}"
         raise ConfigError(f"expected below the name of a node: {nesting}", ("signals",))
-    refuse_missing_parameters(tree, node)
-    with_signals = [section for section in all_sections if "signals" in section.tree]
+    with_signals = [section for section in of_node or all_sections if "signals" in section.tree]
     if len(with_signals) == 1:
         return with_signals[0]
     there = describe(", ".join(map(str, tree)) or None)
     raise ConfigError(f"expected one node with ros__parameters.signals, usually {node}, got {there}")
-
-
-def refuse_missing_parameters(tree: JsonObject, node: str) -> None:
-    """Raises a ConfigError if a node's name is at the top of a file without `ros__parameters` below it."""
-    below = tree.get(node)
-    if not isinstance(below, Mapping) or is_whole_file({node: below}):
-        return
-    raise ConfigError("expected the key ros__parameters, with two underscores, above the parameters", (node,))
-
-
-def refuse_second_section(all_sections: List[Section], node: str) -> None:
-    """Raises a ConfigError if several of the sections of a file are for one node."""
-    of_node = [section.path[:-1] for section in all_sections if section.node == node]
-    if len(of_node) > 1:
-        places = " and ".join(".".join(path) for path in of_node[:2])
-        raise ConfigError(f"expected one section for {node} in a file (one file per robot), got {places}", of_node[1])
 
 
 def read_monitor(section: Section) -> MonitorConfig:

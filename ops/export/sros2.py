@@ -82,7 +82,8 @@ def permissions_of(tree: JsonObject, robot: Robot) -> dict[str, Permissions]:
 def _used(tree: JsonObject, robot: Robot) -> Mapping[str, NodeInfo]:
     """Returns what each node uses besides what rclpy adds, from nodes that are started and closed again."""
     bus = LocalBus()
-    by_name = {"alert_system": find_section(tree, "alert_system"), **sections(tree)}
+    by_name = {section.node: section for section in sections(tree)}
+    by_name["alert_system"] = find_section(tree, "alert_system")
     for name, start in (("alert_system", AlertSystem), ("aggregator", Aggregator), ("battery_sensor", BatterySensor)):
         section = by_name.get(name)
         given = {"sensors": robot.sensors, **(section.tree if section else {})}

@@ -28,7 +28,7 @@ class Robot:
     def __init__(self, example: str) -> None:
         self.bus = LocalBus()
         self.alerts: list[tuple[float, str, str]] = []
-        self.tree = {name: section.tree for name, section in sections(read_yaml(CONFIG / example).tree).items()}
+        self.tree = {section.node: section.tree for section in sections(read_yaml(CONFIG / example).tree)}
         self.alert_system = AlertSystem(
             self.bus.node("alert_system", parameters=self.tree["alert_system"]),
             {"test": self._record},

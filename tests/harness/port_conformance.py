@@ -22,7 +22,7 @@ from typing import Any, Callable, Mapping, NamedTuple, Protocol, Sequence
 
 import pytest
 
-from robot_health_monitor.core.config.monitor_config import sections
+from robot_health_monitor.core.config.monitor_config import find_section
 from robot_health_monitor.core.config.parameters import Parameter, flatten
 from robot_health_monitor.core.config.schema import read_parameters
 from robot_health_monitor.core.config.yaml_file import read_yaml
@@ -902,7 +902,7 @@ class PortConformance:
     ) -> None:
         pytest.importorskip("yaml")
         file = CONFIG / f"{example}.yaml"
-        tree = sections(read_yaml(file).tree)["alert_system"].tree
+        tree = find_section(read_yaml(file).tree, "alert_system").tree
         received: list[tuple[str, str]] = []
         node = harness.node("alert_system", parameters=tree)
         AlertSystem(node, {"test": levels_to(received)})

@@ -7,12 +7,12 @@ from typing import Any
 
 import pytest
 
-from robot_health_monitor.core.config.monitor_config import sections
+from robot_health_monitor.core.config.monitor_config import find_section, sections
 from robot_health_monitor.core.config.parameters import flatten
 from robot_health_monitor.core.config.yaml_file import read_yaml
 
 CONFIG = Path(__file__).resolve().parents[2] / "config"
-SECTIONS = [(path.name, node) for path in sorted(CONFIG.glob("*.yaml")) for node in sections(read_yaml(path).tree)]
+SECTIONS = [(path.name, each.node) for path in sorted(CONFIG.glob("*.yaml")) for each in sections(read_yaml(path).tree)]
 
 
 @pytest.mark.parametrize(("file", "node"), SECTIONS)
@@ -31,5 +31,5 @@ def test_ros_2_reads_the_same_values(file: str, node: str, ros_environment: dict
     finally:
         reader.destroy_node()
         context.shutdown()
-    expected = dict(flatten(sections(read_yaml(CONFIG / file).tree)[node].tree))
+    expected = dict(flatten(find_section(read_yaml(CONFIG / file).tree, node).tree))
     assert {name: found.get(name) for name in expected} == expected
