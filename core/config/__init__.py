@@ -1,6 +1,6 @@
 """What is configured: the keys, their checks, and YAML files with lines."""
 
-from .causes import Causes, causes_first, causes_of
+from .causes import Causes, causes_of
 from .kept_settings import read_kept, settings_of
 from .monitor_config import (
     DEFAULT_SIGNALS,
@@ -48,7 +48,7 @@ from .yaml_file import YamlFile, parse_yaml, read_yaml
 __all__ = [
     "ACTIVE", "BOUNDS", "CONDITIONS", "Causes", "DEFAULT_SIGNALS", "LATEST_S", "LINK", "LINK_CONFIG",
     "LONGEST_NAME", "LONGEST_S", "MonitorConfig", "NODES", "NODE_PARAMETERS", "OF_ARRIVALS", "Parameter", "REQUIRED",
-    "Section", "SignalConfig", "Time", "YamlFile", "causes_first", "causes_of", "declared", "described_parameters",
+    "Section", "SignalConfig", "Time", "YamlFile", "causes_of", "declared", "described_parameters",
     "doubt_of", "find_section", "flatten", "is_element_name", "is_whole_file", "load_config",
     "parse_yaml", "read_kept", "read_monitor", "read_parameters", "read_record", "read_section", "read_signal",
     "read_texts", "read_yaml", "remarks_of",

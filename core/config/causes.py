@@ -60,12 +60,7 @@ def _of_signal(name: str, table: Mapping[str, Value], default: Value) -> Value:
     return table.get(name, table.get(template_name(name), default))
 
 
-def causes_first(signals: Mapping[str, SignalConfig]) -> list[str]:
-    """Returns the names of configured signals, causes before what they cause, otherwise in their order."""
-    return causes_of(signals, lambda topic: topic).first(signals)
-
-
-def causes_of(signals: Mapping[str, SignalConfig], resolved: Callable[[str], str]) -> Causes:
+def causes_of(signals: Mapping[str, SignalConfig], resolved: Callable[[str], str] = str) -> Causes:
     """Returns what configured signals depend on; `resolved` returns the name of the source of a topic."""
     topics = {each.topic.lstrip("/"): resolved(each.topic) for each in signals.values()}
 

@@ -251,7 +251,7 @@ def _read_signals(tree: JsonObject, path: Path) -> Dict[str, SignalConfig]:
                 raise ConfigError(problem, (*path, name))
             read[name] = read_signal(name, settings, (*path, name))
     _share_types(read, path, problems)
-    causes = causes_of(read, lambda topic: topic)
+    causes = causes_of(read)
     for name in read:
         for key, problem in _mistakes_of_references(name, read, signals, causes):
             problems.add(ConfigError(problem, (*path, name, *key)))

@@ -7,7 +7,7 @@ from dataclasses import replace
 from functools import partial
 from typing import Any, Callable, Mapping, Optional, Tuple
 
-from ..config import DEFAULT_SIGNALS, LINK, MonitorConfig, SignalConfig, causes_first, load_config
+from ..config import DEFAULT_SIGNALS, LINK, MonitorConfig, SignalConfig, causes_of, load_config
 from ..judge import Monitor
 from ..port import Counts, Middleware, Subscription, Timer, Unread, Wanted
 from ..values import ABSENT, ConfigError, Goals, JsonObject, ServiceError, resolve_name
@@ -76,7 +76,7 @@ class WatchedSignals:
         added: dict[_Source, Subscription] = {}
         # Signals with a type and a field first: those that only count messages can share their subscription. Of one
         # message, they are handed over in this order: causes first.
-        order = causes_first(config.signals)
+        order = causes_of(config.signals).first(config.signals)
         new = wanted - self._subscriptions.keys()
         for source in sorted(new, key=lambda key: (key[3] is None, key[2] == "", order.index(key[0]))):
             try:

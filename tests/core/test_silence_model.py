@@ -11,7 +11,7 @@ from harness.seeds import fixed_seed
 from harness.silence_model import Line, Model, Signal, random_robot
 
 from robot_health_monitor.core import Monitor, Sample, load_config
-from robot_health_monitor.core.config.causes import causes_first
+from robot_health_monitor.core.config.causes import causes_of
 
 pytestmark = pytest.mark.newest_python
 
@@ -62,7 +62,9 @@ def play(chance: random.Random) -> None:
             model.link(up)
         for topic in topics if up else ():
             if alive[topic] and chance.random() < 0.8:
-                on_topic = [name for name in causes_first(config.signals) if signals[name]["topic"] == topic]
+                on_topic = [
+                    name for name in causes_of(config.signals).first(config.signals) if signals[name]["topic"] == topic
+                ]
                 samples = {name: chance.choice((0.0, 0.0, 0.0, 2.0)) for name in on_topic if not missing[name]}
                 log.append(f"{now_s} {topic} {samples}")
                 note(monitor.observe_source(topic, now_s))

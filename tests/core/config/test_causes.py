@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, Mapping
 
 from robot_health_monitor.core import load_config
-from robot_health_monitor.core.config.causes import causes_first, causes_of
+from robot_health_monitor.core.config.causes import causes_of
 from robot_health_monitor.core.config.signal_config import SignalConfig
 
 
@@ -15,7 +15,7 @@ def configured(**signals: Mapping[str, Any]) -> Mapping[str, SignalConfig]:
 
 def test_causes_come_before_what_they_cause_otherwise_in_the_order_of_the_configuration() -> None:
     signals = configured(c={"depends_on": ["b"]}, x={}, b={"depends_on": ["a"]}, a={}, y={"depends_on": ["x"]})
-    assert causes_first(signals) == ["a", "b", "c", "x", "y"]
+    assert causes_of(signals).first(signals) == ["a", "b", "c", "x", "y"]
 
 
 def test_the_nearest_cause_comes_first_and_each_brings_its_source() -> None:
