@@ -58,12 +58,8 @@ class EmbeddedMonitor:
             "alert_system", lambda node: start_alert_system(node, outlets, log_alerts=outlet is None)
         )
         self.alert_systems: Sequence[AlertSystem] = (self.alert_system,)
-        self.robots = (self,)
-        """The one robot."""
-        self.faults = self._middlewares["alert_system"].faults
-        """The faults that alert_system reports."""
-        self.log = self._middlewares["alert_system"].log
-        """Logs a line of alert_system."""
+        self.node = self._middlewares["alert_system"]
+        """The node whose faults and log are those of the process."""
         self.process_faults = dict
         """Returns nothing: all faults are those of alert_system."""
         if has_inputs({**self._sections["aggregator"].tree, "sensors": source}):
@@ -72,11 +68,6 @@ class EmbeddedMonitor:
             computer = Computer(background=DetachedCalls("sources"))
             # last: its first values have subscribers
             self._start("battery_sensor", lambda node: BatterySensor(node, computer))
-
-    @property
-    def now_s(self) -> float:
-        """The time of the bus, in seconds."""
-        return self.bus.now_s
 
     @property
     def server_config(self) -> MonitorConfig:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import sys
 from contextlib import ExitStack, closing
 from functools import partial
-from typing import TYPE_CHECKING, Any, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Callable, Mapping, Sequence
 
 from ..runtime.interrupts import Interrupts
 from .exit_codes import ExitCode, internal_error_text
@@ -17,12 +17,9 @@ from .standard_streams import StandardStreams
 
 # Slow imports are in functions: they run once Interrupts handles signals.
 if TYPE_CHECKING:
-    from ..core.nodes import AlertSystem
     from ..ros1.process import Ros1Process
     from ..ros2.process import Ros2Process
-
-_SHORTEST_PERIOD_S = 0.1
-"""Of signs of life to systemd, in s."""
+    from .operations import Operations
 
 EXECUTABLES: Mapping[str, Sequence[str]] = {
     "battery_sensor": ("battery_sensor",),
@@ -89,6 +86,8 @@ class _Running:
         self._process = process
         self._interrupts = interrupts
         self._service_manager = ServiceManager()
+        self._tick_age_s: Callable[[], float] = lambda: 0.0
+        """That of alert_system, in s."""
         self._before_nodes, self._after_nodes = ExitStack(), ExitStack()
 
     def run(self, streams: StandardStreams) -> int:
@@ -98,11 +97,15 @@ class _Running:
             try:
                 process.start()
                 streams.on_change(self._report_stream)
-                alert_system = self._start_nodes()
+                for name in EXECUTABLES[self._executable]:
+                    self._interrupts.check()
+                    others = process.middlewares
+                    if name != "battery_sensor" or not others or others[0].given_parameters().get("sensors") != "none":
+                        self._start_node(name)
                 if not process.middlewares:
                     process.close()
                     self._interrupts.wait_until(lambda: False)  # a launch file would report a process that ended
-                self._keep_alive(alert_system)
+                self._service_manager.watch(process.middlewares[0], self._tick_age_s)
                 self._service_manager.ready()
                 failure = process.spin()
                 if failure:
@@ -111,38 +114,26 @@ class _Running:
             finally:
                 self._service_manager.stopping()
 
-    def _start_nodes(self) -> AlertSystem | None:
-        """Starts the nodes and, with alert_system, its operations and its rosbridge server; returns alert_system."""
-        alert_system: AlertSystem | None = None
-        for name in EXECUTABLES[self._executable]:
-            self._interrupts.check()
-            others = self._process.middlewares
-            if name == "battery_sensor" and others and others[0].given_parameters().get("sensors") == "none":
-                continue
-            alert_system = self._start_node(name) or alert_system
-        return alert_system
-
-    def _start_node(self, name: str) -> AlertSystem | None:
-        """Starts a node; if it refuses its parameters, with those with which it ran last. Returns alert_system."""
+    def _start_node(self, name: str) -> None:
+        """Starts a node; if it refuses its parameters, with those with which it ran last."""
         from ..core.port.middleware import Severity
         from ..core.values.errors import ConfigError
         from ..core.values.faults import PARAMETERS_FAULT
 
         middleware: Middleware = self._process.create_node(name)
         try:
-            return self._start(name, middleware)
+            self._start(name, middleware)
         except ConfigError as error:
             recovered = self._process.recover_node(name, middleware)
             if recovered is None:
                 raise
-            alert_system = self._start(name, recovered)
+            self._start(name, recovered)
             text = f"started with the last good ones: {error}"
             recovered.faults.report(PARAMETERS_FAULT, text)
             if name != "alert_system":  # which logs its faults
                 recovered.log(Severity.ERROR, f"{PARAMETERS_FAULT}: {text}")
-            return alert_system
 
-    def _start(self, name: str, middleware: Middleware) -> AlertSystem | None:
+    def _start(self, name: str, middleware: Middleware) -> None:
         from ..core.nodes import Aggregator, BatterySensor
         from ..core.nodes.aggregator import has_inputs
         from ..core.port.middleware import Severity
@@ -152,8 +143,8 @@ class _Running:
 
         try:
             if name == "alert_system":
-                return self._start_alert_system(middleware)
-            if name == "battery_sensor":
+                self._start_alert_system(middleware)
+            elif name == "battery_sensor":
                 BatterySensor(middleware, Computer(background=DetachedCalls("sources")))
             elif has_inputs(middleware.given_parameters()):
                 Aggregator(middleware)
@@ -164,43 +155,32 @@ class _Running:
                 self._process.middlewares.remove(middleware)
         except ConfigError as error:
             raise (error if error.file else self._process.locate(error, middleware)) from None
-        return None
 
-    def _start_alert_system(self, middleware: Middleware) -> AlertSystem:
+    def _start_alert_system(self, middleware: Middleware) -> None:
+        """Starts alert_system, its operations and its rosbridge server."""
         parameters = middleware.given_parameters()
         self._after_nodes.close()  # the operations of a first attempt
-        if not (parameters.get("ops") or parameters.get("rosbridge_port")):
+        operations: Operations | None = None
+        if parameters.get("ops") or parameters.get("rosbridge_port"):
+            # Imported only where they are used: they take a megabyte of a small robot's memory.
+            from .operations import Operations, configured_ops, read_config
+
+            operations = Operations(read_config(configured_ops(parameters)))
+            self._after_nodes.callback(operations.close)
+            alert_system = operations.start_only(middleware)
+        else:
             from ..core.nodes import AlertSystem
 
             alert_system = AlertSystem(middleware)
-            self._before_nodes.callback(alert_system.save_state)
-            return alert_system
-        # Imported only where they are used: they take a megabyte of a small robot's memory.
-        from .operations import Operations, configured_ops, read_config
-
-        operations = Operations(read_config(configured_ops(parameters)))
-        self._after_nodes.callback(operations.close)
-        alert_system = operations.start_only(middleware)
         self._before_nodes.callback(alert_system.save_state)
-        if operations.config.server or alert_system.monitor.config.rosbridge_port:
+        self._tick_age_s = lambda: alert_system.tick_age_s
+        if operations and (operations.config.server or alert_system.monitor.config.rosbridge_port):
             from .serving import serve_in_thread
 
             create_node = partial(self._process.create_served_node, middleware)
             server = serve_in_thread(create_node, middleware, alert_system, operations)
             if server is not None:
                 self._before_nodes.callback(server.close)
-        return alert_system
-
-    def _keep_alive(self, alert_system: AlertSystem | None) -> None:
-        """Sends signs of life to systemd, if it asks for them, while the callbacks of a node run."""
-        period_s = self._service_manager.watchdog_period_s
-        if period_s is not None:
-
-            def send(now_s: float) -> None:
-                self._service_manager.alive(0.0 if alert_system is None else alert_system.tick_age_s)
-
-            period_s = max(_SHORTEST_PERIOD_S, period_s / 2.0)
-            self._process.middlewares[0].create_timer(period_s, send, steady=True)
 
     def _report_stream(self, stream: str, problem: str) -> None:
         for middleware in tuple(self._process.middlewares):

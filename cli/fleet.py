@@ -12,8 +12,8 @@ import time
 from typing import Any, Callable, Iterable, Mapping, Sequence
 
 from ..core.nodes import AlertSystem
-from ..core.nodes.node import host_name
-from ..core.nodes.outlets import Outlet, array_message
+from ..core.nodes.node import DIAGNOSTICS, host_name, publish_statuses
+from ..core.nodes.outlets import Outlet
 from ..core.nodes.self_monitor import CHECK_PERIOD_S, SelfMonitor
 from ..core.port import NOTHING_CHANGED, LimitedLog, LocalBus, LocalMiddleware, LogLine, Severity
 from ..core.values import ARRAY_TYPE, Clock, ConfigError, count_text, list_text, printable
@@ -30,7 +30,6 @@ from .operations import Operations
 NODE = "connect"
 """Name of the node that reports on this process: its status on /diagnostics is `connect: monitor`."""
 
-_DIAGNOSTICS = "/diagnostics"
 _START_PERIOD_S = 0.005
 """Between the first attempts of two robots: a fleet that connects at once would answer its own handshakes late."""
 _RESTART_S = 5.0
@@ -68,14 +67,11 @@ class Fleet:
         self.start_alert_system = operations.start
         self.bus = LocalBus(on_log=on_log, wall_time_s=time.time, clock=clock)
         """Where the robots' alerts, statuses and `reset` services are: /alerts, /diagnostics, /ROBOT/alert_system."""
-        self._node = self.bus.node(NODE)
-        self.log = self._node.log
-        """Logs a line about the process."""
-        self.faults = self._node.faults
-        """What does not work in this process, besides the robots' own."""
-        self.process_faults = self.faults.current
-        """Returns the same, by part."""
-        self._node.advertise(_DIAGNOSTICS, ARRAY_TYPE)
+        self.node = self.bus.node(NODE)
+        """The node whose faults and log are those of the process."""
+        self.process_faults = self.node.faults.current
+        """Returns what does not work in this process, besides the robots' own, by part."""
+        self.node.advertise(DIAGNOSTICS, ARRAY_TYPE)
         self.robots: list[Robot] = []
         """The robots that are watched now, in the order of the configuration."""
         self._is_running = False
@@ -85,16 +81,16 @@ class Fleet:
             "robots": lambda: len(self.robots),
             "unreachable": lambda: sum(not robot.connected for robot in self.robots),
         }
-        self._self_monitor = SelfMonitor(self._node, host_name(), outlet(NODE), self_report)
-        self._node.create_timer(CHECK_PERIOD_S, self._check)
+        self._self_monitor = SelfMonitor(self.node, host_name(), outlet(NODE), self_report)
+        self.node.create_timer(CHECK_PERIOD_S, self._check)
         try:
             self.apply(reader.read())
         except ConfigError:
             self.close()
             raise
         robots, signals = count_text(len(self.robots), "robot"), count_text(self._count_signals(), "signal")
-        self.log(Severity.INFO, f"watching {robots}, {signals}")
-        operations.show_faults(self.faults, self.log)
+        self.node.log(Severity.INFO, f"watching {robots}, {signals}")
+        operations.show_faults(self.node)
 
     @property
     def alert_systems(self) -> Sequence[AlertSystem]:
@@ -161,7 +157,7 @@ class Fleet:
         """Ends every robot's alert_system and connection; open alerts stay open."""
         for robot in self.robots:
             robot.close()
-        self._node.close()
+        self.node.close()
 
     def _count_signals(self) -> int:
         return sum(len(alert_system.monitor.config.signals) for alert_system in self.alert_systems)
@@ -187,8 +183,7 @@ class Fleet:
         self._self_monitor.find_pause(now_s)
         self._self_monitor.note_tick(now_s)
         self._self_monitor.check(sum(alert_system.samples for alert_system in self.alert_systems))
-        if self._node.has_listeners(_DIAGNOSTICS):
-            self._node.publish(_DIAGNOSTICS, array_message([self._self_monitor.status()], NODE))
+        publish_statuses(self.node, lambda: [self._self_monitor.status()])
 
 
 class Robot:
@@ -240,11 +235,6 @@ class Robot:
             self_report={"dropped": lambda: self._node.dropped},
         )
         started = True
-
-    @property
-    def now_s(self) -> float:
-        """The time of the robot's monitor, in s: simulated time under `use_sim_time`."""
-        return self._node.now_s()
 
     @property
     def _address(self) -> str:

@@ -138,17 +138,18 @@ class MonitorProcess:
             output.start()
             running = asyncio.ensure_future(monitors.run())
             reloading: asyncio.Future[None] = asyncio.ensure_future(asyncio.sleep(0.0))
+            service_manager.watch(monitors.node, partial(_tick_age_s, monitors))
             service_manager.ready()
             end_s = float("inf") if duration_s is None else loop.time() + duration_s
             try:
                 while not (interrupts.came or output.reader_is_gone):
-                    self._show(monitors, service_manager)
+                    self._show(monitors)
                     if loop.time() >= end_s:
                         return True
                     if interrupts.hung_up and reloading.done():
                         interrupts.hung_up = False
                         parts: list[Reload] = [monitors.reload, partial(self.reload_ops, monitors)]
-                        reloading = asyncio.ensure_future(reload_all(parts, monitors.log))
+                        reloading = asyncio.ensure_future(reload_all(parts, monitors.node.log))
                     await asyncio.wait({running}, timeout=min(_SHOW_PERIOD_S, end_s - loop.time()))
                     if running.done():
                         running.result()  # raises: otherwise it would go on
@@ -163,15 +164,12 @@ class MonitorProcess:
             if server is not None:
                 await stop_serving(server)
 
-    def _show(self, monitors: Monitors, service_manager: ServiceManager) -> None:
+    def _show(self, monitors: Monitors) -> None:
         self._output.show(monitors)
-        if service_manager.watchdog_period_s is not None:
-            # One robot's failure must not restart the monitors of the others.
-            service_manager.alive(min((system.tick_age_s for system in monitors.alert_systems), default=0.0))
         if self._output.problem:
-            monitors.faults.report(_FAULT, self._output.problem, Level.WARN)
+            monitors.node.faults.report(_FAULT, self._output.problem, Level.WARN)
         else:
-            monitors.faults.clear(_FAULT)
+            monitors.node.faults.clear(_FAULT)
 
     async def reload_ops(self, monitors: Monitors) -> str:
         """Reads ops.yaml and the server's token, then applies what differs; see `Reload`.
@@ -191,6 +189,11 @@ class MonitorProcess:
             texts.append("server: the token changed, every client has to present the new one")
         texts += self.operations.use(config)
         return "; ".join(texts) or NOTHING_CHANGED
+
+
+def _tick_age_s(monitors: Monitors) -> float:
+    """Returns the least of all robots, in s: one robot's failure must not restart the monitors of the others."""
+    return min((system.tick_age_s for system in monitors.alert_systems), default=0.0)
 
 
 async def reload_all(parts: Sequence[Reload], log: Callable[[Severity, str], object]) -> None:

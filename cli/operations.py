@@ -136,16 +136,17 @@ class Operations:
     ) -> AlertSystem:
         """Starts the only alert_system of the process, as `start`; it shows the faults, and logs what is in use."""
         alert_system = self.start(middleware, outlets, self_report=self.self_report(), **options)
-        self.show_faults(middleware.faults, middleware.log)
+        self.show_faults(middleware)
         return alert_system
 
-    def show_faults(self, faults: Faults, log: Callable[[Severity, str], object]) -> None:
-        """Shows the faults of all parts in `faults` from now on, and logs what is in use. All robots have started."""
-        self.faults.add(faults)
+    def show_faults(self, node: Middleware) -> None:
+        """Shows the faults of all parts by a node from now on, and logs what is in use. All robots have started."""
+        self.faults.add(node.faults)
         if self.config.summary:
-            log(Severity.INFO, f"operations: {self.config.summary}")
+            node.log(Severity.INFO, f"operations: {self.config.summary}")
         if self.history.file is None:
-            log(Severity.INFO, "the history is in memory: it ends with this process (an ops.yaml keeps it in a file)")
+            text = "the history is in memory: it ends with this process (an ops.yaml keeps it in a file)"
+            node.log(Severity.INFO, text)
         self.note_robots()
 
     def note_robots(self) -> None:

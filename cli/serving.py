@@ -177,7 +177,7 @@ async def serve(
             if required:
                 raise ConfigError(f"{problem}; --port 0 picks a free one") from None
             problem += "; --port chooses another"
-        monitor.faults.report(_FAULT, f"{_OFF}: {problem}")
+        monitor.node.faults.report(_FAULT, f"{_OFF}: {problem}")
         return None
     monitor.bus.add_log(server.publish_log)
 

@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.live import Live
 from rich.text import Text
 
+from ...core.judge.monitor import Monitor
 from ...core.port import Severity
 from ...core.values import Level, Transition, printable
 from .events import Entry
@@ -46,13 +47,12 @@ class LiveView(Output):
         self._drawn_s = time.monotonic()
         with suppress(OSError):  # closed
             self._console.size = os.get_terminal_size(self._streams.stdout.original)
-        if len(shown.robots) == 1:
-            (robot,) = shown.robots
-            system = robot.alert_system
+        if len(shown.alert_systems) == 1:
+            (system,) = shown.alert_systems
             known = (system.announcements.status(name) for name in system.monitor.signals())
             statuses = [each for each in known if each is not None]
             # Before the first call there are none, but the report says that they are waiting.
-            statuses = statuses or list(system.monitor.report(robot.now_s).statuses.values())
+            statuses = statuses or list(system.read(Monitor.report).statuses.values())
             view = robot_view(system.robot, statuses, system.monitor.configs(), self._shown)
         else:
             view = fleet_view(shown, self._console.size.height, self._shown)

@@ -132,7 +132,7 @@ def fleet_view(fleet: Monitors, lines: int, shown: Escape) -> View:
 
     Statuses are made only for what a terminal of `lines` lines can show.
     """
-    robots = [robot.alert_system for robot in fleet.robots]
+    robots = fleet.alert_systems
     worst = [max((_rank_of(*each) for each in system.monitor.levels().values()), default=1) for system in robots]
     order = sorted(range(len(robots)), key=lambda at: -worst[at])
     ranks = [worst[at] for at in order]

@@ -109,7 +109,7 @@ class Reloadable:
 
     async def reload(self) -> str:
         """Reloads; returns the line about it."""
-        await reload_all([self.fleet.reload], self.fleet.log)
+        await reload_all([self.fleet.reload], self.fleet.node.log)
         return self._reloads()[-1].replace(str(self.folder), "")
 
     def _reloads(self) -> list[str]:
@@ -409,7 +409,7 @@ def test_a_new_cause_of_a_link_that_is_down_is_one_line(tmp_path: Path) -> None:
             assert watched.lines(Severity.WARN) == ["atlas: still not connected: not a rosbridge server (HTTP 404)"]
             assert len(watched.alerts) == 1
             (robot,) = watched.fleet.robots
-            status = robot.alert_system.monitor.status("link", robot.now_s)
+            status = robot.alert_system.monitor.status("link", watched.fleet.bus.now_s)
             assert status is not None and "not a rosbridge server (HTTP 404)" in status.message
             refusing.close()
             await refusing.wait_closed()
@@ -467,7 +467,7 @@ def test_under_simulated_time_no_signal_looks_stale_when_the_clock_starts(tmp_pa
             links = [alert for alert in watched.alerts if "link" in alert]
             assert watched.alerts[:-1] == links
             assert links[1:] == (["atlas: link OK: up"] if late else [])
-            assert watched.fleet.robots[0].now_s == 1_263.0
+            assert watched.fleet.robots[0].alert_system.read(lambda monitor, now_s: now_s) == 1_263.0
         await server.close()
 
     run()

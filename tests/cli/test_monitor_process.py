@@ -18,9 +18,8 @@ from robot_health_monitor.cli.monitor_process import MonitorProcess, Reload, cho
 from robot_health_monitor.cli.output import lines
 from robot_health_monitor.cli.output.lines import JsonLines, OutputError
 from robot_health_monitor.cli.serving import ServerSettings
-from robot_health_monitor.core.port.middleware import Severity
+from robot_health_monitor.core.port.local import LocalBus
 from robot_health_monitor.core.values.errors import ConfigError
-from robot_health_monitor.core.values.faults import Faults
 from robot_health_monitor.ops.configuration import ServerOptions
 
 
@@ -31,11 +30,11 @@ async def endless() -> None:
 class Watched:
     """Monitors that do what a test says."""
 
-    robots = ()
     alert_systems = ()
 
     def __init__(self) -> None:
-        self.faults = Faults()
+        bus = LocalBus(on_log=lambda line: self.lines.append(f"{line.severity.name} {line.text}"))
+        self.node = bus.node("monitor")
         self.closed = False
         self.reloads = 0
         self.work: Callable[[], Awaitable[Any]] = endless
@@ -47,9 +46,6 @@ class Watched:
     async def reload(self) -> str:
         self.reloads += 1
         return "nothing changed"
-
-    def log(self, severity: Severity, text: str) -> None:
-        self.lines.append(f"{severity.name} {text}")
 
     def close(self) -> None:
         self.closed = True
@@ -179,8 +175,7 @@ def test_an_error_at_the_start_comes_before_any_output(monkeypatch: pytest.Monke
 
 def test_an_output_that_cannot_be_written_is_a_fault_until_it_can() -> None:
     session = Session()
-    faults = session.watched.faults
-    assert faults is not None
+    faults = session.watched.node.faults
     seen: list[list[str]] = []
     problems = iter(["", "the output cannot be written: full", "the output cannot be written: full", "", ""])
 

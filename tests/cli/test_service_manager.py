@@ -17,6 +17,7 @@ import pytest
 
 from robot_health_monitor.cli.arguments import parse
 from robot_health_monitor.cli.service_manager import ServiceManager
+from robot_health_monitor.core.port.local import LocalBus
 
 
 class Systemd:
@@ -66,23 +67,29 @@ def test_the_start_and_the_end_are_reported(systemd: Systemd) -> None:
 
 
 def test_signs_of_life_come_at_least_twice_per_watchdog_interval(systemd: Systemd) -> None:
-    now_s = 100.0
-    manager = ServiceManager(systemd.environment(WATCHDOG_USEC="10000000"), lambda: now_s)
-    assert manager.watchdog_period_s == 5.0
+    bus = LocalBus(start_s=100.0)
+    ServiceManager(systemd.environment(WATCHDOG_USEC="10000000")).watch(bus.node("monitor"), lambda: 0.5)
     times = []
-    for _ in range(300):  # every 0.1 s, as the live view does
-        manager.alive(0.5)
-        times += [now_s for state in systemd.received() if state == "WATCHDOG=1"]
-        now_s += 0.1
-    assert times[0] == 100.0 and min(after - before for before, after in zip(times, times[1:])) > 2.4
-    assert max(after - before for before, after in zip(times, times[1:])) < 5.0
+    for step in range(1, 300):
+        bus.run_due(100.0 + 0.1 * step)
+        times += [0.1 * step for state in systemd.received() if state == "WATCHDOG=1"]
+    assert times == pytest.approx([2.5 * number for number in range(1, 12)], abs=0.11)
+
+
+def test_signs_of_life_are_at_least_a_tenth_of_a_second_apart(systemd: Systemd) -> None:
+    bus = LocalBus(start_s=100.0)
+    ServiceManager(systemd.environment(WATCHDOG_USEC="1")).watch(bus.node("monitor"), lambda: 0.5)
+    bus.run_until(100.55)
+    assert systemd.received() == ["WATCHDOG=1"] * 5
 
 
 def test_without_ticks_there_is_no_sign_of_life(systemd: Systemd) -> None:
-    manager = ServiceManager(systemd.environment(WATCHDOG_USEC="10000000"))
-    manager.alive(10.5)
+    bus, age_s = LocalBus(start_s=100.0), 10.5
+    ServiceManager(systemd.environment(WATCHDOG_USEC="10000000")).watch(bus.node("monitor"), lambda: age_s)
+    bus.run_due(103.0)
     assert systemd.received() == []
-    manager.alive(9.5)
+    age_s = 9.5
+    bus.run_due(106.0)
     assert systemd.received() == ["WATCHDOG=1"]
 
 
@@ -91,10 +98,9 @@ def test_without_ticks_there_is_no_sign_of_life(systemd: Systemd) -> None:
     [{}, {"WATCHDOG_USEC": "0"}, {"WATCHDOG_USEC": "soon"}, {"WATCHDOG_USEC": "1000000", "WATCHDOG_PID": "1"}],
 )
 def test_a_process_that_is_not_watched_sends_no_signs_of_life(systemd: Systemd, variables: dict[str, str]) -> None:
-    manager = ServiceManager(systemd.environment(**variables))
-    assert manager.watchdog_period_s is None
-    manager.alive(0.0)
-    assert systemd.received() == []
+    bus = LocalBus(start_s=100.0)
+    ServiceManager(systemd.environment(**variables)).watch(bus.node("monitor"), lambda: 0.0)
+    assert bus.next_due_s() is None
 
 
 def test_commands_that_are_started_do_not_inherit_the_socket() -> None:
@@ -105,10 +111,13 @@ def test_commands_that_are_started_do_not_inherit_the_socket() -> None:
 
 @pytest.mark.parametrize("address", ["/nonexistent/socket", "@nobody-listens", "a\0b", "/" + "x" * 200])
 def test_a_socket_that_cannot_be_reached_does_no_harm(address: str) -> None:
+    bus = LocalBus(start_s=100.0)
     manager = ServiceManager({"NOTIFY_SOCKET": address, "WATCHDOG_USEC": "1000000"})
+    manager.watch(node := bus.node("monitor"), lambda: 0.0)
     manager.ready()
-    manager.alive(0.0)
+    bus.run_due(101.0)
     manager.stopping()
+    assert not node.faults.current() and not bus.log_lines
 
 
 def test_a_manager_that_does_not_read_delays_nothing(systemd: Systemd) -> None:

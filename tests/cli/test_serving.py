@@ -127,7 +127,7 @@ def test_a_port_in_use_is_a_fault_and_if_it_was_requested_an_error() -> None:
         monitor = EmbeddedMonitor(source="none")
         settings = ServerSettings(port=port)
         assert await serve(monitor, settings, NO_OPERATIONS, required=False) is None
-        assert monitor.faults.current()["server"].text.startswith(
+        assert monitor.node.faults.current()["server"].text.startswith(
             f"web page and rosbridge are off: port {port} of 127.0.0.1 cannot be opened: "
         )
         with pytest.raises(ConfigError, match=f"port {port} of 127.0.0.1 cannot be opened"):

@@ -246,6 +246,10 @@ class Robots:
         self.robots.append(Robot(self._bus, name, self.silences, **options))
         return self.robots[-1]
 
+    @property
+    def alert_systems(self) -> list[AlertSystem]:
+        return [robot.alert_system for robot in self.robots]
+
     def lines(self, width: int, height: int) -> list[str]:
         return table_of(self.view(height), width, height)
 
