@@ -18,7 +18,7 @@ value that is noisy around its bound at 400 Hz must not be 400 alerts per second
 from __future__ import annotations
 
 import math
-from typing import Sequence
+from typing import Mapping
 
 from ..config import SignalConfig
 from ..values import Level, Transition, duration_text, fingerprint
@@ -233,7 +233,7 @@ class Alert:
     def _configure(self, config: SignalConfig, now_s: float) -> None:
         """Applies a new configuration of the same name; durations stay."""
         self.config = config
-        self.flaps.configure(config.flap_high if config.flap_detection else math.inf, config.flap_low)
+        self.flaps.high, self.flaps.low = config.flap_high if config.flap_detection else math.inf, config.flap_low
         self._end_flapping_unless_allowed(now_s)
         self.staleness.configure(config, now_s)
 
@@ -299,10 +299,10 @@ class Alert:
 
         After an UnusableStateError it must not be used.
         """
-        rules = self._explaining_rules
         announced = state.section("announced")
-        rule = announced.value("rule", None if self.announced_rule is None else rules.index(self.announced_rule), float)
-        self.announced_rule = rules[int(rule)] if rule in range(len(rules)) else None
+        rules = self._explaining_rules
+        of_rule = next((level for level, rule in rules.items() if rule is self.announced_rule), None)
+        self.announced_rule = rules.get(announced.value("rule", of_rule, Level))
         self.announced = announced.value("level", self.announced, _OK)
         self._was_known = not announced.value("never_known", not self._was_known, False)
         self.announced_since_s = state.since_s("announced", self.announced_since_s)
@@ -376,9 +376,9 @@ class Alert:
         return self.announce(ended, "no longer watched")
 
     @property
-    def _explaining_rules(self) -> Sequence[Rule]:
-        """The rules that can explain a level; the one that does is saved by its index."""
-        return ()
+    def _explaining_rules(self) -> Mapping[Level, Rule]:
+        """The rules that can explain a level, by the levels that they give."""
+        return {}
 
     def _true_level(self) -> Level:
         return _STALE if self.staleness.stale else _OK

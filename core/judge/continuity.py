@@ -117,9 +117,7 @@ class Continuity:
             self._period = wall_s // PERIOD_S
             self.record_samples(now_s, now_s + _SAME_TIME_S)
         names = monitor.saved_signals()
-        changed: dict[str, SavedSignal] = {
-            name: {} for name, saved in self._saved.items() if saved and name not in names
-        }
+        changed: dict[str, SavedSignal] = {name: {} for name in self._saved if name not in names}
         for name in names:
             at_rest_since_s = monitor.at_rest_since_s(name)
             if at_rest_since_s is None or self._at_rest_since_s.get(name) != at_rest_since_s:
@@ -151,7 +149,7 @@ class Continuity:
 
     def forget(self) -> None:
         """Deletes the states: the robot is no longer watched."""
-        states: dict[str, SavedSignal] = {name: {} for name, saved in self._saved.items() if saved}
+        states: dict[str, SavedSignal] = {name: {} for name in self._saved}
         self._saved = {}
         if states:
             self._history.save(states)

@@ -21,22 +21,20 @@ _KEPT = 2**CHANGES - 1
 class FlapDetector:
     """Follows the levels after good samples, decides whether the signal flaps, and what is not announced meanwhile."""
 
-    __slots__ = ("_changes", "_high", "_last", "_low", "_worst", "flapping")
+    __slots__ = ("_changes", "_last", "_worst", "flapping", "high", "low")
 
     def __init__(self, high: float, low: float) -> None:
-        """Starts with a past of 21 times OK; see `configure`."""
+        """Starts with a past of 21 times OK.
+
+        Flapping begins at a state change of `high` %, if that is at most 100, and ends below `low` %.
+        """
+        self.high, self.low = high, low
         self._changes = 0
         """One bit per possible change, the newest in the lowest place."""
         self._last = Level.OK
         self._worst: Level | None = None
         self.flapping = False
         """Whether the signal flaps; a storm sets it, whatever the state change is."""
-        self.configure(high, low)
-
-    def configure(self, high: float, low: float) -> None:
-        """Flapping begins at a state change of `high` %, if that is at most 100, and ends below `low` %."""
-        self._high = high
-        self._low = low
 
     @property
     def percent(self) -> float:
@@ -60,7 +58,7 @@ class FlapDetector:
         """Processes the level after a good sample. During a storm, flapping does not end."""
         self._changes = (self._changes << 1 | (level is not self._last)) & _KEPT
         self._last = level
-        limit = self._low if self.flapping else self._high
+        limit = self.low if self.flapping else self.high
         if limit <= 100.0 and not (is_storm and self.flapping):
             self.flapping = (self.percent if self._changes else 0.0) >= limit
             if not self.flapping:

@@ -60,7 +60,7 @@ class Rule:
 
     __slots__ = (
         "_above", "_above_clear", "_below", "_below_clear", "_crossed", "_for_s", "_frozen_since_s",
-        "_keep_firing_for_s", "allowed", "bound", "condition", "fires", "is_below", "since_s",
+        "_keep_firing_for_s", "allowed", "bound", "fires", "is_below", "since_s",
     )  # fmt: skip
 
     def __init__(self) -> None:
@@ -69,11 +69,9 @@ class Rule:
         """Since when it waits; moved forward by the time for which it was frozen. None if it does not wait."""
         self.fires = False
         """Whether the rule is firing, or still firing until keep_firing_for_s has passed."""
-        self.condition = False
-        """Whether the value last judged was beyond a bound, and `only_if` holds."""
         self._crossed = False
         self.allowed = True
-        """Whether `only_if` holds, or there is none."""
+        """Whether `only_if` holds, or there is none; counts when the rule advances."""
         self._frozen_since_s: float | None = None
         self.bound: float | None = None
         """The bound that the condition crossed last, None before the first time."""
@@ -97,7 +95,12 @@ class Rule:
         self._for_s = for_s
         self._keep_firing_for_s = keep_firing_for_s
         if self._crossed and self.bound not in (below, above):
-            self._crossed = self.condition = False
+            self._crossed = False
+
+    @property
+    def condition(self) -> bool:
+        """Whether the value last judged was beyond a bound, and `only_if` holds."""
+        return self._crossed and self.allowed
 
     @property
     def has_bounds(self) -> bool:
@@ -133,24 +136,17 @@ class Rule:
         if self._crossed:
             self.is_below = value < below
             self.bound = self._below if self.is_below else self._above
-        condition = self.condition = self._crossed and self.allowed
-        if condition is not self.fires or self.since_s is not None:
+        if self.condition is not self.fires or self.since_s is not None:
             self.advance(now_s)
 
     def judge_condition(self, condition: bool, now_s: float) -> None:
         """Takes a condition that is not about a bound, then advances."""
         self._crossed = condition
-        self.condition = condition and self.allowed
         self.advance(now_s)
-
-    def allow(self, allowed: bool) -> None:
-        """Says whether `only_if` holds; counts when the rule advances."""
-        self.allowed = allowed
-        self.condition = self._crossed and allowed
 
     def clear(self) -> None:
         """Makes the rule inactive."""
-        self._crossed = self.condition = self.fires = False
+        self._crossed = self.fires = False
         self.since_s = None
 
     def advance(self, now_s: float) -> None:
@@ -182,13 +178,12 @@ class Rule:
 
     def exchange(self, state: SavedState) -> None:
         """Writes the state, or continues from one, frozen."""
-        state.fields(self, condition=False, bound=float, is_below=False, _crossed=False, allowed=True, fires=False)
+        state.fields(self, bound=float, is_below=False, _crossed=False, allowed=True, fires=False)
         waited_s = state.waited_s("waited_s", self.waited_s(state.now_s))
         if state.is_saved:
             self.freeze(state.now_s)
             if self.bound is not None:  # which may have been changed
                 self._crossed = self._crossed and self.bound == (self._below if self.is_below else self._above)
-                self.condition = self._crossed and self.allowed
             self.since_s = None if self.condition is self.fires else state.now_s - waited_s
 
     def waited_s(self, now_s: float) -> float:
@@ -201,18 +196,17 @@ class Rule:
 class SignalRules:
     """Steps 3 to 6 of docs/rules.md without flapping: the rules of one signal, and its latch."""
 
-    __slots__ = ("_config", "_latched", "bounds", "error", "invalid", "of_bounds", "warn", "worst_first")
+    __slots__ = ("_config", "_latched", "invalid", "of_bounds", "rules")
 
     def __init__(self, config: SignalConfig) -> None:
         """Starts with inactive rules."""
         self._latched = _OK
         self.of_bounds = True
         """Whether values are compared with bounds; False if each is a level that a driver reports."""
-        self.warn, self.error, self.invalid = Rule(), Rule(), Rule()
-        self.bounds: tuple[Rule, ...] = (self.warn, self.error)
-        """The rules about values; `invalid` fires after invalid data."""
-        self.worst_first: tuple[tuple[Level, Rule], ...] = ((_ERROR, self.error), (_WARN, self.warn))
-        """The same with the levels that they give."""
+        self.rules = {_ERROR: Rule(), _WARN: Rule()}
+        """The rules about values by the levels that they give, the worst first."""
+        self.invalid = Rule()
+        """Fires after invalid data."""
         self.configure(config)
 
     def configure(self, config: SignalConfig) -> None:
@@ -220,12 +214,12 @@ class SignalRules:
         self._config = config
         of_warn = (config.warn_below, config.warn_above, config.for_s, config.keep_firing_for_s)
         of_error = (config.error_below, config.error_above, config.error_for_s, config.error_keep_firing_for_s)
-        for level, rule in self.worst_first:
+        for level, rule in self.rules.items():
             rule.configure(*(of_error if level is _ERROR else of_warn), config.hysteresis)
             if self.of_bounds and not rule.has_bounds:
                 rule.clear()
             if config.only_if is None:
-                rule.allow(True)
+                rule.allowed = True
         self.invalid.configure(for_s=config.invalid_for_s)
         if not config.latch:
             self._latched = _OK
@@ -236,50 +230,46 @@ class SignalRules:
         There is a rule for each level but OK. Its condition is that the driver reports this level or a worse one; what
         follows from it is steps 4 and 5 of docs/rules.md, as for bounds.
         """
-        stale = Rule()
-        stale.allow(self.warn.allowed)
         self.of_bounds = False
-        self.bounds = (*self.bounds, stale)
-        self.worst_first = ((_ERROR, self.error), (_STALE, stale), (_WARN, self.warn))
+        warn = self.rules.pop(_WARN)
+        self.rules.update({_STALE: Rule(), _WARN: warn})
+        self.rules[_STALE].allowed = warn.allowed
         self.configure(self._config)
 
     def judge(self, value: float, now_s: float) -> None:
         """Judges a value of the statistic, or a level by its wire value."""
-        if self.of_bounds:
-            self.warn.judge(value, now_s)
-            self.error.judge(value, now_s)
-            return
-        severity = _SEVERITIES.get(value, 0)
-        for level, rule in self.worst_first:
-            rule.judge_condition(severity >= level.severity, now_s)
+        for level, rule in self.rules.items():
+            if self.of_bounds:
+                rule.judge(value, now_s)
+            else:
+                rule.judge_condition(_SEVERITIES.get(value, 0) >= level.severity, now_s)
 
     def note_quality(self, *, good: bool, now_s: float) -> None:
         """Notes whether a datum was valid."""
         invalid = self.invalid
         if not good or invalid.condition or invalid.fires:
-            invalid.condition = not good
-            invalid.advance(now_s)
+            invalid.judge_condition(not good, now_s)
 
     def advance(self, now_s: float) -> None:
         """Advances the time."""
-        for rule in self.bounds:
+        for rule in self.rules.values():
             rule.advance(now_s)
         self.invalid.advance(now_s)
 
     def allow(self, allowed: bool) -> None:
         """Says whether `only_if` holds; counts when the rules advance."""
-        for rule in self.bounds:
-            rule.allow(allowed)
+        for rule in self.rules.values():
+            rule.allowed = allowed
 
     def freeze_or_thaw(self, now_s: float, *, unknown: bool, undefined: bool) -> None:
         """Freezes all rules while the level is `unknown`, those with bounds while the statistic is `undefined`."""
-        for rule in self.bounds:
+        for rule in self.rules.values():
             rule.freeze(now_s, is_frozen=unknown or undefined)
         self.invalid.freeze(now_s, is_frozen=unknown)
 
     def restart(self, now_s: float) -> None:
         """Restarts running waits: time went back to `now_s`."""
-        for rule in (*self.bounds, self.invalid):
+        for rule in (*self.rules.values(), self.invalid):
             rule.restart(now_s)
 
     def release_latch(self) -> None:
@@ -287,7 +277,7 @@ class SignalRules:
         self._latched = _OK
 
     def _fired(self) -> Level:
-        for level, rule in self.worst_first:
+        for level, rule in self.rules.items():
             if rule.fires:
                 return level
         return _OK
@@ -312,13 +302,13 @@ class SignalRules:
             return "invalid"
         if self._latched.severity > fired.severity:
             return "latched"
-        rules = [rule for level, rule in self.worst_first if fired in (_OK, level)]
+        rules = [rule for level, rule in self.rules.items() if fired in (_OK, level)]
         return next((rule for rule in rules if rule.condition or rule.fires), rules[-1]).state.value
 
     @property
     def is_at_rest(self) -> bool:
         """Whether all are inactive and stay so as long as no value is beyond a bound."""
-        return all(rule.is_at_rest for rule in self.bounds) and not (self.invalid.condition or self.invalid.fires)
+        return all(rule.is_at_rest for rule in (*self.rules.values(), self.invalid))
 
     def explaining(self, level: Level, announced: Rule | None) -> Rule | None:
         """Returns the rule that explains a level; for OK the one that is pending, held back, or was left last.
@@ -326,14 +316,14 @@ class SignalRules:
         `announced` is the rule of an announced level that is not OK. A value that was beyond the ERROR bound left the
         WARN bound of the same side last.
         """
-        for its_level, rule in self.worst_first:
+        for its_level, rule in self.rules.items():
             if its_level is level or (level is _OK and (rule.state is State.PENDING or rule.held_back)):
                 return rule
         if announced is None:
             return None
-        bounds, warn = self._config.bounds, self.warn
+        bounds, warn = self._config.bounds, self.rules[_WARN]
         side = "warn_below" if announced.is_below else "warn_above"
-        if announced is self.error and warn.is_below is announced.is_below and warn.bound == bounds.get(side, math.nan):
+        if warn.is_below is announced.is_below and warn.bound == bounds.get(side, math.nan):
             return warn
         return announced if announced.bound in bounds.values() else None
 
@@ -341,9 +331,9 @@ class SignalRules:
         """Writes the state of the signal, or continues from one, frozen; raises UnusableStateError."""
         if not state.value("of_bounds", self.of_bounds, True) and self.of_bounds and not self._config.bounds:
             self.expect_levels()
-        for name, rule in zip(("warn", "error", "reported_stale"), self.bounds):
+        for level, rule in self.rules.items():
             if rule.has_bounds or not self.of_bounds:
-                rule.exchange(state.section(name))
+                rule.exchange(state.section("reported_stale" if level is _STALE else level.name.lower()))
         self.invalid.exchange(state.section("invalid"))
         latched = state.value("latched", self._latched, _OK)
         if self._config.latch and (latched is not _STALE or not self.of_bounds):

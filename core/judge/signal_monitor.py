@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import sys
-from typing import Callable, Sequence
+from typing import Callable, Mapping
 
 from ..config import SignalConfig
 from ..values import DriverStatus, Level, Transition
@@ -18,7 +18,7 @@ from .quality import number_of, received
 from .rule import Rule, SignalRules
 from .sample_summary import SampleCollector
 from .saved_state import SavedState
-from .window import CountWindow, Samples, Window
+from .window import CountWindow, GapWindow, Samples, Window
 from .wording import Judgement
 
 # Globals are faster than members of an enumeration, above all in Python 3.11, and these are used per sample.
@@ -227,8 +227,8 @@ class SignalMonitor(Alert):
                 self._freeze_or_thaw(state.now_s)
 
     @property
-    def _explaining_rules(self) -> Sequence[Rule]:
-        return self._rules.bounds
+    def _explaining_rules(self) -> Mapping[Level, Rule]:
+        return self._rules.rules
 
     def _judge(self, value: object, now_s: float) -> Transition | None:
         self._calm_max = -math.inf
@@ -247,7 +247,7 @@ class SignalMonitor(Alert):
         thaws = staleness.stale or staleness.waiting
         if thaws:
             self._begin_window_anew()
-        if config.statistic == "largest_gap_s":
+        if isinstance(window, GapWindow):
             window.arrive(staleness.silence_s(now_s), now_s)
         staleness.arrive(now_s)
         if self.held is not None:

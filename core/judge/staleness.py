@@ -50,7 +50,7 @@ class Staleness:
     @property
     def frozen(self) -> bool:
         """Whether rules and durations are frozen."""
-        return self.stale or self.waiting or self.unreachable_since_s is not None
+        return self.stale or self.unknown
 
     def configure(self, limits: SignalConfig, now_s: float) -> None:
         """Applies the limits of a configuration; what is silent for less than the new one is not stale any more."""

@@ -189,9 +189,6 @@ class Window:
         value: float | None = getattr(self, name)()
         return value
 
-    def arrive(self, silence_s: float, now_s: float) -> None:
-        """Notes the arrival of a sample, good or bad, after a silence; only a `GapWindow` keeps it."""
-
     def statistics(self) -> dict[str, float]:
         """Returns every statistic that can be computed, to show, by its name in the configuration."""
         values = {name: getattr(self, name)() for name in STATISTICS_OF_SAMPLES} if len(self) else {}
@@ -282,7 +279,7 @@ class GapWindow(Window):
         self._arrived = False
 
     def arrive(self, silence_s: float, now_s: float) -> None:
-        """Notes an arrival; the silence before the first one is no gap."""
+        """Notes the arrival of a sample, good or bad; the silence before the first one is no gap."""
         if self._arrived:
             self._gaps.add(silence_s, now_s)
         self._arrived = True

@@ -148,7 +148,7 @@ def test_flapping_ends_only_below_the_low_limit() -> None:
 def test_new_limits_decide_from_the_next_sample_on() -> None:
     detector = fed(WARN, OK, WARN, OK)
     assert not detector.flapping
-    detector.configure(10.0, 5.0)
+    detector.high, detector.low = 10.0, 5.0
     assert not detector.flapping
     detector.add(OK)
     assert detector.flapping

@@ -558,7 +558,7 @@ def full_state() -> dict[str, Any]:
     )
     state["since"]["unknown"] = 9.0
     state["storm"] = [1e9 - 40.0, 1e9 - 1.0]  # the test restores at 1e9
-    state.update(invalid={"condition": True, "waited_s": 1.0}, stale=True, latched="WARN")
+    state.update(invalid={"crossed": True, "waited_s": 1.0}, stale=True, latched="WARN")
     return state
 
 

@@ -268,7 +268,7 @@ def test_a_condition_that_is_removed_no_longer_holds_a_rule_back() -> None:
     signal = rules(only_if=condition)
     signal.allow(False)
     signal.judge(15.0, 0.0)
-    assert level(signal) is Level.OK and signal.explaining(Level.OK, None) is signal.warn
+    assert level(signal) is Level.OK and signal.explaining(Level.OK, None) is signal.rules[Level.WARN]
     signal.configure(read_signal("battery_level", BOUNDS))
     signal.advance(1.0)
     assert level(signal) is Level.WARN
@@ -277,10 +277,10 @@ def test_a_condition_that_is_removed_no_longer_holds_a_rule_back() -> None:
 def test_ok_is_explained_by_the_rule_that_is_pending_or_has_just_cleared() -> None:
     signal = rules(error_for_s=5.0, for_s=5.0)
     signal.judge(15.0, 0.0)
-    assert signal.explaining(Level.OK, None) is signal.warn
+    assert signal.explaining(Level.OK, None) is signal.rules[Level.WARN]
     signal.judge(50.0, 1.0)
     assert signal.explaining(Level.OK, None) is None
-    assert signal.explaining(Level.OK, signal.warn) is signal.warn
+    assert signal.explaining(Level.OK, signal.rules[Level.WARN]) is signal.rules[Level.WARN]
 
 
 def test_bounds_are_frozen_while_the_statistic_is_undefined_and_invalid_data_are_not() -> None:
@@ -289,12 +289,12 @@ def test_bounds_are_frozen_while_the_statistic_is_undefined_and_invalid_data_are
     signal.note_quality(good=False, now_s=0.0)
     signal.freeze_or_thaw(0.0, unknown=False, undefined=True)
     signal.advance(2.0)
-    assert (signal.warn.fires, signal.invalid.fires) == (False, True)
+    assert (signal.rules[Level.WARN].fires, signal.invalid.fires) == (False, True)
     signal.freeze_or_thaw(10.0, unknown=False, undefined=False)
     signal.advance(11.9)
-    assert not signal.warn.fires
+    assert not signal.rules[Level.WARN].fires
     signal.advance(12.0)
-    assert signal.warn.fires
+    assert signal.rules[Level.WARN].fires
 
 
 def test_a_state_that_is_saved_is_restored_as_far_as_there_are_bounds() -> None:
@@ -306,10 +306,10 @@ def test_a_state_that_is_saved_is_restored_as_far_as_there_are_bounds() -> None:
     assert sorted(filter(saved.get, saved)) == ["error", "latched", "warn"] and saved["latched"] == "ERROR"
     again = rules(latch=True)
     again.exchange(SavedState(100.0, saved, Downtime(0.0, 0.0)))
-    assert (level(again), again.error.fires, again.warn.fires) == (Level.ERROR, True, True)
+    assert (level(again), again.rules[Level.ERROR].fires, again.rules[Level.WARN].fires) == (Level.ERROR, True, True)
     without = SignalRules(read_signal("battery_level", {"warn_below": 20.0}))
     without.exchange(SavedState(100.0, saved, Downtime(0.0, 0.0)))
-    assert (level(without), without.error.fires) == (Level.WARN, False)
+    assert (level(without), without.rules[Level.ERROR].fires) == (Level.WARN, False)
 
 
 def test_a_state_that_cannot_be_used_is_refused() -> None:
