@@ -80,10 +80,7 @@ class DatabaseFile:
         with contextlib.ExitStack() as on_error:
             self._lock: int | None = _lock(lock_path(self.path))
             on_error.callback(os.close, self._lock)
-            self.connection = sqlite3.connect(
-                self.path, timeout=_BUSY_S, isolation_level=None, check_same_thread=False, factory=CheckedConnection
-            )
-            """In autocommit mode."""
+            self.connection = CheckedConnection(self.path, _BUSY_S)
             on_error.callback(self.connection.close)
             schema.version_of(self.connection)  # what follows would change a file that must not be touched
             for setting in (
@@ -117,8 +114,7 @@ class DatabaseFile:
     def copy_log(self) -> None:
         """Copies the log into the file, and empties it if no reader uses it."""
         # A second connection: the writer goes on while all but the last few pages are copied.
-        uri = f"file:{quote(self.path)}?mode=rw"
-        with contextlib.closing(sqlite3.connect(uri, uri=True, timeout=_READERS_S, isolation_level=None)) as connection:
+        with contextlib.closing(CheckedConnection(f"file:{quote(self.path)}?mode=rw", _READERS_S)) as connection:
             for mode in ("PASSIVE", "TRUNCATE"):
                 connection.execute(f"PRAGMA wal_checkpoint({mode})").fetchone()
 
@@ -208,14 +204,11 @@ def reading(file: str | Path) -> Iterator[CheckedConnection]:
 
 
 def connected(path: str, options: str, timeout_s: float) -> CheckedConnection:
-    """Returns a connection to an existing history, in autocommit mode, beside the one of the monitor that writes it.
+    """Returns a connection to an existing history, beside the one of the monitor that writes it.
 
     `options` are those of SQLite's URI, such as `mode=rw`. Raises UnusableFileError or sqlite3.Error.
     """
-    uri = f"file:{quote(os.path.abspath(path))}?{options}"
-    connection = sqlite3.connect(
-        uri, uri=True, timeout=timeout_s, isolation_level=None, check_same_thread=False, factory=CheckedConnection
-    )
+    connection = CheckedConnection(f"file:{quote(os.path.abspath(path))}?{options}", timeout_s)
     try:
         schema.require_known(connection)
     except BaseException:

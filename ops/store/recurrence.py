@@ -13,7 +13,7 @@ from ...core.values import ConfigError
 
 DAYS = ("mon", "tue", "wed", "thu", "fri", "sat", "sun")
 
-_RULE = re.compile(r"(?:(?P<days>[a-z,-]+) +)?(?P<begin>\d\d:\d\d)-(?P<end>\d\d:\d\d)\Z", re.ASCII)
+_RULE = re.compile(r"(?:([a-z,-]+) )?(\d\d:\d\d)-(\d\d:\d\d)\Z", re.ASCII)
 _ZONES = "/zoneinfo/"
 
 
@@ -55,12 +55,16 @@ def parse_recurrence(text: str, zone: str = "") -> Recurrence:
         ConfigError: it is not of this form, a day, a time or the zone does not exist, or the zone cannot be read.
     """
     match = _RULE.match(" ".join(text.lower().split()))
-    if match is None:
-        raise ConfigError(f'expected days and times such as "mon-fri 22:00-06:00", got {text[:60]!r}')
+    try:
+        if match is None:
+            raise ValueError
+        days, begin, end = match.groups("mon-sun")
+        rule = _days(days), time.fromisoformat(begin), time.fromisoformat(end)
+    except ValueError:
+        raise ConfigError(f'expected days and times such as "mon-fri 22:00-06:00", got {text[:60]!r}') from None
     zone = zone or machine_zone()
     zone_of(zone)
-    days = frozenset(range(7)) if match["days"] is None else _days(match["days"])
-    return Recurrence(match[0], zone, days, _time(match["begin"]), _time(match["end"]))
+    return Recurrence(match[0], zone, *rule)
 
 
 def machine_zone() -> str:
@@ -96,19 +100,10 @@ def zone_of(name: str) -> tzinfo:
 
 
 def _days(text: str) -> frozenset[int]:
+    """Returns the days of lists and ranges; raises ValueError if one does not exist."""
     days = set()
     for part in text.split(","):
         first, is_range, last = part.partition("-")
-        try:
-            begin, end = DAYS.index(first), DAYS.index(last if is_range else first)
-        except ValueError:
-            raise ConfigError(f"expected days from mon to sun, got {part[:60]!r}") from None
+        begin, end = DAYS.index(first), DAYS.index(last if is_range else first)
         days |= {day % 7 for day in range(begin, end + 1 if end >= begin else end + 8)}
     return frozenset(days)
-
-
-def _time(text: str) -> time:
-    try:
-        return datetime.strptime(text, "%H:%M").time()
-    except ValueError:
-        raise ConfigError(f"expected a time from 00:00 to 23:59, got {text}") from None

@@ -36,11 +36,14 @@ Values = Union[Sequence[Any], JsonObject]
 
 
 class CheckedConnection(Connection):
-    """A connection that notes whether rows were skipped. In texts that are not UTF-8, odd characters are replaced."""
+    """A connection that notes whether rows were skipped. In texts that are not UTF-8, odd characters are replaced.
 
-    def __init__(self, *arguments: Any, **options: Any) -> None:
-        """Opens the database, as `sqlite3.connect`, of which this is a `factory`."""
-        super().__init__(*arguments, **options)
+    It is in autocommit mode, and any one thread may use it at a time.
+    """
+
+    def __init__(self, database: str, timeout_s: float = 0.0) -> None:
+        """Opens a database by its path or URI; waits so long, in s, for other connections that write."""
+        super().__init__(database, timeout_s, isolation_level=None, check_same_thread=False, uri=True)
         self.text_factory = functools.partial(str, encoding="utf-8", errors="replace")
         self.skipped_text = ""
         """One line about the first row that was skipped; empty if none were."""

@@ -308,7 +308,7 @@ def altered_error(connection: Connection) -> sqlite3.DatabaseError | None:
 
 def in_memory() -> CheckedConnection:
     """Returns a connection to a new database in memory, with the tables."""
-    connection = sqlite3.connect(":memory:", isolation_level=None, check_same_thread=False, factory=CheckedConnection)
+    connection = CheckedConnection(":memory:")
     prepare(connection)
     return connection
 

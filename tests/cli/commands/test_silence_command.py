@@ -320,8 +320,8 @@ def test_a_silence_that_recurs_is_added_listed_and_shown_in_the_history(
 @pytest.mark.parametrize(
     ("arguments", "problem"),
     [
-        (("--every", "mon 25:00-06:00"), "expected a time from 00:00 to 23:59, got 25:00"),
-        (("--every", "mondays 20:00-06:00"), "expected days from mon to sun, got 'mondays'"),
+        (("--every", "mon 25:00-06:00"), "such as \"mon-fri 22:00-06:00\", got 'mon 25:00-06:00'"),
+        (("--every", "mondays 20:00-06:00"), "such as \"mon-fri 22:00-06:00\", got 'mondays 20:00-06:00'"),
         (
             ("--every", "20:00-06:00", "--until-resolved"),
             "a time that comes again, or until resolved; got both",
