@@ -184,10 +184,7 @@ class _Running:
 
     def _report_stream(self, stream: str, problem: str) -> None:
         for middleware in tuple(self._process.middlewares):
-            if problem:
-                middleware.faults.report(stream, problem)
-            else:
-                middleware.faults.clear(stream)
+            middleware.faults.report(stream, problem)
 
 
 def _print_error(executable: str, text: str) -> None:

@@ -166,10 +166,7 @@ class MonitorProcess:
 
     def _show(self, monitors: Monitors) -> None:
         self._output.show(monitors)
-        if self._output.problem:
-            monitors.node.faults.report(_FAULT, self._output.problem, Level.WARN)
-        else:
-            monitors.node.faults.clear(_FAULT)
+        monitors.node.faults.report(_FAULT, self._output.problem, Level.WARN)
 
     async def reload_ops(self, monitors: Monitors) -> str:
         """Reads ops.yaml and the server's token, then applies what differs; see `Reload`.

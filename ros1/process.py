@@ -151,10 +151,7 @@ class Ros1Process:
 
     def _report_master(self, problem: str, level: Level) -> None:
         for middleware in tuple(self.middlewares):
-            if problem:
-                middleware.faults.report("ROS master", problem, level)
-            else:
-                middleware.faults.clear("ROS master")
+            middleware.faults.report("ROS master", problem, level)
 
     def _close_nodes(self) -> None:
         for middleware in self.middlewares:

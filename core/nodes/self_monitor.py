@@ -203,11 +203,8 @@ class SelfMonitor:
         elif self._tick == _NEVER:
             self._tick = self._middleware.now_s(), self._middleware.steady_s()
         lateness_s = max(self._last_lateness_s, self._lateness_s())
-        if lateness_s > _MAX_LATENESS_S:
-            text = f"{lateness_s:.1f} s late (period {CHECK_PERIOD_S:g} s): overloaded or suspended"
-            self._middleware.faults.report("tick", text, Level.WARN)
-        else:
-            self._middleware.faults.clear("tick")
+        text = f"{lateness_s:.1f} s late (period {CHECK_PERIOD_S:g} s): overloaded or suspended"
+        self._middleware.faults.report("tick", text if lateness_s > _MAX_LATENESS_S else "", Level.WARN)
         self._last_lateness_s = 0.0
 
     def _announce_faults(self, steady_s: float) -> None:

@@ -57,7 +57,13 @@ class Faults:
                 receiver.report(part, fault.text, fault.level)
 
     def report(self, part: str, text: str, level: Level = Level.ERROR) -> None:
-        """Reports a fault in one line, in place of an earlier one of its part, such as `clock` or `outlet alerts`."""
+        """Reports a fault in one line, in place of an earlier one of its part, such as `clock` or `outlet alerts`.
+
+        An empty text is as `clear`.
+        """
+        if not text:
+            self.clear(part)
+            return
         text = printable(" ".join(text.split()))
         with self._lock:
             for receiver in self._receivers:

@@ -200,15 +200,12 @@ class BlackBox:
         with self._lock:
             needed_bytes += sum(recording.file.bytes for recording in self._recordings if recording.file is not None)
         protected = {name for files in tuple(self.open_files.values()) for name in tuple(files.values())}
-        has_room = folder.make_room(protected, needed_bytes)
+        has_room, text = folder.make_room(protected, needed_bytes), ""
         if not has_room:
             text = f"nothing is recorded: the recordings of open alerts take keep_mb ({self.settings.keep_mb:g})"
-            self._faults.report(FULL_PART, text, Level.WARN)
         elif folder.problem is not None:
             text = f"an old recording cannot be deleted: {_reason(folder.problem, folder.path)}"
-            self._faults.report(FULL_PART, text, Level.WARN)
-        else:
-            self._faults.clear(FULL_PART)
+        self._faults.report(FULL_PART, text, Level.WARN)
         return has_room
 
     def _give_up(self, recording: Recording) -> None:

@@ -113,7 +113,7 @@ class Delivery(StepThread):
         self._finish(self._to_finish)
         dropped = self._queue.dropped[name]
         text = f"full: {dropped} notifications dropped that later ones of the same alerts supersede"
-        self._warn("queue", text if dropped else "")
+        self._faults.report(f"{self._part}: queue", text if dropped else "", Level.WARN)
         if self._has_news:
             self._has_news = False
             self._retry_at_s = max(self._not_before_s, min(self._retry_at_s, self._attempted_s + FIRST_RETRY_S))
@@ -152,15 +152,8 @@ class Delivery(StepThread):
             self._retry_at_s = max(self._not_before_s, self._attempted_s + self._backoff.next_s())
             level = Level.ERROR if failure.is_refused else Level.WARN
             self._faults.report(self._part, f"{self._sender.place}: {failure}", level)
-        self._warn("url_file", self._sender.warning)
+        self._faults.report(f"{self._part}: url_file", self._sender.warning, Level.WARN)
         return failure
-
-    def _warn(self, about: str, text: str) -> None:
-        """Reports a warning; ends it if the text is empty."""
-        if text:
-            self._faults.report(f"{self._part}: {about}", text, Level.WARN)
-        else:
-            self._faults.clear(f"{self._part}: {about}")
 
     def _run(self, function: Callable[..., Result], *arguments: Any) -> Result:
         """Runs a function of the queue in the history's writer thread."""

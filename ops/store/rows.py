@@ -43,7 +43,7 @@ class CheckedConnection(Connection):
 
     def __init__(self, database: str, timeout_s: float = 0.0) -> None:
         """Opens a database by its path or URI; waits so long, in s, for other connections that write."""
-        super().__init__(database, timeout_s, isolation_level=None, check_same_thread=False, uri=True)
+        super().__init__(database, timeout=timeout_s, isolation_level=None, check_same_thread=False, uri=True)
         self.text_factory = functools.partial(str, encoding="utf-8", errors="replace")
         self.skipped_text = ""
         """One line about the first row that was skipped; empty if none were."""

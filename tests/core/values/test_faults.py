@@ -89,3 +89,10 @@ def test_shared_faults_reach_nodes_that_are_added_later_too() -> None:
     assert [each.current()["history"].text for each in (shared, early, late)] == ["disk full"] * 3
     shared.clear("history")
     assert [dict(each.current()) for each in (shared, early, late)] == [{}, {}, {}]
+
+
+def test_an_empty_text_ends_a_fault() -> None:
+    faults = Faults()
+    faults.report("log", "disk full")
+    faults.report("log", "")
+    assert faults.current() == {}
