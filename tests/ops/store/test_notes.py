@@ -17,7 +17,7 @@ from robot_health_monitor.ops.store.rows import INSERT_TRANSITION, CheckedConnec
 @pytest.fixture
 def connection() -> Iterator[sqlite3.Connection]:
     """Returns a history in memory with the alerts 1 and 2."""
-    database = sqlite3.connect(":memory:", isolation_level=None, factory=CheckedConnection)
+    database = CheckedConnection(":memory:")
     schema.prepare(database)
     for number in (1, 2):
         database.execute(INSERT_TRANSITION, transition_row(transition(number), 100.0 + number))
@@ -79,7 +79,7 @@ def test_odd_rows_are_skipped(connection: sqlite3.Connection) -> None:
 
 def test_notes_that_two_processes_wrote_at_the_same_time_are_all_kept(connection: sqlite3.Connection) -> None:
     """The monitor writes into memory while its disk fails, and the command line into the file."""
-    file = sqlite3.connect(":memory:", isolation_level=None, factory=CheckedConnection)
+    file = CheckedConnection(":memory:")
     schema.prepare(file)
     for table in ("transitions", "notes"):
         schema.copy_table(connection, file, table)

@@ -128,7 +128,7 @@ def test_an_odd_value_anywhere_stops_no_reader_and_no_monitor(file: Path, table:
 
 
 def database() -> CheckedConnection:
-    return sqlite3.connect(":memory:", isolation_level=None, factory=CheckedConnection)
+    return CheckedConnection(":memory:")
 
 
 def test_the_first_row_that_is_skipped_is_noted_in_one_line() -> None:

@@ -18,7 +18,7 @@ DAY_S = 86_400.0
 
 @pytest.fixture
 def connection() -> sqlite3.Connection:
-    connection = sqlite3.connect(":memory:", isolation_level=None, factory=CheckedConnection)
+    connection = CheckedConnection(":memory:")
     schema.prepare(connection)
     return connection
 
