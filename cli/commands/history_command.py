@@ -10,6 +10,7 @@ import sqlite3
 import sys
 import time
 from datetime import datetime
+from operator import attrgetter
 from typing import Any, Iterable, Iterator
 
 from ...core.values import ConfigError, Level, ServiceError, printable
@@ -37,6 +38,7 @@ from ..history.history_entries import (  # fmt: skip
 from ..history.history_file import DEFAULT_FILE, history_file, reading_history
 from ..output.lines import plain_table
 
+_WALL_S = attrgetter("wall_s")
 _SUMMARY_HEADS = ("robot", "signal", *SHARES, "available", "alerts", "longest outage", "recovery")
 _SUMMARY_FIELDS = (
     "robot", "signal", "duration_s", "unknown", "alerts", "longest_outage_s", "availability", "mean_time_to_recover_s",
@@ -119,7 +121,7 @@ def _transitions(connection: sqlite3.Connection, arguments: argparse.Namespace) 
 
     def merged(*events: Iterable[Any]) -> Iterator[Any]:
         """Yields alerts in their order, and each event before those that are younger."""
-        return heapq.merge(sorted(itertools.chain(*events), key=_wall_s), noted, key=_wall_s)
+        return heapq.merge(sorted(itertools.chain(*events), key=_WALL_S), noted, key=_WALL_S)
 
     return Listing(
         json=map(entry_fields, merged(silences)),
@@ -128,10 +130,6 @@ def _transitions(connection: sqlite3.Connection, arguments: argparse.Namespace) 
         lines=(line for entry in merged(silences, others) for line in entry_lines(entry)),
         nothing="no alerts",
     )
-
-
-def _wall_s(entry: Any) -> float:
-    return float(entry.wall_s)
 
 
 def _summaries(connection: sqlite3.Connection, arguments: argparse.Namespace) -> tuple[list[SignalSummary], float]:

@@ -12,7 +12,7 @@ import yaml
 from yaml.constructor import ConstructorError
 from yaml.error import MarkedYAMLError
 
-from ..values import ConfigError, Path, Problems, describe
+from ..values import ConfigError, Path, Problems, describe, printable
 
 MOST_VALUES = 20_000
 """Most keys and values of a file."""
@@ -129,6 +129,4 @@ def _hint(text: str, mark: Any) -> str:
 
 def _short(problem: Any) -> str:
     """Returns a problem that PyYAML describes, which may quote the file, as one short line."""
-    line = " ".join(str(problem).split())
-    shown = line if line.isprintable() else ascii(line)
-    return shown if len(shown) <= 120 else shown[:117] + "..."
+    return printable(" ".join(str(problem).split())[:120])

@@ -194,34 +194,19 @@ def _add_bounds(signal: Signal, from_extreme: bool) -> None:
         return
     step = Decimal(1).scaleb(Decimal(margin).adjusted())
     lowest, highest = _limits(config, values.min)
-    below, above = (
-        Decimal(low - margin).quantize(step, ROUND_FLOOR),
-        Decimal(high + margin).quantize(step, ROUND_CEILING),
-    )
-    for key, bound, quantile, side, extreme, limit in (
-        (
-            "warn_below",
-            float(below),
-            low,
-            "below",
-            f"lowest {measured.text(values.min)}",
-            f"above {bound_text(lowest)}",
-        ),
-        (
-            "warn_above",
-            float(above),
-            high,
-            "above",
-            f"highest {measured.text(values.max)}",
-            f"below {bound_text(highest)}",
-        ),
+    for key, quantile, to_bound, rounding, extreme, most, within in (
+        ("warn_below", low, -margin, ROUND_FLOOR, "lowest", values.min, f"above {bound_text(lowest)}"),
+        ("warn_above", high, margin, ROUND_CEILING, "highest", values.max, f"below {bound_text(highest)}"),
     ):
+        bound = float(Decimal(quantile + to_bound).quantize(step, rounding))
         if not lowest < bound < highest:
-            signal.left_out.append(f"no {key}: {bound_text(bound)} is not {limit}, the limit of its values")
+            signal.left_out.append(f"no {key}: {bound_text(bound)} is not {within}, the limit of its values")
             continue
-        if quantile not in (values.min, values.max):
-            extreme = f"{tail * 100.0:.2g} % of the samples are {side} {measured.text(quantile)}, {extreme}"
-        signal.proposed[key] = Setting(bound, f"{extreme}; margin {measured.text(margin)}")
+        evidence = f"{extreme} {measured.text(most)}"
+        if quantile != most:
+            side = key.partition("_")[2]
+            evidence = f"{tail * 100.0:.2g} % of the samples are {side} {measured.text(quantile)}, {evidence}"
+        signal.proposed[key] = Setting(bound, f"{evidence}; margin {measured.text(margin)}")
 
 
 def _limits(config: SignalConfig, lowest_value: float) -> tuple[float, float]:
