@@ -43,26 +43,25 @@ class FoxgloveConnection(BridgeConnection):
         self.receivers = self.channels = Channels(
             self.send_wire, functools.partial(self._log.write, "channels", Severity.WARN)
         )
-        self._is_refused = False
         self._answered: asyncio.Event | None = None
+        """What an answer of a rosbridge server sets; None unless the server has chosen no subprotocol."""
 
     def _begin(self, subprotocol: str | None) -> bool:
-        self._is_refused = subprotocol is None
-        if self._is_refused:
+        self._answered = asyncio.Event() if subprotocol is None else None
+        if self._answered is not None:
             self.send_wire(json.dumps({"op": "call_service", "id": "a", "service": "/rosapi/get_time", "args": {}}))
-        return not self._is_refused
+        return self._answered is None
 
     def _went_down(self) -> None:
         self.channels.end()
 
     async def _refusal(self) -> Cause:
         """A server that speaks the protocol chooses a subprotocol; a rosbridge server answers a call."""
-        if not self._is_refused:
+        if self._answered is None:
             return await super()._refusal()
-        answered = self._answered = asyncio.Event()
         with contextlib.suppress(asyncio.TimeoutError):
-            await within(_ANSWER_S, answered.wait())
-        if answered.is_set():
+            await within(_ANSWER_S, self._answered.wait())
+        if self._answered.is_set():
             return Cause(f"this is a rosbridge server: ws{self.address[self.address.index(':') :]}")
         return Cause("not a foxglove server: it does not speak Foxglove's protocol")
 
@@ -72,8 +71,8 @@ class FoxgloveConnection(BridgeConnection):
             if publication is not None:
                 self.channels.deliver(*publication)
             return None
-        if self._is_refused:
-            if self._answered is not None and '"service_response"' in data[:_LARGE_TEXT]:
+        if self._answered is not None:
+            if '"service_response"' in data[:_LARGE_TEXT]:
                 self._answered.set()
         elif len(data) > _LARGE_TEXT:
             return self._receive_large(data)

@@ -75,13 +75,12 @@ class _Receiver(BridgeReceiver, MappingSubscription):
         """Returns what is called with each message of a channel; None, after one ERROR line, if it cannot be read."""
         type_name = channel.raw_format.type_name
         expected = canonical_type(self._type_name)
-        if expected and type_name not in ("", expected):
-            problem = f"{self.topic}: expected messages of type {expected}, got {type_name}"
-        else:
-            try:
-                return self._taker(channel, messages)
-            except ConfigError as error:
-                problem = str(error)
+        try:
+            if expected and type_name not in ("", expected):
+                raise ConfigError(f"{self.topic}: expected messages of type {expected}, got {type_name}")
+            return self._taker(channel, messages)
+        except ConfigError as error:
+            problem = str(error)
         if problem != self._said:  # logged once
             self._said = problem
             self._node.log(Severity.ERROR, printable(problem))

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any, Callable, Counter, Mapping, NamedTuple, Sequence
+from typing import Any, Callable, Mapping, NamedTuple, Sequence
 
 from ..core.config import DEFAULT_SIGNALS, LINK, Section, SignalConfig, read_monitor, read_signal, template_name
 from ..core.judge import (
@@ -276,11 +276,11 @@ class Differences:
     Two transitions are the same if signal, levels and time agree. Holds the transitions of one instant only.
     """
 
-    def __init__(self, first: str, on_difference: OnEvent) -> None:
-        """Calls with each transition that only one configuration announced; `first` is the name of one of them."""
-        self._first = first
+    def __init__(self, on_difference: OnEvent) -> None:
+        """Calls with each transition that only one configuration announced."""
         self._on_difference = on_difference
-        self._held: list[tuple[JudgedEvent, Any]] = []  # with what two transitions must agree in
+        self._held: list[tuple[JudgedEvent, Any]] = []
+        """Those without an equal one until now, with what two transitions must agree in."""
 
     def add(self, judged: JudgedEvent) -> None:
         """Takes a transition; notices are ignored. Log times must not decrease."""
@@ -289,15 +289,15 @@ class Differences:
             return
         if self._held and judged.wall_s != self._held[0][0].wall_s:
             self.flush()
-        self._held.append((judged, (event.signal, event.from_level, event.to_level, event.now_s, event.repeat)))
+        key = event.signal, event.from_level, event.to_level, event.now_s, event.repeat
+        for each in self._held:
+            if each[1] == key and each[0].file != judged.file:
+                self._held.remove(each)
+                return
+        self._held.append((judged, key))
 
     def flush(self) -> None:
-        """Compares the transitions of the last instant; call at the end."""
-        held, self._held = [(judged, key, 1 if judged.file == self._first else -1) for judged, key in self._held], []
-        excess: Counter[Any] = Counter()
-        for _, key, sign in held:
-            excess[key] += sign
-        for judged, key, sign in held:
-            if excess[key] * sign > 0:
-                excess[key] -= sign
-                self._on_difference(judged)
+        """Passes on what is left of the last instant; call at the end."""
+        for judged, _ in self._held:
+            self._on_difference(judged)
+        self._held.clear()

@@ -132,10 +132,8 @@ class Player:
     def problems(self) -> list[str]:
         """One line for each thing that was not read, or not as it was recorded, until now."""
         lines = self._recordings.problems
-        undecodable: dict[str, int] = {}
-        for each, number in self._undecodable.items():
-            undecodable[each.topic] = max(number, undecodable.get(each.topic, 0))  # a message lacks several fields
-        for topic, number in sorted(undecodable.items()):
+        undecodable = sorted((each.topic, number) for each, number in self._undecodable.items())
+        for topic, number in dict(undecodable).items():  # the largest number: a message may lack several fields
             lines.append(f"{topic}: {_left_out(number, 'could not be decoded and')}")
         if self._outside:
             lines.append(_left_out(self._outside, "outside of the time span"))
@@ -321,7 +319,7 @@ def _left_out(messages: int, why: str) -> str:
 
 
 def _getter(channel: Channel, field: str | None) -> _Getter:
-    return _arrival if field is None else type_of(channel).field_getter(field)
+    return (lambda data: 1.0) if field is None else type_of(channel).field_getter(field)
 
 
 def _can_read(get: Callable[[bytes], Any], data: bytes) -> bool:
@@ -330,10 +328,6 @@ def _can_read(get: Callable[[bytes], Any], data: bytes) -> bool:
     except ValueError:
         return False
     return True
-
-
-def _arrival(data: bytes) -> float:
-    return 1.0
 
 
 def _ignore(nothing: object) -> None:

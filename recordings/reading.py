@@ -8,7 +8,7 @@ import os
 import re
 import shutil
 import tempfile
-from itertools import chain
+from itertools import accumulate, chain
 from operator import itemgetter
 from typing import Collection, Iterator, Mapping, Sequence
 
@@ -26,7 +26,7 @@ _LARGEST_RATIO = 200  # A file that is packed as a whole unpacks to at most 64 M
 _EXPECTED = "expected a .bag file, an .mcap file, a .db3 file or a folder that rosbag2 recorded"
 
 
-class Recordings:
+class Recordings(contextlib.ExitStack):
     """Several recorded files, read as one. Use as a context manager: unpacked files are removed at its end."""
 
     def __init__(self, paths: Sequence[str]) -> None:
@@ -34,8 +34,8 @@ class Recordings:
 
         Raises RecordingError if one cannot be read.
         """
+        super().__init__()
         self.paths = [os.fspath(path) for path in paths]
-        self._folder: str | None = None
         self._notes: list[str] = []
         self._recordings: list[list[RecordedFile]] = []
         try:
@@ -47,18 +47,6 @@ class Recordings:
         except BaseException:
             self.close()
             raise
-
-    def __enter__(self) -> Recordings:
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """Removes unpacked files. May be called twice."""
-        if self._folder is not None:
-            shutil.rmtree(self._folder, ignore_errors=True)
-            self._folder = None
 
     @property
     def channels(self) -> list[Channel]:
@@ -82,13 +70,9 @@ class Recordings:
 
         Between recordings only: the files of one folder are one recording, and silence within it is the robot's.
         """
-        gaps: list[tuple[int, int]] = []
-        covered_ns: int | None = None
-        for first, last in sorted(span for span in map(_span, self._recordings) if span is not None):
-            if covered_ns is not None and first > covered_ns:
-                gaps.append((covered_ns, first))
-            covered_ns = last if covered_ns is None else max(covered_ns, last)
-        return gaps
+        spans = sorted(filter(None, map(_span, self._recordings)))
+        ends_ns = accumulate((last for _, last in spans), max)
+        return [(end_ns, first) for end_ns, (first, _) in zip(ends_ns, spans[1:]) if first > end_ns]
 
     @property
     def problems(self) -> list[str]:
@@ -112,7 +96,7 @@ class Recordings:
                 rows.append(row)
             row.append((span, file))
         streams = [chain.from_iterable(file.messages(targets) for _, file in row) for row in rows]
-        return streams[0] if len(streams) == 1 else heapq.merge(*streams, key=log_time)
+        return heapq.merge(*streams, key=log_time)
 
     def have_holes(self, channels: Collection[Channel]) -> bool:
         """Whether messages of channels may have been left out, in what was read until now."""
@@ -191,9 +175,9 @@ class Recordings:
 
         unpacked = ""
         try:
-            if self._folder is None:
-                self._folder = tempfile.mkdtemp(prefix="robot-health-")
-            unpacked = os.path.join(self._folder, f"{len(os.listdir(self._folder))}")
+            folder = tempfile.mkdtemp(prefix="robot-health-")
+            self.callback(shutil.rmtree, folder, ignore_errors=True)
+            unpacked = os.path.join(folder, "unpacked")
             limit = _LARGEST_UNPACKED + _LARGEST_RATIO * os.path.getsize(path)
             unpacker = zstandard.ZstdDecompressor(max_window_size=LARGEST)
             with open(unpacked, "wb") as target, open(path, "rb") as packed:

@@ -119,7 +119,7 @@ class _Replay:
         self._shown: list[ReportedAlert] = []
         self._shown_levels: Counter[Level] = Counter()  # new levels of all transitions that were shown
         self._names = [name for name, _, _ in configurations]
-        self._differences = Differences(self._names[0], self._show) if self._several else None
+        self._differences = Differences(self._show) if self._several else None
         self._judge = Judge(self._player, self._on_event, self._plot if report_file else None)
         self._player.on_gap.append(self._on_gap)
         for name, file, section in configurations:

@@ -12,7 +12,6 @@ import json
 import time
 from datetime import timedelta, timezone
 from html import escape
-from itertools import islice
 from string import Template
 from typing import Iterable, Mapping, NamedTuple, Sequence
 
@@ -219,7 +218,7 @@ def _signal_data(signal: PlottedSignal, alerts: Sequence[tuple[str, ReportedAler
         "steps": [after - before for before, after in zip([-1, *places], places)],
         "low": [float(f"{value:.7g}") for value in low],  # as many digits as a Float32 has
         "high": [float(f"{value:.7g}") for value in high],
-        "bad": [round(time_s, 3) for time_s in islice(signal.bad_times_s, _MOST_BUCKETS)],
+        "bad": [round(time_s, 3) for time_s in signal.bad_times_s],
         "gap": config.stale_after_s,
         "bounds": plot_bounds(config),
         "levels": [[round(time_s, 3), level] for time_s, level in signal.levels],
@@ -232,7 +231,7 @@ def _signal_data(signal: PlottedSignal, alerts: Sequence[tuple[str, ReportedAler
             }
             for name, alert in alerts
         ],
-        "ahead": [line for line in lines if line is not None],
+        "ahead": list(filter(None, lines)),
     }
 
 

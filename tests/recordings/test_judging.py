@@ -283,7 +283,7 @@ def announced(wall_s: float, file: str, level: Level, signal: str = "battery", t
 def differences(*events: JudgedEvent) -> list[tuple[float, str]]:
     """Returns time and configuration of the transitions in which a.yaml and b.yaml differ."""
     found: list[tuple[float, str]] = []
-    compared = Differences("a.yaml", lambda event: found.append((event.wall_s, event.file)))
+    compared = Differences(lambda event: found.append((event.wall_s, event.file)))
     for event in events:
         compared.add(event)
     compared.flush()
