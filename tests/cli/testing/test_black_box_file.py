@@ -45,7 +45,7 @@ def test_the_states_are_those_at_the_beginning() -> None:
 @pytest.mark.parametrize(
     ("texts", "problem"),
     [
-        ({"state_json": "{"}, "/box/r1.mcap: state.json: expected an object with robot, time_s and signals"),
+        ({"state_json": "{"}, "/box/r1.mcap: state.json: expected robot, time_s in seconds since 1970, and signals"),
         ({"thresholds_yaml": ""}, "/box/r1.mcap/thresholds.yaml: expected a mapping of keys to values, got nothing"),
     ],
 )
