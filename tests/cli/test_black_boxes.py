@@ -104,7 +104,7 @@ def test_an_attachment_that_cannot_be_used_is_one_line(replayed: Replay, tmp_pat
         assert code == 2
         (line,) = error.splitlines()
         lines.append(line.replace(f"{tmp_path}/", ""))
-    assert "state.json: expected an object with robot, time_s and signals" in lines[0]
+    assert "state.json: expected robot, time_s in seconds since 1970, and signals" in lines[0]
     assert lines[1] == "1.mcap/thresholds.yaml:2: is not valid YAML: did not find expected node content"
     assert lines[2] == "2.mcap/thresholds.yaml: expected a mapping of keys to values, got nothing"
 
