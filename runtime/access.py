@@ -25,7 +25,6 @@ from aiohttp import web
 
 from ..core.values import Clock, describe
 from .http_answers import json_error, json_response
-from .origins import is_own_origin
 
 _LOCAL_PAGES = ("http://localhost", "http://127.0.0.1", "http://[::1]")
 """Origins of the web pages of this machine, on any port."""
@@ -76,6 +75,19 @@ READ_ONLY = Access()
 def matches(name: str, patterns: Sequence[str]) -> bool:
     """Returns whether the name of a topic or service matches one of the patterns."""
     return any(fnmatch.fnmatchcase(name, pattern) for pattern in patterns)
+
+
+def is_own_origin(origin: str, host: str) -> bool:
+    """Returns whether a page of this `Origin` sends to its own `Host`, both as in the headers of a request.
+
+    >>> is_own_origin("http://Robot:9090", "robot:9090")
+    True
+    """
+    try:
+        parts = urlsplit(origin)
+    except ValueError:
+        return False
+    return parts.scheme in ("http", "https") and parts.netloc.lower() == host.lower() != ""
 
 
 def is_loopback(host: str) -> bool:

@@ -163,6 +163,8 @@ class LocalBus:
 class LocalMiddleware(MappingNode):
     """One node on a `LocalBus`; implements `core.middleware.ServedMiddleware`."""
 
+    knows_graph = True
+
     def __init__(
         self, bus: LocalBus, name: str, parameters: JsonObject, remap: Mapping[str, str], use_sim_time: bool
     ) -> None:
@@ -219,9 +221,6 @@ class LocalMiddleware(MappingNode):
         last = self._bus._topics.get(topic, _Topic()).publisher
         gone = {last}.difference(["", *(node.name for node in self._bus.nodes)])
         answer(explain(topic, type_name, types, gone, similar_topic(topic, type_name, published)))
-
-    def graph_name(self, key: str, name: str) -> str:
-        return self.resolve(name)
 
     def follow_graph(self, wanted: Callable[[], Collection[Wanted]], callback: GraphCallback) -> ClockTimer:
         def read(now_s: float) -> None:

@@ -120,6 +120,9 @@ class RawSubscription(LoggedSubscription):
 class MappingNode(ClockedNode):
     """One node; the base of classes that implement `core.middleware.Middleware`."""
 
+    knows_graph = False
+    """Whether nodes and endpoints can be counted; then the class also has `follow_graph`."""
+
     def __init__(
         self,
         name: str,
@@ -146,7 +149,9 @@ class MappingNode(ClockedNode):
         return self._hints.get(self.resolve(topic), type_name)
 
     def graph_name(self, key: str, name: str) -> str:
-        raise ServiceError("the robot's graph is not known here")
+        if not self.knows_graph:
+            raise ServiceError("the robot's graph is not known here")
+        return self.resolve(name)
 
     def follow_graph(self, wanted: Callable[[], Collection[Wanted]], callback: GraphCallback) -> Timer:
         raise ServiceError("the robot's graph is not known here")

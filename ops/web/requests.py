@@ -10,8 +10,8 @@ from typing import Any, Mapping, Tuple
 
 from aiohttp import web
 
+from ...runtime.access import is_own_origin
 from ...runtime.http_answers import SECURITY_HEADERS, ApiError
-from ...runtime.origins import is_own_origin
 from ..plot import plot_script, plot_style
 
 BodyLimit = Tuple[int, float]

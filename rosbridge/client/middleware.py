@@ -21,6 +21,7 @@ _ANSWER_TIMEOUT_S = 30.0
 class RosbridgeMiddleware(BridgeNode):
     """One node for a robot behind rosbridge; implements `core.port.middleware.Middleware`."""
 
+    knows_graph = True
     _client: RosbridgeClient
 
     @property
@@ -52,9 +53,6 @@ class RosbridgeMiddleware(BridgeNode):
             raise ServiceError(str(error)) from None
         except (concurrent.futures.TimeoutError, concurrent.futures.CancelledError, RuntimeError):
             raise ServiceError(f"{address} does not answer") from None
-
-    def graph_name(self, key: str, name: str) -> str:
-        return self.resolve(name)
 
     def follow_graph(self, wanted: Callable[[], Collection[Wanted]], callback: GraphCallback) -> GraphReader:
         return GraphReader(self, self._connection, wanted, callback)

@@ -213,7 +213,7 @@ def test_where_the_graph_is_not_known_the_file_says_so(bus: LocalBus) -> None:
     from robot_health_monitor.core.port.mapping_node import MappingNode
 
     class Blind:
-        graph_name = MappingNode.graph_name
+        graph_name, knows_graph = MappingNode.graph_name, MappingNode.knows_graph
 
     nodes = Nodes()
     nodes.begin(Blind())  # type: ignore[arg-type]
