@@ -24,7 +24,7 @@ from ..runtime.bridge.cause import Cause
 from ..runtime.bridge.node import BridgeClient, BridgeNode
 from ..runtime.event_loops import run_in_daemon_thread
 from .embedded import run_timers
-from .fleet_configuration import FleetReader, RobotSettings
+from .fleet_configuration import RobotSettings
 from .operations import Operations
 
 NODE = "connect"
@@ -48,7 +48,7 @@ class Fleet:
 
     def __init__(
         self,
-        reader: FleetReader,
+        read: Callable[[], Sequence[RobotSettings]],
         operations: Operations,
         *,
         clock: Clock,
@@ -57,10 +57,11 @@ class Fleet:
     ) -> None:
         """Creates the robots; `run` connects to them. Raises ConfigError if the configuration cannot be used.
 
-        `operations` starts the alert_systems. `clock` gives monotonic s. `on_log` gets every log line; its node is the
-        robot's name, or `connect`. So is the name for which `outlet` returns what receives transitions and notices.
+        `read` reads the configuration, again at each reload. `operations` starts the alert_systems. `clock` gives
+        monotonic s. `on_log` gets every log line; its node is the robot's name, or `connect`. So is the name for which
+        `outlet` returns what receives transitions and notices.
         """
-        self._reader = reader
+        self._read = read
         self.clock = clock
         self.outlet = outlet
         self._operations = operations
@@ -84,7 +85,7 @@ class Fleet:
         self._self_monitor = SelfMonitor(self.node, host_name(), outlet(NODE), self_report)
         self.node.create_timer(CHECK_PERIOD_S, self._check)
         try:
-            self.apply(reader.read())
+            self.apply(read())
         except ConfigError:
             self.close()
             raise
@@ -125,7 +126,7 @@ class Fleet:
 
         Raises ConfigError and changes nothing if the configuration cannot be used.
         """
-        return self.apply(await run_in_daemon_thread(self._reader.read))
+        return self.apply(await run_in_daemon_thread(self._read))
 
     def apply(self, settings: Sequence[RobotSettings]) -> str:
         """Makes the robots those of `settings`; returns what changed. Called in the loop."""

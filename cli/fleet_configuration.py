@@ -16,7 +16,7 @@ import re
 import ssl
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from typing import Callable, Dict, Iterator, List, Optional, Sequence, Tuple
+from typing import Dict, Iterator, List, Optional, Sequence, Tuple
 
 from ..core.config import YamlFile, declared, read_parameters, read_section, read_yaml, require_mapping
 from ..core.nodes import AlertSystem
@@ -158,41 +158,31 @@ def _read_entry(name: str, given: object, folder: str, *, needs_url: bool) -> Ro
     return replace(entry, url=full_address(entry.url)) if entry.url else entry
 
 
-class FleetReader:
-    """Reads the settings of all robots: at the start, and again at every reload."""
+def read_robots(
+    addresses: Sequence[RobotEntry], file: str, options: Options, token_files: TokenFiles
+) -> List[RobotSettings]:
+    """Reads and validates a fleet.yaml and every file that it names, each once; ConfigError names file and line.
 
-    def __init__(
-        self, addresses: Sequence[RobotEntry], file: str, options: Options, warn: Callable[[str], object]
-    ) -> None:
-        """Reads nothing yet. `addresses` come before the robots of a fleet.yaml, `file`, which may be empty.
-
-        `warn` is called with one line if other users may read a token; from the thread that reads.
-        """
-        self._addresses = addresses
-        self._file = file
-        self._options = options
-        self._token_files = TokenFiles(warn)
-
-    def read(self) -> List[RobotSettings]:
-        """Reads and validates fleet.yaml and every file that it names, each once; ConfigError names file and line."""
-        entries = list(self._addresses)
-        if self._file:
-            file, taken = read_yaml(self._file), {entry.name for entry in entries}
-            for entry in read_entries(file):
-                if entry.name in taken:
-                    with file.located(("robots", entry.name)):
-                        raise ConfigError("a robot of this name is on the command line")
-                entries.append(entry)
-        parameters_in = lru_cache(maxsize=None)(_read_thresholds)
-        token_in = lru_cache(maxsize=None)(self._token_files.find)
-        trust_in = lru_cache(maxsize=None)(_read_trust)
-        settings = []
-        for robot in (entry.completed(self._options) for entry in entries):
-            ca, ssl_context = trust_in(robot.ca or "")
-            token, parameters = token_in(robot.token_file or ""), parameters_in(robot.thresholds or "")
-            given = (robot.name, robot.url, robot.namespace or "")
-            settings.append(RobotSettings(*given, token, ca, parameters, ssl_context))
-        return settings
+    `addresses` come before the robots of `file`, which may be empty.
+    """
+    entries = list(addresses)
+    if file:
+        fleet, taken = read_yaml(file), {entry.name for entry in entries}
+        for entry in read_entries(fleet):
+            if entry.name in taken:
+                with fleet.located(("robots", entry.name)):
+                    raise ConfigError("a robot of this name is on the command line")
+            entries.append(entry)
+    parameters_in = lru_cache(maxsize=None)(_read_thresholds)
+    token_in = lru_cache(maxsize=None)(token_files.find)
+    trust_in = lru_cache(maxsize=None)(_read_trust)
+    settings = []
+    for robot in (entry.completed(options) for entry in entries):
+        ca, ssl_context = trust_in(robot.ca or "")
+        token, parameters = token_in(robot.token_file or ""), parameters_in(robot.thresholds or "")
+        given = (robot.name, robot.url, robot.namespace or "")
+        settings.append(RobotSettings(*given, token, ca, parameters, ssl_context))
+    return settings
 
 
 def _read_trust(file: str) -> Tuple[bytes, Optional[ssl.SSLContext]]:

@@ -72,7 +72,8 @@ class MonitorProcess:
             history.keeps_samples = False  # no page could show them, and collecting them costs as much as judging
         self.events = Events(output.put, least, silence_of=self.operations.silence_text)
         """Receives what the monitors log and announce."""
-        self._tokens = TokenFiles(self.warn)
+        self.tokens = TokenFiles(self.warn)
+        """Finds the tokens of the server and of the robots."""
         self._arguments, self._origins, self._serves = server, origins, serves
         self._ops_file = ops_file
         self._name = name
@@ -100,7 +101,7 @@ class MonitorProcess:
         """
         if not self._serves and section is None:
             return None
-        return server_settings(monitors.server_config, section, self._arguments, self._origins, tokens=self._tokens)
+        return server_settings(monitors.server_config, section, self._arguments, self._origins, tokens=self.tokens)
 
     def run(self, monitors: Monitors, duration_s: float | None = None) -> ExitCode:
         """Serves and shows `monitors` until an interrupt, the end of the duration or the loss of the reader.

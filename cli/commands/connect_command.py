@@ -5,13 +5,14 @@ from __future__ import annotations
 import argparse
 import gc
 import time
+from functools import partial
 
 from ...core.port import Severity
 from ...ops.configuration import ServerOptions
 from ...runtime.interrupts import Interrupts
 from ...runtime.libraries import ROSBRIDGE, libraries
 from ..arguments import Parser, add, add_monitoring_options, add_robot_server, find_installed, port
-from ..fleet_configuration import FleetReader, Options, read_addresses
+from ..fleet_configuration import Options, read_addresses, read_robots
 from ..monitor_process import MonitorProcess, choose_output
 
 _GC_THRESHOLD = 20_000, 20, 10
@@ -84,9 +85,9 @@ def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
         server=ServerOptions(arguments.port, arguments.host),
         serves=arguments.port is not None,
     ) as process:
-        reader = FleetReader(addresses, arguments.fleet, options, process.warn)
+        read = partial(read_robots, addresses, arguments.fleet, options, process.tokens)
         events = process.events
-        fleet = Fleet(reader, process.operations, clock=time.monotonic, on_log=events.on_log, outlet=events.outlet)
+        fleet = Fleet(read, process.operations, clock=time.monotonic, on_log=events.on_log, outlet=events.outlet)
         code = process.run(fleet, arguments.duration)
     if arguments.duration is not None and not interrupts.came:
         fleet.check_own_faults()

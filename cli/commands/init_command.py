@@ -138,10 +138,12 @@ def _choose_robot(arguments: argparse.Namespace, interrupts: Interrupts) -> tupl
     with libraries(*ROSBRIDGE):
         from .. import fleet  # noqa: F401 - names what is missing
 
-    from ..fleet_configuration import FleetReader, Options, read_addresses
+    from ...runtime.tokens import TokenFiles
+    from ..fleet_configuration import Options, read_addresses, read_robots
 
     options = Options(token_file=arguments.robot_token_file, ca=arguments.ca)
-    (robot,) = FleetReader(read_addresses([arguments.url]), "", options, partial(print, file=sys.stderr)).read()
+    tokens = TokenFiles(partial(print, file=sys.stderr))
+    (robot,) = read_robots(read_addresses([arguments.url]), "", options, tokens)
     return robot.name, _bridged_robot(robot.url, interrupts, token=robot.token, ssl_context=robot.ssl_context)
 
 

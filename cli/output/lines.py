@@ -9,7 +9,8 @@ import time
 from typing import TYPE_CHECKING, Sequence, TextIO, Union
 
 from ...core.nodes.outlets import json_line
-from ...core.values import ServiceError, Transition, printable, with_degree_sign, with_hint
+from ...core.port import LogLine, Severity
+from ...core.values import ServiceError, Transition, count_text, printable, with_degree_sign, with_hint
 from ...runtime.bounded_queue import BoundedQueue
 from ...runtime.times import DATE_TIME, local_time
 from ..standard_streams import StandardStreams
@@ -94,11 +95,14 @@ class Output:
         while self._is_open and self._events and self._streams.stdout.unread_bytes < _MOST_UNREAD_BYTES:
             dropped, self._events.dropped = self._events.dropped, 0
             entries = [self._events.pop() for _ in range(min(len(self._events), _AT_ONCE))]
-            self._write(entries, [dropped_line(dropped)] if dropped else [])
+            if dropped:
+                text = f"{count_text(dropped, 'event')} dropped: the output was not read"
+                entries.insert(0, Entry(entries[0].wall_s, LogLine(0.0, "output", Severity.WARN, text)))
+            self._write(entries)
 
-    def _write(self, entries: Sequence[Entry], before: Sequence[str]) -> None:
-        """Writes events, after other lines."""
-        sys.stdout.write(readable(_plain_lines(entries, before, self._name_robots), sys.stdout))
+    def _write(self, entries: Sequence[Entry]) -> None:
+        """Writes events."""
+        sys.stdout.write(readable(_plain_lines(entries, self._name_robots), sys.stdout))
 
     def _note_change(self, name: str, problem: str) -> None:
         if name == "stdout" and not self.reader_is_gone:
@@ -110,9 +114,9 @@ class Output:
 class JsonLines(Output):
     """JSON for programs: one object per transition on stdout, the log in plain lines on stderr."""
 
-    def _write(self, entries: Sequence[Entry], before: Sequence[str]) -> None:
+    def _write(self, entries: Sequence[Entry]) -> None:
         log = [entry for entry in entries if not isinstance(entry.event, Transition)]
-        sys.stderr.write(_plain_lines(log, before))
+        sys.stderr.write(_plain_lines(log))
         lines = (f"{json_line(entry.event)}\n" for entry in entries if isinstance(entry.event, Transition))
         sys.stdout.write("".join(lines))
 
@@ -132,19 +136,13 @@ def plain_line(entry: Entry, time_format: str = DATE_TIME, *, name_robots: bool 
     return printable(f"{time_text} {robot}{with_hint(event.text, event.hint)}{silenced}")
 
 
-def _plain_lines(entries: Sequence[Entry], before: Sequence[str], name_robots: bool = False) -> str:
-    lines = [*before, *(plain_line(entry, name_robots=name_robots) for entry in entries)]
-    return "".join(f"{line}\n" for line in lines)
+def _plain_lines(entries: Sequence[Entry], name_robots: bool = False) -> str:
+    return "".join(f"{plain_line(entry, name_robots=name_robots)}\n" for entry in entries)
 
 
 def readable(text: str, stream: TextIO) -> str:
     """Returns a text for people as a stream can show it: with °C in place of degC where it is UTF-8."""
     return with_degree_sign(text) if (stream.encoding or "").lower().startswith("utf") else text
-
-
-def dropped_line(dropped: int) -> str:
-    """Returns the line in place of events that were dropped because the output was not read."""
-    return f"... {dropped} {'line' if dropped == 1 else 'lines'} dropped: the output was not read"
 
 
 def is_terminal(stream: TextIO) -> bool:

@@ -14,7 +14,7 @@ from rich.text import Text
 
 from ...core.judge.monitor import Monitor
 from ...core.port import Severity
-from ...core.values import Level, Transition, printable
+from ...core.values import Level, Transition
 from .events import Entry
 from .lines import Monitors, Output, plain_line, readable
 from .tables import STYLE_OF_LEVEL, drawn, fleet_view, robot_view
@@ -53,26 +53,21 @@ class LiveView(Output):
             statuses = [each for each in known if each is not None]
             # Before the first call there are none, but the report says that they are waiting.
             statuses = statuses or list(system.read(Monitor.report).statuses.values())
-            view = robot_view(system.robot, statuses, system.monitor.configs(), self._shown)
+            view = robot_view(system.robot, statuses, system.monitor.configs())
         else:
-            view = fleet_view(shown, self._console.size.height, self._shown)
+            view = fleet_view(shown, self._console.size.height)
         minutes, seconds = divmod(int(time.monotonic() - self._started_s), 60)
         view.title.append(f"   {minutes // 60}:{minutes % 60:02}:{seconds:02}   Ctrl-C ends", style="not bold dim")
         with self._lock:
-            self._live.update(drawn(view, self._console, self._shown), refresh=True)
+            self._live.update(drawn(view, self._console), refresh=True)
 
-    def _write(self, entries: Sequence[Entry], before: Sequence[str]) -> None:
-        lines = [*(Text(line, style="bold red") for line in before), *map(self._entry_text, entries)]
-        self._console.print(Text("\n").join(lines))
-
-    def _shown(self, text: str) -> str:
-        """Returns a text from outside as it is written."""
-        return printable(readable(text, sys.stdout))
+    def _write(self, entries: Sequence[Entry]) -> None:
+        self._console.print(Text("\n").join(map(self._entry_text, entries)))
 
     def _entry_text(self, entry: Entry) -> Text:
         """Returns the line of an event, with the word of its level in colour."""
         event = entry.event
-        line = self._shown(plain_line(entry, "%H:%M:%S", name_robots=self._name_robots))
+        line = readable(plain_line(entry, "%H:%M:%S", name_robots=self._name_robots), sys.stdout)
         if isinstance(event, Transition):
             word, style = event.to_level.name, STYLE_OF_LEVEL[event.to_level]
             start = line.find(f" {word}:") + 1

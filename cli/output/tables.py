@@ -7,7 +7,7 @@ Rows that do not fit are counted.
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING, Callable, Mapping, NamedTuple, Sequence
+from typing import TYPE_CHECKING, Any, Mapping, NamedTuple, Sequence
 
 from rich.console import Console, Group
 from rich.table import Table
@@ -15,9 +15,9 @@ from rich.text import Text
 
 from ...core.config import LINK, OF_ARRIVALS, SignalConfig
 from ...core.judge import bounds_text
-from ...core.values import Level, Status, with_hint
+from ...core.values import Level, Status, printable, with_hint
 from ...runtime.times import local_time
-from .lines import Monitors
+from .lines import Monitors, readable
 
 if TYPE_CHECKING:
     from ...core.nodes import AlertSystem
@@ -39,9 +39,6 @@ _UNLIMITED = 10_000
 """A width in which every table has room."""
 _OTHER_LINES = 4
 """Title, heads, the line that counts what is not shown, and one for alerts."""
-
-Escape = Callable[[str], str]
-"""Makes a text from outside fit for the terminal."""
 
 
 def rank(status: Status) -> int:
@@ -86,21 +83,20 @@ class View(NamedTuple):
     """The ranks of what has no row."""
 
 
-def drawn(view: View, console: Console, shown: Escape) -> Group:
-    """Returns the title and the table, which fit on the terminal: of the rows the worst, and at least one.
-
-    `shown` is for texts from outside.
-    """
+def drawn(view: View, console: Console) -> Group:
+    """Returns the title and the table, which fit on the terminal: of the rows the worst, and at least one."""
     width, height = console.size
     view.title.no_wrap, view.title.overflow = True, "ellipsis"
     if not view.rows:
         return Group(view.title, Text(_NOTHING))
+    stream: Any = console.file
     room = max(1, height - _OTHER_LINES)
     places = sorted(range(len(view.rows)), key=lambda at: -view.rows[at][0])
     for columns in (len(view.heads), view.columns):
         table = Table(*view.heads[:columns], box=None, padding=(0, 2, 0, 0), pad_edge=False, header_style="bold")
         for at in sorted(places[:room]):
-            texts = (Text(shown(cell)) if isinstance(cell, str) else cell for cell in view.rows[at][1][:columns])
+            cells = view.rows[at][1][:columns]
+            texts = (printable(readable(cell, stream)) if isinstance(cell, str) else cell for cell in cells)
             table.add_row(*(Text("", no_wrap=True, overflow="ellipsis").append(text) for text in texts))
         if console.measure(table, options=console.options.update(width=_UNLIMITED)).maximum <= width:
             break
@@ -109,7 +105,7 @@ def drawn(view: View, console: Console, shown: Escape) -> Group:
     return Group(view.title, table, *more)
 
 
-def robot_view(robot: str, signals: Sequence[Status], configs: Mapping[str, SignalConfig], shown: Escape) -> View:
+def robot_view(robot: str, signals: Sequence[Status], configs: Mapping[str, SignalConfig]) -> View:
     """Returns what is shown of one robot, with a row for each of its signals. A link that is up takes no line."""
     names = {status.name for status in signals}
     rows: list[tuple[int, Sequence[str | Text]]] = []
@@ -122,12 +118,12 @@ def robot_view(robot: str, signals: Sequence[Status], configs: Mapping[str, Sign
         values = {} if status.values.get("statistic") in OF_ARRIVALS else status.values
         statistics = (values.get(name, "") for name in _STATISTICS)
         rows.append((rank(status), (status.name, level_text(status), _reason(status), bounds, *statistics)))
-    title = Text(shown(robot), style="bold").append(" is ", style="not bold")
+    title = Text(printable(robot), style="bold").append(" is ", style="not bold")
     title.append(level_text(max(signals, key=rank)) if rows else Text("not watched", style=_STYLE_OF_UNKNOWN))
     return View(title, ("signal", "level", "value", "bounds", *_STATISTICS), 3, rows)
 
 
-def fleet_view(fleet: Monitors, lines: int, shown: Escape) -> View:
+def fleet_view(fleet: Monitors, lines: int) -> View:
     """Returns what is shown of several robots, with the worst signal of each, the worst robot first.
 
     Statuses are made only for what a terminal of `lines` lines can show.
@@ -140,7 +136,7 @@ def fleet_view(fleet: Monitors, lines: int, shown: Escape) -> View:
     title = Text(f"{len(robots)} robots", style="bold")
     if ranks and ranks[0] > 0:
         name, level, *_ = rows[0][1]
-        title.append(f", worst: {shown(str(name))} ", style="not bold").append(level)
+        title.append(f", worst: {printable(str(name))} ", style="not bold").append(level)
     title.append(f"   {rank_counts(ranks)}", style="not bold")
     silenced = sum(system.announcements.count_silenced() for system in robots)
     if silenced:

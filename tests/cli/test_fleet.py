@@ -8,6 +8,7 @@ import os
 import signal
 import sys
 import time
+from functools import partial
 from pathlib import Path
 from typing import Any, AsyncIterator
 
@@ -19,7 +20,7 @@ from harness.rosbridge_client import ForeignServer, scenario, until
 from harness.watched_fleet import watching
 
 from robot_health_monitor.cli.fleet import Fleet
-from robot_health_monitor.cli.fleet_configuration import FleetReader, Options, RobotSettings
+from robot_health_monitor.cli.fleet_configuration import Options, RobotSettings, read_robots
 from robot_health_monitor.cli.monitor_process import reload_all
 from robot_health_monitor.cli.operations import Operations
 from robot_health_monitor.core.nodes.outlets import Event, Outlet
@@ -27,6 +28,7 @@ from robot_health_monitor.core.port.local import LogLine
 from robot_health_monitor.core.port.middleware import Severity
 from robot_health_monitor.core.values.model import Transition
 from robot_health_monitor.ops.configuration import OpsConfig
+from robot_health_monitor.runtime.tokens import TokenFiles
 
 
 def test_a_robot_that_sends_nonsense_does_not_disturb_another_one(tmp_path: Path) -> None:
@@ -96,8 +98,8 @@ class Reloadable:
 
     @contextlib.asynccontextmanager
     async def running(self) -> AsyncIterator[None]:
-        reader = FleetReader((), str(self.folder / "fleet.yaml"), Options(), lambda text: None)
-        self.fleet = Fleet(reader, self.operations, clock=time.monotonic, on_log=self.log.append, outlet=self._outlet)
+        read = partial(read_robots, (), str(self.folder / "fleet.yaml"), Options(), TokenFiles(lambda text: None))
+        self.fleet = Fleet(read, self.operations, clock=time.monotonic, on_log=self.log.append, outlet=self._outlet)
         running = asyncio.ensure_future(self.fleet.run())
         try:
             yield
@@ -131,15 +133,15 @@ def test_robots_have_one_line_together_at_the_start(tmp_path: Path, count: int, 
 
     def write(count: int) -> list[RobotSettings]:
         fleet.write("".join(f"  r{number}: {{url: 'ws://127.0.0.1:1'}}\n" for number in range(count)))
-        return reader.read()
+        return read()
 
     def logged() -> list[str]:
         return [f"{line.node}: {line.text}" for line in fleet.log if "history is in memory" not in line.text]
 
-    reader = FleetReader((), str(tmp_path / "fleet.yaml"), Options(), lambda text: None)
+    read = partial(read_robots, (), str(tmp_path / "fleet.yaml"), Options(), TokenFiles(lambda text: None))
     write(count)
     outlet: Any = lambda robot: lambda event: None  # noqa: E731
-    watched = Fleet(reader, fleet.operations, clock=time.monotonic, on_log=fleet.log.append, outlet=outlet)
+    watched = Fleet(read, fleet.operations, clock=time.monotonic, on_log=fleet.log.append, outlet=outlet)
     assert logged() == [f"/connect: {line}"]
     fleet.log.clear()
     watched.apply(write(count + 2))

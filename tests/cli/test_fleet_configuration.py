@@ -9,16 +9,17 @@ from typing import Any
 import pytest
 
 from robot_health_monitor.cli.fleet_configuration import (
-    FleetReader,
     Options,
     RobotEntry,
     RobotSettings,
     is_fleet_file,
     read_addresses,
     read_entries,
+    read_robots,
 )
 from robot_health_monitor.core.config.yaml_file import read_yaml
 from robot_health_monitor.core.values.errors import ConfigError
+from robot_health_monitor.runtime.tokens import TokenFiles
 
 THRESHOLDS = "alert_system: {ros__parameters: {use_sim_time: SIM, signals: {battery_level: {warn_below: 20.0}}}}\n"
 
@@ -36,7 +37,7 @@ def mistakes(folder: Path, text: str) -> list[str]:
 
 
 def read(folder: Path, options: Options = Options(), *addresses: RobotEntry) -> list[RobotSettings]:  # noqa: B008
-    return FleetReader(addresses, str(folder / "fleet.yaml"), options, lambda text: None).read()
+    return read_robots(addresses, str(folder / "fleet.yaml"), options, TokenFiles(lambda text: None))
 
 
 def test_a_robots_key_comes_before_the_default_and_paths_are_relative_to_the_file(tmp_path: Path) -> None:

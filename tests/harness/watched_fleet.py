@@ -5,17 +5,19 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import time
+from functools import partial
 from pathlib import Path
 from typing import AsyncIterator
 
 from robot_health_monitor.cli.fleet import Fleet
-from robot_health_monitor.cli.fleet_configuration import FleetReader, Options, read_addresses
+from robot_health_monitor.cli.fleet_configuration import Options, read_addresses, read_robots
 from robot_health_monitor.cli.operations import Operations
 from robot_health_monitor.core.nodes.outlets import Event, Outlet
 from robot_health_monitor.core.port.local import LogLine
 from robot_health_monitor.core.port.middleware import Severity
 from robot_health_monitor.core.values.model import Transition
 from robot_health_monitor.ops.configuration import OpsConfig
+from robot_health_monitor.runtime.tokens import TokenFiles
 
 THRESHOLDS = """
 alert_system:
@@ -34,9 +36,11 @@ class Watching:
         file.write_text(THRESHOLDS.format(sim=str(sim).lower()))
         self.log: list[LogLine] = []
         self.alerts: list[str] = []
-        reader = FleetReader(read_addresses(urls), "", Options(thresholds=str(file)), lambda text: None)
+        read = partial(
+            read_robots, read_addresses(urls), "", Options(thresholds=str(file)), TokenFiles(lambda text: None)
+        )
         self.operations = Operations(OpsConfig())
-        self.fleet = Fleet(reader, self.operations, clock=time.monotonic, on_log=self.log.append, outlet=self._outlet)
+        self.fleet = Fleet(read, self.operations, clock=time.monotonic, on_log=self.log.append, outlet=self._outlet)
 
     def _outlet(self, robot: str) -> Outlet:
         def on_event(event: Event) -> None:

@@ -156,7 +156,7 @@ def test_a_reader_that_does_not_read_costs_the_oldest_events_and_no_time(
         assert select.select([reader], [], [], DEADLINE_S)[0]
         text += os.read(reader, 65536).decode()
     numbers = [int(each) for each in re.findall(r"line (\d+) ", text)]
-    assert "... 2 lines dropped: the output was not read\n" in text
+    assert "[WARN] output: 2 events dropped: the output was not read\n" in text
     assert numbers[-MOST_EVENTS:] == list(range(number + 1 - MOST_EVENTS, number + 1))
     written = number + 1 - MOST_EVENTS - 2  # into the pipe, before it was full
     assert numbers[:written] == list(range(written)) and len(numbers) == written + MOST_EVENTS

@@ -187,12 +187,11 @@ def draw(statuses: list[Any], width: int, monkeypatch: pytest.MonkeyPatch) -> li
     from rich.console import Console
 
     from robot_health_monitor.cli.output import live
-    from robot_health_monitor.core.values.formatting import printable
 
     monkeypatch.setenv("TERM", "xterm")
     stream = io.StringIO()
     console = Console(file=stream, width=width, height=40, force_terminal=True, highlight=False)
-    console.print(live.drawn(live.robot_view("atlas", statuses, {}, printable), console, printable))
+    console.print(live.drawn(live.robot_view("atlas", statuses, {}), console))
     return re.sub("\x1b\\[[0-9;?]*[A-Za-z]", "", stream.getvalue()).strip("\n").split("\n")
 
 

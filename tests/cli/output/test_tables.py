@@ -29,7 +29,6 @@ from robot_health_monitor.core.config.signal_config import LINK, read_signal
 from robot_health_monitor.core.nodes import AlertSystem
 from robot_health_monitor.core.nodes.announcements import Announcements
 from robot_health_monitor.core.port.local import LocalBus
-from robot_health_monitor.core.values.formatting import printable
 from robot_health_monitor.core.values.model import Level, Sample, Status
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -88,12 +87,12 @@ def table_of(view: View, width: int, height: int) -> list[str]:
     """Returns the lines of a table without its title and the blanks at their end."""
     console = Console(file=io.StringIO(), width=width, height=height, highlight=False)
     with console.capture() as written:
-        console.print(drawn(view, console, printable))
+        console.print(drawn(view, console))
     return [line.rstrip() for line in written.get().splitlines()][1:]
 
 
 def lines(rows: Sequence[Status], width: int = 80, height: int = 24) -> list[str]:
-    return table_of(robot_view("atlas", rows, CONFIGS, printable), width, height)
+    return table_of(robot_view("atlas", rows, CONFIGS), width, height)
 
 
 def test_a_row_has_level_value_and_bounds_and_no_value_twice() -> None:
@@ -173,10 +172,10 @@ def test_a_link_that_is_up_takes_no_line() -> None:
 
 
 def test_only_the_word_of_the_level_is_coloured() -> None:
-    view = robot_view("atlas", [row("a", 2, "5 is above 3")], {}, printable)
+    view = robot_view("atlas", [row("a", 2, "5 is above 3")], {})
     console = Console(file=io.StringIO(), width=80, force_terminal=True, color_system="standard", no_color=False)
     with console.capture() as written:
-        console.print(drawn(view, console, printable))
+        console.print(drawn(view, console))
     line = written.get().splitlines()[2]
     assert re.findall(r"\x1b\[1;31m(.*?)\x1b\[0m", line) == ["ERROR"] and line.count("\x1b") == 2
 
@@ -254,7 +253,7 @@ class Robots:
         return table_of(self.view(height), width, height)
 
     def view(self, height: int = 24) -> View:
-        return fleet_view(self, height, printable)  # type: ignore[arg-type]  # a fleet in all that is shown
+        return fleet_view(self, height)  # type: ignore[arg-type]  # a fleet in all that is shown
 
 
 @pytest.fixture
