@@ -1,6 +1,6 @@
 """What a black box attaches to a recording, so that it can be judged again: the configuration and the saved states.
 
-`ops/black_box` writes these files into the recording, `recordings/black_box.py` reads them.
+`ops/black_box` writes these files into the recording, `recordings/mcap_file.py` reads them.
 """
 
 from __future__ import annotations
