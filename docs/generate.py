@@ -14,6 +14,7 @@ import re
 import sys
 import textwrap
 import xml.etree.ElementTree as ElementTree
+from functools import partial
 from pathlib import Path
 from typing import Any, Callable, Iterable, Iterator, Mapping, Sequence
 from unittest import mock
@@ -25,10 +26,10 @@ from robot_health_monitor.__main__ import main
 from robot_health_monitor.cli.arguments import COMMANDS
 from robot_health_monitor.cli.exit_codes import exit_codes_text
 from robot_health_monitor.cli.fleet_configuration import RobotEntry
-from robot_health_monitor.core.config.monitor_config import MONITOR_PARAMETERS, NODE_PARAMETERS
-from robot_health_monitor.core.config.parameters import Parameter
+from robot_health_monitor.core.config import NODE_PARAMETERS, NODES, Parameter
+from robot_health_monitor.core.config.monitor_config import MONITOR_PARAMETERS
 from robot_health_monitor.core.config.schema import parameters
-from robot_health_monitor.core.config.signal_config import CONDITION_PARAMETERS, SIGNAL_PARAMETERS
+from robot_health_monitor.core.config.signal_config import CONDITION_PARAMETERS, CONDITIONS, SIGNAL_PARAMETERS
 from robot_health_monitor.core.judge.wording import STATES
 from robot_health_monitor.core.nodes.aggregator import AGGREGATOR_PARAMETERS
 from robot_health_monitor.core.nodes.battery_sensor import SENSOR_PARAMETERS
@@ -49,37 +50,49 @@ BLOCK = re.compile(r"(<!-- generated: (.+?) -->\n).*?(<!-- end -->)", re.DOTALL)
 def pages() -> dict[Path, str]:
     """Returns the text that each page with generated parts should have."""
     blocks = _blocks()
-    found = {}
-    for page in sorted(DOCS.rglob("*.md")):
-        text = page.read_text(encoding="utf-8")
-        if BLOCK.search(text):
-            found[page] = BLOCK.sub(lambda match: match[1] + blocks[match[2]]() + match[3], text)
-    return found
+    texts = {page: page.read_text(encoding="utf-8") for page in sorted(DOCS.rglob("*.md"))}
+    return {
+        page: BLOCK.sub(lambda match: match[1] + blocks[match[2]]() + match[3], text)
+        for page, text in texts.items()
+        if BLOCK.search(text)
+    }
+
+
+def syntax(*folders: str) -> Iterator[tuple[Path, ast.AST]]:
+    """Yields the modules of folders of this repository, with each node of their syntax trees."""
+    for folder in folders:
+        for file in sorted((ROOT / folder).rglob("*.py")):
+            for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+                yield file, node
+
+
+def _own(parameters: Iterable[Parameter]) -> list[Parameter]:
+    return [parameter for parameter in parameters if parameter not in NODE_PARAMETERS]
+
+
+_SENSORS = [each.below(metric) for metric, table in sensing.METRIC_PARAMETERS.items() for each in table]
+PARAMETERS: Mapping[str, tuple[Iterable[Parameter], Sequence[str]]] = {
+    "signal": (SIGNAL_PARAMETERS, ["alert_system signals.*."]),
+    "condition": (CONDITION_PARAMETERS, [f"alert_system signals.*.{key}." for key in CONDITIONS]),
+    "node": (NODE_PARAMETERS, [f"{node} " for node in NODES]),
+    "alert_system": (_own(MONITOR_PARAMETERS), ["alert_system "]),
+    "aggregator": (_own(AGGREGATOR_PARAMETERS), ["aggregator "]),
+    "battery_sensor": ([*_own(SENSOR_PARAMETERS), *_SENSORS], ["battery_sensor "]),
+    "history": (parameters(HistorySettings), ["ops.yaml history."]),
+    "black_box": (parameters(BlackBoxSettings), ["ops.yaml black_box."]),
+    "notify": (parameters(TargetSettings), ["ops.yaml notify.*."]),
+    "server": (parameters(ServerOptions), ["ops.yaml server."]),
+    "fleet": (parameters(RobotEntry), ["fleet.yaml robots.*."]),
+}
+"""The keys of each table of parameters, and where they stand in the configuration: file or node, and keys above."""
 
 
 def _blocks() -> Mapping[str, Callable[[], str]]:
     """Returns the functions that write the blocks, by name."""
-    tables: Mapping[str, Iterable[Parameter]] = {
-        "signal": SIGNAL_PARAMETERS,
-        "condition": CONDITION_PARAMETERS,
-        "node": NODE_PARAMETERS,
-        "alert_system": _own(MONITOR_PARAMETERS),
-        "aggregator": _own(AGGREGATOR_PARAMETERS),
-        "battery_sensor": _sensor_parameters(),
-        "history": parameters(HistorySettings),
-        "black_box": parameters(BlackBoxSettings),
-        "notify": parameters(TargetSettings),
-        "server": parameters(ServerOptions),
-        "fleet": parameters(RobotEntry),
-    }
-    blocks: dict[str, Callable[[], str]] = {
-        f"parameters of {name}": lambda table=tuple(table): _parameters(table)  # type: ignore[misc]
-        for name, table in tables.items()
-    }
-    blocks.update((f"command {name}", lambda name=name: _command(name)) for name in COMMANDS)  # type: ignore[misc]
-    blocks.update((f"API {name}", lambda name=name: _fields(name)) for name in API)  # type: ignore[misc]
     return {
-        **blocks,
+        **{f"parameters of {name}": partial(_parameters, table) for name, (table, _) in PARAMETERS.items()},
+        **{f"command {name}": partial(_command, name) for name in COMMANDS},
+        **{f"API {name}": partial(_fields, name) for name in API},
         "exit codes": _exit_codes,
         "launch arguments": _launch_arguments,
         "metrics": _metrics,
@@ -114,17 +127,6 @@ def _sources() -> str:
         options = "; ".join(f"`{option.name}`: {option.description}" for option in source.options)
         rows.append((f"`{name}`", options, source.unit, source.description))
     return _table(("`source`", "options", "unit", "description"), rows)
-
-
-def _own(parameters: Iterable[Parameter]) -> Iterator[Parameter]:
-    return (parameter for parameter in parameters if parameter not in NODE_PARAMETERS)
-
-
-def _sensor_parameters() -> Iterator[Parameter]:
-    yield from _own(SENSOR_PARAMETERS)
-    for metric, table in sensing.METRIC_PARAMETERS.items():
-        for parameter in table:
-            yield parameter.below(metric)
 
 
 def _default(default: Any) -> str:
@@ -210,20 +212,14 @@ def families() -> Iterator[tuple[str, str, str, str]]:
     """Yields name, labels in braces, type and help of each metric, as they are rendered for one signal of one robot."""
     one = [1.0 for _, _, values in metrics._OF_SIGNALS for _ in values]
     robot = metrics.RobotMetrics('robot="r"', {'robot="r",signal="s"': one}, True, 0.0)
-    found: dict[tuple[str, str], tuple[str, str]] = {}
+    rows: dict[tuple[str, str], tuple[str, str]] = {}
     for profile in metrics.PROFILES:
-        text, kind = "", ""
-        for line in b"".join(metrics.Metrics().render([robot], profile)).decode().splitlines():
-            mark = line.split(" ")[0]
-            if line.startswith("# HELP"):
-                text = line.split(" ", 3)[3]
-            elif line.startswith("# TYPE"):
-                kind = line.rpartition(" ")[2]
-            else:
-                name, _, labels = mark.partition("{")
-                found.setdefault((name, ",".join(re.findall(r'(\w+)="', labels))), (kind, text))
-    for (name, labels), (kind, text) in found.items():
-        yield name, f"{{{labels}}}", kind, text
+        text = b"".join(metrics.Metrics().render([robot], profile)).decode()
+        for meaning, kind, series in re.findall(r"# HELP \S+ (.*)\n# TYPE \S+ (\w+)\n((?:[^#].*\n)*)", text):
+            for line in series.splitlines():
+                labels = ",".join(re.findall(r'(\w+)="', line))
+                rows.setdefault((re.split("[{ ]", line)[0], f"{{{labels}}}"), (kind, meaning))
+    return ((*series, *described) for series, described in rows.items())
 
 
 def _metrics() -> str:
@@ -233,19 +229,16 @@ def _metrics() -> str:
 
 def _causes() -> str:
     """Returns the causes of a link that is down: the texts of every `Cause`."""
-    found: list[str] = []
-    folders = (ROOT / "rosbridge" / "client", ROOT / "foxglove", ROOT / "runtime" / "bridge")
-    for file in sorted(file for folder in folders for file in folder.glob("*.py")):
-        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.AnnAssign) and getattr(node.target, "id", "") == "_SYSTEM_ERRORS":
-                found += [text for value in ast.walk(node) for text in _texts(value)]
-            elif isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.args:
-                if node.func.id == "Cause":
-                    found += _texts(node.args[0])
-                elif node.func.id == "_own_fault":
-                    found += [f"{OWN_FAULT}{text}" for text in _texts(node.args[0])]
-    unique = sorted({text for text in found if text and text not in ("...", f"{OWN_FAULT}...")})
-    return "".join(f"* `{text}`\n" for text in unique)
+    texts: list[str] = []
+    for _, node in syntax("rosbridge/client", "foxglove", "runtime/bridge"):
+        if isinstance(node, ast.AnnAssign) and getattr(node.target, "id", "") == "_SYSTEM_ERRORS":
+            texts += [text for value in ast.walk(node) for text in _texts(value)]
+        elif isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.args:
+            if node.func.id == "Cause":
+                texts += _texts(node.args[0])
+            elif node.func.id == "_own_fault":
+                texts += [f"{OWN_FAULT}{text}" for text in _texts(node.args[0])]
+    return "".join(f"* `{text}`\n" for text in sorted({*texts} - {"", "...", f"{OWN_FAULT}..."}))
 
 
 def _texts(node: ast.AST) -> list[str]:
@@ -268,7 +261,7 @@ _MARKS = {
     "silence": {"matchers", "until_resolved"},
     "note": {"author", "time"},
 }
-"""Keys that tell an object from all others in ops/web and silences.py."""
+"""Keys that only one dictionary in ops/web and ops/store has."""
 
 
 def _fields(name: str) -> str:
@@ -282,15 +275,14 @@ def fields_sent(name: str) -> list[str]:
     """Returns the keys of an object of the API, from the dictionary in the code that makes it."""
     if name in ("samples", "alert"):
         return list(SAMPLES_FIELDS if name == "samples" else ALERT_FIELDS)
-    found = []
-    for file in [*(ROOT / "ops" / "web").glob("*.py"), ROOT / "ops/store/silences.py"]:
-        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.Dict):
-                keys = [key.value for key in node.keys if isinstance(key, ast.Constant)]
-                if _MARKS[name] <= set(keys):
-                    found.append(keys)
-    assert len(found) == 1, f"{name}: {len(found)} dictionaries in ops/ have these keys"
-    return [*found[0], "robots"] if name == "state" else found[0]  # robots are added one by one, as JSON
+    (sent,) = (
+        keys
+        for _, node in syntax("ops/store", "ops/web")
+        if isinstance(node, ast.Dict)
+        for keys in [[key.value for key in node.keys if isinstance(key, ast.Constant)]]
+        if _MARKS[name] <= set(keys)
+    )
+    return [*sent, "robots"] if name == "state" else sent  # robots are added one by one, as JSON
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ import sys
 import tempfile
 from pathlib import Path
 from types import MappingProxyType
-from typing import Mapping, Sequence
+from typing import Any, Mapping, Sequence
 
 from rich.color import Color
 from rich.console import Console
@@ -32,7 +32,7 @@ sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
 from harness.terminal_process import TerminalProcess  # noqa: E402  # found through the line above
 
 PACKAGE = "robot_health_monitor"
-
+_PROGRAM = f"{shlex.quote(sys.executable)} -m {PACKAGE}"
 _SVG = (HERE / "terminal.svg").read_text("utf-8")
 """rich's default template loads fonts from the network; a picture must not."""
 
@@ -45,10 +45,11 @@ class Terminal(TerminalProcess):
         variables = {**variables, "TERM": "xterm-256color", "COLUMNS": str(columns), "LINES": str(rows)}
         super().__init__(["bash", "-c", command], variables, columns=columns, lines=rows)
 
-    def run(self, seconds: float, until: str = "") -> None:
-        """Reads what the command writes for `seconds`, or until it ends or has written the text `until`."""
-        with contextlib.suppress(AssertionError):  # it has not come
-            self.wait_until(lambda text: bool(until) and until in text, seconds)
+    def run(self, seconds: float, until: str = "", then_s: float = 0.0) -> None:
+        """Reads what the command writes for `seconds`, or until it ends or shows `until`, and `then_s` longer."""
+        for longest_s, wanted in ((seconds, until), (then_s, "")):
+            with contextlib.suppress(AssertionError):  # it has not come
+                self.wait_until(lambda text, wanted=wanted: bool(wanted) and wanted in text, longest_s)
 
     def end(self) -> None:
         """Ends the command as Ctrl-C would."""
@@ -93,72 +94,73 @@ def draw(name: str, parts: Sequence[Text], columns: int) -> None:
     print(f"{name}.svg: {len(parts)} lines")
 
 
-def live_view(variables: dict[str, str]) -> None:
-    """The live table of `robot-health run` after the battery's first alerts."""
-    command = f"{shlex.quote(sys.executable)} -m {PACKAGE} run --robot robot1"
-    terminal = Terminal(command, {**variables, "PYTHONPATH": str(ROOT)}, 110, 13)
-    terminal.run(130.0, until="battery_level ERROR")
-    terminal.run(3.0)
-    lines = terminal.lines()
+def screen(
+    command: str,
+    variables: Mapping[str, str],
+    size: tuple[int, int],
+    replaced: Mapping[str, str] = MappingProxyType({}),
+    **end: Any,
+) -> list[Text]:
+    """Returns what a command shows at its `end`, the arguments of `Terminal.run`."""
+    terminal = Terminal(command, variables, *size)
+    terminal.run(**end)
+    lines = terminal.lines(replaced)
     terminal.end()
+    return lines
+
+
+def live_view(folder: Path, variables: Mapping[str, str]) -> None:
+    """The live table of `robot-health run` after the battery's first alerts."""
+    end = {"seconds": 130.0, "until": "battery_level ERROR", "then_s": 3.0}
+    lines = screen(f"{_PROGRAM} run --robot robot1", variables, (110, 13), **end)
     draw("live_view", [_prompt("make run"), *lines], 110)
 
 
-def recordings(variables: dict[str, str]) -> None:
-    """`suggest`, `replay` and `test` on recordings, and the report in chromium; needs the extra [recordings]."""
+def recordings(folder: Path, variables: Mapping[str, str]) -> None:
+    """`suggest`, `replay` and `test` on recordings, and the report; needs the extra [recordings]."""
     from past import record
 
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        for seed in (1, 2):
-            record(folder / f"healthy{seed}.bag", seed, 2.0)
-        record(folder / "night.bag", 3, 2.0, broken=True)
-        shutil.copy(HERE / "thresholds.test.yaml", folder)
-        program = f"{shlex.quote(sys.executable)} -m {PACKAGE}"
-        variables = {**variables, "PYTHONPATH": str(ROOT), "TZ": "UTC"}
-        for picture, columns, arguments in (
-            ("suggest", 132, "suggest healthy1.bag healthy2.bag > thresholds.yaml && cat thresholds.yaml"),
-            ("replay", 132, "replay night.bag --thresholds thresholds.yaml --report night.html"),
-            ("test", 124, "test thresholds.test.yaml"),
-        ):
-            terminal = Terminal(f"cd {name} && {program} {arguments}", variables, columns, 40)
-            terminal.run(60.0)
-            draw(picture, [_prompt(f"robot-health {arguments}"), *terminal.lines({name: "."})], columns)
-            terminal.end()
-        if shutil.which("chromium"):
-            browser = ["chromium", "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars"]
-            size, target = "--window-size=1100,1250", f"--screenshot={HERE / 'report.png'}"
-            page = (folder / "night.html").as_uri()
-            subprocess.run([*browser, size, target, page], check=True, stderr=subprocess.DEVNULL, timeout=60)
+    for seed in (1, 2):
+        record(folder / f"healthy{seed}.bag", seed, 2.0)
+    record(folder / "night.bag", 3, 2.0, broken=True)
+    shutil.copy(HERE / "thresholds.test.yaml", folder)
+    for picture, columns, arguments in (
+        ("suggest", 132, "suggest healthy1.bag healthy2.bag > thresholds.yaml && cat thresholds.yaml"),
+        ("replay", 132, "replay night.bag --thresholds thresholds.yaml --report night.html"),
+        ("test", 124, "test thresholds.test.yaml"),
+    ):
+        command = f"cd {folder} && {_PROGRAM} {arguments}"
+        lines = screen(command, variables, (columns, 40), {str(folder): "."}, seconds=60.0)
+        draw(picture, [_prompt(f"robot-health {arguments}"), *lines], columns)
+    if shutil.which("chromedriver"):
+        from web_page import report
+
+        report(folder / "night.html")
 
 
-def web_page(variables: dict[str, str]) -> None:
+def web_page(folder: Path, variables: Mapping[str, str]) -> None:
     """The web page of one robot with a forecast, a day and an alert, and of a fleet on a wide and a narrow window."""
-    import web_page
+    import web_page as pictures
 
-    with tempfile.TemporaryDirectory() as name:
-        variables = {**variables, "PYTHONPATH": str(ROOT), "TZ": "UTC"}
-        web_page.one_robot(Path(name), variables, HERE)
-        web_page.fleet(Path(name), variables, HERE / "fleet.png", HERE / "fleet_phone.png")
+    pictures.one_robot(folder, variables)
+    pictures.fleet(folder, variables)
 
 
-def ros1(variables: dict[str, str]) -> None:
+def ros1(folder: Path, variables: Mapping[str, str]) -> None:
     """The three nodes under roslaunch, and what rostopic shows of them."""
-    with tempfile.TemporaryDirectory() as folder:
-        workspace = Workspace(Path(folder), {**variables, "ROS_HOSTNAME": "localhost"})
-        workspace.build("catkin_make", "devel/setup.bash")
-        launch = f"roslaunch {PACKAGE} health_monitor.launch robot_name:=robot1"
-        workspace.nodes("ros1", launch, ["rostopic list", "rostopic hz /robot1/battery_level"], first="NODES")
+    workspace = Workspace(folder, variables)
+    workspace.build("catkin_make", "devel/setup.bash")
+    launch = f"roslaunch {PACKAGE} health_monitor.launch robot_name:=robot1"
+    workspace.nodes("ros1", launch, ["rostopic list", "rostopic hz /robot1/battery_level"], first="NODES")
 
 
-def ros2(variables: dict[str, str]) -> None:
+def ros2(folder: Path, variables: Mapping[str, str]) -> None:
     """`colcon build`, the three nodes under ros2 launch, and what ros2 topic shows of them."""
-    with tempfile.TemporaryDirectory() as folder:
-        workspace = Workspace(Path(folder), {**variables, "ROS_VERSION": "2"})
-        build = f"colcon build --packages-select {PACKAGE}"
-        draw("colcon_build", [_prompt(build), *workspace.build(build, "install/setup.bash")], 100)
-        launch = f"ros2 launch {PACKAGE} health_monitor.launch.py robot_name:=robot1"
-        workspace.nodes("ros2", launch, ["ros2 topic list", "ros2 topic hz /robot1/battery_level"])
+    workspace = Workspace(folder, variables)
+    build = f"colcon build --packages-select {PACKAGE}"
+    draw("colcon_build", [_prompt(build), *workspace.build(build, "install/setup.bash")], 100)
+    launch = f"ros2 launch {PACKAGE} health_monitor.launch.py robot_name:=robot1"
+    workspace.nodes("ros2", launch, ["ros2 topic list", "ros2 topic hz /robot1/battery_level"])
 
 
 class Workspace:
@@ -179,10 +181,8 @@ class Workspace:
 
     def build(self, command: str, setup: str) -> list[Text]:
         """Runs a build, then sources `setup`; returns the screen."""
-        terminal = Terminal(f"cd {self._folder} && {command}", self._variables, 100, 24)
-        terminal.run(120.0)
-        lines = terminal.lines(self._replaced)
-        terminal.end()
+        command = f"cd {self._folder} && {command}"
+        lines = screen(command, self._variables, (100, 24), self._replaced, seconds=120.0)
         if not (self._folder / setup).exists():
             raise RuntimeError("\n".join(line.plain for line in lines))
         script = f"source {self._folder / setup} >&2 && env -0"
@@ -203,12 +203,9 @@ class Workspace:
         launched.run(20.0)
         seen: list[Text] = []
         for look in looks:
-            terminal = Terminal(look, self._variables, 70, 24)
-            terminal.run(12.0, until="window: 4")
-            seen += [_prompt(look), *terminal.lines(self._replaced), Text("")]
-            terminal.end()
-        launched.run(100.0, until="battery_level WARN")
-        launched.run(2.0)
+            lines = screen(look, self._variables, (70, 24), self._replaced, seconds=12.0, until="window: 4")
+            seen += [_prompt(look), *lines, Text("")]
+        launched.run(100.0, until="battery_level WARN", then_s=2.0)
         lines = launched.lines(self._replaced)
         launched.end()
         if first:
@@ -223,19 +220,22 @@ def _prompt(command: str) -> Text:
     return Text(f"$ {command}", Style(bold=True))
 
 
+_HERE_AS_IT_IS = {"PYTHONPATH": str(ROOT), "TZ": "UTC"}
 SCENES = {
-    "live_view": (sys.executable, live_view),
-    "recordings": (sys.executable, recordings),
-    "web_page": ("chromedriver", web_page),
-    "ros1": ("roslaunch", ros1),
-    "ros2": ("ros2", ros2),
+    "live_view": (live_view, sys.executable, _HERE_AS_IT_IS),
+    "recordings": (recordings, sys.executable, _HERE_AS_IT_IS),
+    "web_page": (web_page, "chromedriver", _HERE_AS_IT_IS),
+    "ros1": (ros1, "roslaunch", {"ROS_HOSTNAME": "localhost"}),
+    "ros2": (ros2, "ros2", {"ROS_VERSION": "2"}),
 }
-"""What makes each, and the program without which it is skipped."""
+"""What makes each, the program without which it is skipped, and variables of its commands."""
 
 if __name__ == "__main__":
+    inherited = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
     for scene in sys.argv[1:] or SCENES:
-        needs, make = SCENES[scene]
-        if shutil.which(needs) is None:
-            print(f"{scene}: skipped, {needs} is not installed")
-        else:
-            make({name: value for name, value in os.environ.items() if not name.startswith("PYTHON")})
+        make, needed, variables = SCENES[scene]
+        if shutil.which(needed) is None:
+            print(f"{scene}: skipped, {needed} is not installed")
+            continue
+        with tempfile.TemporaryDirectory() as folder:
+            make(Path(folder), {**inherited, **variables})

@@ -8,16 +8,14 @@ import time
 from pathlib import Path
 from typing import Iterable, Iterator
 
-from rosbags.rosbag1 import Writer
-from rosbags.typesys import Stores, get_typestore
+from harness.recorded import Recorded, write_bag
 
 from robot_health_monitor.core import Level
 from robot_health_monitor.ops.configuration import HistorySettings
 from robot_health_monitor.ops.store.history import History
 from robot_health_monitor.ops.store.samples import MERGED_S, StoredSamples, store
 
-_TYPES = get_typestore(Stores.ROS1_NOETIC)
-_START_S = 1_790_000_000
+_DRIVES_S = 90_000_000  # after START_NS of harness.recorded
 _CYCLE_S = 4.0 * 3600.0
 _PARKED_H = (13.0, 14.5)
 """The robots are switched off then, in hours since the begin."""
@@ -26,22 +24,17 @@ _PARKED_H = (13.0, 14.5)
 def record(file: Path, seed: int, hours: float, broken: bool = False) -> None:
     """Writes a drive at 2 Hz: battery_level in % and motor_temperature in degrees Celsius; if `broken`, both fail."""
     chance = random.Random(seed)
-    with Writer(file) as writer:
-        float32 = "std_msgs/msg/Float32"
-        battery_level, motor_temperature = (
-            writer.add_connection(topic, float32, typestore=_TYPES)
-            for topic in ("/battery_level", "/motor_temperature")
-        )
-        for step in range(int(hours * 7200)):
-            time_s = step / 2
-            drained = 50.0 * time_s / 3600.0 / hours
-            sag = 6.0 if step % 1800 in (0, 1, 2, 3) else 0.0
-            battery = 97.0 - drained * (1.7 if broken else 1.0) - sag + chance.gauss(0.0, 0.15)
-            hot = 25.0 * max(0.0, time_s / 3600.0 / hours - 0.6) if broken else 0.0
-            temperature = 52.0 + 6.0 * math.sin(time_s / 700.0) + hot * 2.5 + chance.gauss(0.0, 0.3)
-            for connection, value in ((battery_level, battery), (motor_temperature, temperature)):
-                data = _TYPES.serialize_ros1(_TYPES.types[float32](value), float32)
-                writer.write(connection, round((_START_S + seed * 86400 + time_s) * 1e9), bytes(data))
+    messages = []
+    for step in range(int(hours * 7200)):
+        time_s = step / 2
+        driven = time_s / 3600.0 / hours
+        sag = 6.0 if step % 1800 in (0, 1, 2, 3) else 0.0
+        battery = 97.0 - 50.0 * driven * (1.7 if broken else 1.0) - sag + chance.gauss(0.0, 0.15)
+        hot = 62.5 * max(0.0, driven - 0.6) if broken else 0.0
+        temperature = 52.0 + 6.0 * math.sin(time_s / 700.0) + hot + chance.gauss(0.0, 0.3)
+        for topic, value in (("/battery_level", battery), ("/motor_temperature", temperature)):
+            messages.append(Recorded(_DRIVES_S + seed * 86_400 + time_s, topic, value))
+    write_bag(file, messages)
 
 
 def write_yesterday(file: Path, robots: Iterable[str]) -> None:

@@ -65,9 +65,9 @@ class Browser:
         self.resize(width, dark=dark)
         self.driver.get(url)
 
-    def resize(self, width: int, *, dark: bool = False) -> None:
-        """Changes the width in CSS pixels, and the colour scheme."""
-        size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": width < 600}
+    def resize(self, width: int, height: int = 900, *, dark: bool = False) -> None:
+        """Changes the size in CSS pixels, and the colour scheme."""
+        size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 600}
         self.driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
         scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
         self.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": [scheme]})
@@ -133,7 +133,7 @@ class Browser:
 
 
 @contextmanager
-def open_browser() -> Iterator[Browser]:
+def open_browser(*further_options: str) -> Iterator[Browser]:
     """Starts a browser; skips the test where none is installed."""
     programs = {name: shutil.which(name) for name in ("chromium", "chromedriver")}
     missing = [name for name, path in programs.items() if path is None]
@@ -141,7 +141,7 @@ def open_browser() -> Iterator[Browser]:
         pytest.skip(f"no {' and no '.join(missing)}: as root, apt-get install chromium chromium-driver")
     options = Options()
     options.binary_location = str(programs["chromium"])
-    for option in _OPTIONS:
+    for option in (*_OPTIONS, *further_options):
         options.add_argument(option)
     options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
     driver = webdriver.Chrome(options=options, service=Service(programs["chromedriver"]))
