@@ -10,15 +10,17 @@ from __future__ import annotations
 
 import ast
 import sys
+from importlib.util import resolve_name
 from pathlib import Path
 from types import FrameType
 from typing import Any, Iterator
 
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+from generate import ROOT, syntax
+
 from robot_health_monitor.core.nodes import AlertSystem
 from robot_health_monitor.core.port.local import LocalBus
 
-ROOT = Path(__file__).resolve().parent.parent
 PICTURE = ROOT / "docs" / "structure.svg"
 PACKAGE = "robot_health_monitor"
 LAYERS = (("cli",), ("ros1", "ros2", "rosbridge", "foxglove", "recordings", "ops"), ("runtime",), ("core",))
@@ -31,16 +33,13 @@ _GAP = (_WIDTH - _COLUMNS * _BOX_WIDTH) / (_COLUMNS + 1)
 
 def folders_imported(folder: str) -> set[str]:
     """Returns the other folders that the modules of a folder import, lazily or not."""
-    found: set[str] = set()
-    for file in (ROOT / folder).rglob("*.py"):
-        package = [PACKAGE, *file.relative_to(ROOT).parts[:-1]]
-        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.ImportFrom):
-                above = package[: len(package) - node.level + 1] if node.level else []
-                imported = [*above, *(node.module or "").split(".")]
-                if imported[0] == PACKAGE:
-                    found.add(imported[1])
-    return found - {folder}
+    imported: set[str] = set()
+    for file, node in syntax(folder):
+        if isinstance(node, ast.ImportFrom):
+            package = ".".join([PACKAGE, *file.relative_to(ROOT).parts[:-1]])
+            names = resolve_name("." * node.level + (node.module or ""), package).split(".")
+            imported.update(names[1:2] if names[0] == PACKAGE else ())
+    return imported - {folder}
 
 
 def way_of_a_sample() -> list[tuple[str, str]]:

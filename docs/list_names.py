@@ -9,38 +9,32 @@ may be removed only with a new major version; otherwise this program refuses to 
 from __future__ import annotations
 
 import inspect
+import itertools
 import re
 import sys
 from pathlib import Path
-from typing import Any, Iterable, Iterator, Mapping, Sequence
+from typing import Any, Iterable, Iterator, Sequence
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 import generate
 
 from robot_health_monitor import core
 from robot_health_monitor.cli.arguments import COMMANDS
 from robot_health_monitor.cli.executables import EXECUTABLES
 from robot_health_monitor.cli.exit_codes import ExitCode
-from robot_health_monitor.cli.fleet_configuration import Options, RobotEntry
+from robot_health_monitor.cli.fleet_configuration import Options
 from robot_health_monitor.cli.history.history_entries import CSV_HEAD
 from robot_health_monitor.core import nodes
-from robot_health_monitor.core.config.monitor_config import MONITOR_PARAMETERS
-from robot_health_monitor.core.config.parameters import Parameter
 from robot_health_monitor.core.config.schema import parameters
-from robot_health_monitor.core.config.signal_config import CONDITION_PARAMETERS, CONDITIONS, SIGNAL_PARAMETERS
-from robot_health_monitor.core.nodes.aggregator import AGGREGATOR_PARAMETERS
 from robot_health_monitor.core.nodes.outlets import FIELDS
 from robot_health_monitor.core.port.local import LocalBus
 from robot_health_monitor.core.sensors.catalogue import HOST_SOURCES
 from robot_health_monitor.core.values.version import package_version
-from robot_health_monitor.ops import configuration as ops
 from robot_health_monitor.ops.store.samples import SAMPLES_FIELDS
 from robot_health_monitor.ops.web.interface import WebInterface
 from robot_health_monitor.runtime.tokens import TOKEN_VARIABLE
 
-ROOT = Path(__file__).resolve().parent.parent
-FILE = ROOT / "docs" / "reference" / "names.txt"
+FILE = generate.DOCS / "reference" / "names.txt"
 HEAD = "# What docs/reference/stability.md promises, as of version {version}. Written by docs/list_names.py.\n"
 
 MONITOR_METHODS = ("observe", "set_link", "tick", "skip", "report", "status", "reset", "configure", "end")
@@ -113,21 +107,8 @@ def _call(name: str, function: Any) -> Iterator[str]:
 
 def _keys() -> Iterator[str]:
     """Yields the keys of all configuration files, and the words that they accept."""
-    tables: Mapping[str, Iterable[Parameter]] = {
-        "alert_system ": MONITOR_PARAMETERS,
-        "alert_system signals.*.": SIGNAL_PARAMETERS,
-        **{f"alert_system signals.*.{key}.": CONDITION_PARAMETERS for key in CONDITIONS},
-        "aggregator ": AGGREGATOR_PARAMETERS,
-        "battery_sensor ": [*generate._sensor_parameters()],
-        "ops.yaml history.": parameters(ops.HistorySettings),
-        "ops.yaml black_box.": parameters(ops.BlackBoxSettings),
-        "ops.yaml notify.*.": parameters(ops.TargetSettings),
-        "ops.yaml server.": parameters(ops.ServerOptions),
-        "fleet.yaml robots.*.": parameters(RobotEntry),
-        "fleet.yaml defaults.": parameters(Options),
-    }
-    for place, table in tables.items():
-        for parameter in table:
+    for table, places in [*generate.PARAMETERS.values(), (parameters(Options), ["fleet.yaml defaults."])]:
+        for place, parameter in itertools.product(places, table):
             yield f"key {place}{parameter.name}"
             yield from (f"key {place}{parameter.name}: {choice}" for choice in filter(None, parameter.choices))
     for source, description in HOST_SOURCES.items():
@@ -174,17 +155,13 @@ def _graph() -> Iterator[str]:
 
 
 def _routes() -> Iterator[str]:
-    source = inspect.getsource(WebInterface.routes)
-    for method in ("get", "post"):
-        for part in source.split(f'{method}("')[1:]:
-            path = part.partition('"')[0]
-            yield f"request {method.upper()} {path}"
+    routes = re.findall(r'\b(get|post)\("([^"]+)', inspect.getsource(WebInterface.routes))
+    yield from (f"request {method.upper()} {path}" for method, path in routes)
 
 
 def promised() -> Sequence[str]:
     """Returns the names in the file."""
-    lines = FILE.read_text(encoding="utf-8").splitlines() if FILE.exists() else []
-    return [line for line in lines if line and not line.startswith("#")]
+    return [line for line in FILE.read_text(encoding="utf-8").splitlines() if not line.startswith("#")]
 
 
 def difference(before: Sequence[str], now: Sequence[str]) -> str:
