@@ -45,7 +45,7 @@ class RecordedMiddleware(LocalMiddleware):
     is not recorded again.
     """
 
-    graph_name = MappingNode.graph_name
+    knows_graph = False
     follow_graph = MappingNode.follow_graph  # type: ignore[assignment]
 
     def __init__(self, player: Player, name: str, parameters: JsonObject) -> None:

@@ -10,8 +10,18 @@ from typing import Any
 import genpy
 import rospy
 
-from ..core.messages import ROS1_KINDS, SEQUENCE, Dialect, Field, NativeMessages, RawFormat, find_generated, ros1_format
-from ..core.values import canonical_type
+from ..core.messages import (
+    ROS1_KINDS,
+    SEQUENCE,
+    Dialect,
+    Field,
+    NativeMessages,
+    RawFormat,
+    SerializedType,
+    find_generated,
+    ros1_format,
+)
+from ..core.values import Getter, canonical_type
 
 _TIMES = {"time": genpy.Time, "duration": genpy.Duration}
 
@@ -42,6 +52,11 @@ message_class = native.message_class
 service_class = native.service_class
 to_mapping = native.to_mapping
 to_native = native.to_native
+
+
+def field_getter(topic: str, type_name: str, field: str) -> Getter:
+    """Returns what reads a field from serialized messages of a type that is installed here; raises ConfigError."""
+    return SerializedType(topic, raw_format(type_name)).field_getter(field)
 
 
 def serialized(native: Any) -> bytes:

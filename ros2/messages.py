@@ -20,10 +20,12 @@ from ..core.messages import (
     Field,
     NativeMessages,
     RawFormat,
+    SerializedType,
     find_generated,
     parse_msg,
     ros2_format,
 )
+from ..core.values import Getter
 
 _KINDS = {"boolean": "bool", "float": "float32", "double": "float64"}
 """Kinds of types that rosidl names differently. (A `char` is a uint8 there.)"""
@@ -75,6 +77,11 @@ service_class = native.service_class
 to_mapping = native.to_mapping
 to_native = native.to_native
 serialized = serialize_message
+
+
+def field_getter(topic: str, type_name: str, field: str) -> Getter:
+    """Returns what reads a field from serialized messages of a type that is installed here; raises ConfigError."""
+    return SerializedType(topic, raw_format(type_name)).field_getter(field)
 
 
 def raw_format(type_name: str) -> RawFormat:

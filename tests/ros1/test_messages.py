@@ -10,9 +10,11 @@ import pytest
 
 pytest.importorskip("rospy")
 
+from robot_health_monitor.cli.commands.check_command import check_field, known_definitions
 from robot_health_monitor.core.messages.serialized import SerializedType
 from robot_health_monitor.core.values.errors import ConfigError
 from robot_health_monitor.core.values.field_path import ABSENT
+from robot_health_monitor.ros1 import messages
 from robot_health_monitor.ros1.messages import message_class, raw_format, service_class, to_mapping, to_native
 
 
@@ -133,3 +135,13 @@ def test_numbers_are_read_from_serialized_messages() -> None:
         message.serialize(buffer)
         get = SerializedType("/in", raw_format(message._type)).field_getter(field)
         assert get(buffer.getvalue()) == value
+
+
+def test_check_reads_fields_in_the_types_that_are_installed_here(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ROS_VERSION", "1")
+    definitions = known_definitions()
+    assert definitions[0] is messages
+    assert check_field(definitions, "/in", "diagnostic_msgs/KeyValue", "key")
+    with pytest.raises(ConfigError, match="has no field keys") as raised:
+        check_field(definitions, "/in", "diagnostic_msgs/KeyValue", "keys")
+    assert raised.value.path == ("field",)

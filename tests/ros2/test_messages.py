@@ -10,22 +10,18 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from robot_health_monitor.core.messages.serialized import SerializedType
+from robot_health_monitor.cli.commands.check_command import check_field, known_definitions
 from robot_health_monitor.core.values.errors import ConfigError
 from robot_health_monitor.core.values.field_path import ABSENT
+from robot_health_monitor.ros2 import messages
 from robot_health_monitor.ros2.messages import (
+    field_getter,
     message_class,
-    raw_format,
     service_class,
     to_mapping,
     to_native,
     type_name,
 )
-
-
-def field_getter(topic: str, type_name: str, field: str) -> Any:
-    """Returns what reads a field from serialized messages of an installed type."""
-    return SerializedType(topic, raw_format(type_name)).field_getter(field)
 
 
 @pytest.mark.parametrize(
@@ -174,3 +170,13 @@ def test_a_number_is_read_from_serialized_messages() -> None:
     ):
         get = field_getter("/in", type_name(type(message)), field)
         assert get(serialize_message(message)) == value
+
+
+def test_check_reads_fields_in_the_types_that_are_installed_here(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ROS_VERSION", "2")
+    definitions = known_definitions()
+    assert definitions[0] is messages
+    assert check_field(definitions, "/in", "diagnostic_msgs/KeyValue", "key")
+    with pytest.raises(ConfigError, match="has no field keys") as raised:
+        check_field(definitions, "/in", "diagnostic_msgs/KeyValue", "keys")
+    assert raised.value.path == ("field",)
