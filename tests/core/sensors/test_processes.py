@@ -379,7 +379,7 @@ def live(metric: str, computer: Computer, node: str) -> Callable[[float], float]
 def test_a_real_process_reads_as_psutil_and_ps_show_it(monkeypatch: pytest.MonkeyPatch) -> None:
     psutil = pytest.importorskip("psutil")
     monkeypatch.setattr(psutil, "PROCFS_PATH", "/proc")  # other tests read other machines
-    child = Child(WORKS, "leaks_and_spins")
+    child = Child(WORKS, f"leaks_and_spins_{os.getpid()}")  # of this run: another may be on this machine
     try:
         computer = Computer()
         read = {metric: live(metric, computer, child.name) for metric in processes.METRICS}
@@ -413,14 +413,15 @@ def test_a_real_process_reads_as_psutil_and_ps_show_it(monkeypatch: pytest.Monke
 
 def test_a_real_process_that_is_killed_and_restarted_is_seen() -> None:
     computer = Computer()
-    running = live("process_running", computer, "restarted")
-    restarts = live("process_restarts", computer, "restarted")
+    name = f"restarted_{os.getpid()}"  # of this run
+    running = live("process_running", computer, name)
+    restarts = live("process_restarts", computer, name)
     assert running(0.0) == 0.0
-    first = Child("import sys; print('ready', flush=True); sys.stdin.read()", "restarted")
+    first = Child("import sys; print('ready', flush=True); sys.stdin.read()", name)
     assert (running(1.0), restarts(1.0)) == (1.0, 0.0)
     first.end()
     assert running(2.0) == 0.0
-    second = Child("import sys; print('ready', flush=True); sys.stdin.read()", "restarted")
+    second = Child("import sys; print('ready', flush=True); sys.stdin.read()", name)
     try:
         assert (running(3.0), restarts(3.0)) == (1.0, 1.0)
     finally:
