@@ -11,6 +11,7 @@ from __future__ import annotations
 import ast
 import sys
 from importlib.util import resolve_name
+from itertools import dropwhile
 from pathlib import Path
 from types import FrameType
 from typing import Any, Iterator
@@ -65,20 +66,18 @@ def way_of_a_sample() -> list[tuple[str, str]]:
         robot.publish(topic, {"data": 19.0})
     finally:
         sys.setprofile(None)
-    steps = list(way.items())
-    return steps[[file for file, _ in steps].index("core/nodes/alert_system.py") :]
+    return list(dropwhile(lambda step: step[0] != "core/nodes/alert_system.py", way.items()))
 
 
 def picture() -> str:
     """Returns the picture as SVG."""
-    folders = list(_folders(40.0))
     top = 40.0 + len(LAYERS) * _LAYER + 20.0
     steps = way_of_a_sample()
     height = top + -(-len(steps) // _COLUMNS) * _ROW + 30.0
     lines = [
-        (ROOT / "docs/pictures/structure_head.svg").read_text("utf-8").format(width=_WIDTH, height=f"{height:g}"),
+        (PICTURE.parent / "pictures/structure_head.svg").read_text("utf-8").format(width=_WIDTH, height=f"{height:g}"),
         '<text class="head" x="20" y="24">Folders: an arrow is an import</text>',
-        *folders,
+        *_folders(40.0),
         f'<text class="head" x="20" y="{top - 4:g}">The way of a sample that changes the level, in core/</text>',
         *_steps(steps, top + 14.0),
         "</svg>",
@@ -87,11 +86,11 @@ def picture() -> str:
 
 
 def _folders(top: float) -> Iterator[str]:
-    places: dict[str, tuple[float, float]] = {}
-    for number, layer in enumerate(LAYERS):
-        for position, folder in enumerate(layer):
-            middle = _WIDTH * (position + 0.5) / len(layer)
-            places[folder] = (middle, top + number * _LAYER)
+    places = {
+        folder: (_WIDTH * (position + 0.5) / len(layer), top + number * _LAYER)
+        for number, layer in enumerate(LAYERS)
+        for position, folder in enumerate(layer)
+    }
     for folder, (x, y) in places.items():
         yield _box(x, y, f"{folder}/", "")
         for other in sorted(folders_imported(folder)):

@@ -114,10 +114,7 @@ def _escaped(text: str) -> str:
 
 
 def _parameters(parameters: Iterable[Parameter]) -> str:
-    rows = (
-        (f"`{parameter.name}`", parameter.allowed, _default(parameter.default), parameter.description)
-        for parameter in parameters
-    )
+    rows = ((f"`{each.name}`", each.allowed, _default(each.default), each.description) for each in parameters)
     return _table(("key", "value", "default", "meaning"), rows)
 
 
@@ -253,16 +250,6 @@ def _texts(node: ast.AST) -> list[str]:
 API: Mapping[str, Mapping[str, str]] = yaml.safe_load((DOCS / "reference" / "api_fields.yaml").read_text("utf-8"))
 """Meaning of the keys of each object. The keys themselves are those that the code sends."""
 
-_MARKS = {
-    "state": {"can_change", "silencing"},
-    "monitor": {"level", "faults"},
-    "robot": {"link", "signals"},
-    "signal": {"state", "judged"},
-    "silence": {"matchers", "until_resolved"},
-    "note": {"author", "time"},
-}
-"""Keys that only one dictionary in ops/web and ops/store has."""
-
 
 def _fields(name: str) -> str:
     meanings, sent = API[name], fields_sent(name)
@@ -272,16 +259,12 @@ def _fields(name: str) -> str:
 
 
 def fields_sent(name: str) -> list[str]:
-    """Returns the keys of an object of the API, from the dictionary in the code that makes it."""
+    """Returns the keys of an object of the API, from the dictionary in the code that has most of those described."""
     if name in ("samples", "alert"):
         return list(SAMPLES_FIELDS if name == "samples" else ALERT_FIELDS)
-    (sent,) = (
-        keys
-        for _, node in syntax("ops/store", "ops/web")
-        if isinstance(node, ast.Dict)
-        for keys in [[key.value for key in node.keys if isinstance(key, ast.Constant)]]
-        if _MARKS[name] <= set(keys)
-    )
+    made = [node for _, node in syntax("ops/store", "ops/web") if isinstance(node, ast.Dict)]
+    keys = [[key.value for key in node.keys if isinstance(key, ast.Constant)] for node in made]
+    sent = max(keys, key=lambda keys: len({*keys} & {*API[name]}))
     return [*sent, "robots"] if name == "state" else sent  # robots are added one by one, as JSON
 
 

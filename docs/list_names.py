@@ -13,7 +13,7 @@ import itertools
 import re
 import sys
 from pathlib import Path
-from typing import Any, Iterable, Iterator, Sequence
+from typing import Any, Iterator, Sequence
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 import generate
@@ -87,10 +87,9 @@ def _described(name: str, found: Any) -> Iterator[str]:
     else:
         yield name
     if inspect.isclass(found):
+        fields = [*getattr(found, "__dataclass_fields__", ()), *getattr(found, "_fields", ())]
         if found is core.ConfigError:
-            fields: Iterable[str] = [*vars(core.ConfigError("")), "others"]
-        else:
-            fields = [*getattr(found, "__dataclass_fields__", ()), *getattr(found, "_fields", ())]
+            fields = [*vars(core.ConfigError("")), "others"]
         members = getattr(found, "__members__", ())
         properties = [each for each, value in vars(found).items() if isinstance(value, property)]
         yield from (f"{name}.{each}" for each in (*members, *fields, *properties))
@@ -144,8 +143,6 @@ def _graph() -> Iterator[str]:
     bus.run_until(4.0)
     graph = bus.graph()
     for node, info in graph.nodes.items():
-        if node == outside.name:
-            continue
         yield from (f"topic {node[1:]} publishes {topic} {graph.topics[topic]}" for topic in info.publishes)
         yield from (f"service {service} {graph.services[service]}" for service in info.services)
     yield "service /alert_system/reload std_srvs/Trigger (ROS 1)"
@@ -185,16 +182,11 @@ def may_remove(written: str, version: str) -> bool:
 def write() -> None:
     """Writes the file; ends the process with what to do if names that it has may not be removed."""
     before, now = promised(), names()
+    (written,) = re.findall(r"as of version (\S+)\. ", FILE.read_text(encoding="utf-8"))
     removed = [name for name in before if name not in now]
-    if removed and not may_remove(version_of_file(), package_version()):
+    if removed and not may_remove(written, package_version()):
         raise SystemExit(difference(removed, []))
     FILE.write_text(HEAD.format(version=package_version()) + "".join(f"{name}\n" for name in now), encoding="utf-8")
-
-
-def version_of_file() -> str:
-    """Returns the version of the package with which the file was written."""
-    found = re.search(r"as of version (\S+)\. ", FILE.read_text(encoding="utf-8"))
-    return found[1] if found else "0.0.0"
 
 
 if __name__ == "__main__":

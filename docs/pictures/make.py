@@ -1,6 +1,6 @@
 """Makes the pictures of the README and of docs/ from real runs: `python docs/pictures/make.py [SCENE ...]`.
 
-Each scene runs real commands in a pseudo-terminal and draws the final screen as SVG. The scenes `ros1` and `ros2` copy
+Most scenes run real commands in a pseudo-terminal and draw the final screen as SVG. The scenes `ros1` and `ros2` copy
 this package into a new workspace, build it and launch it. A scene whose program is missing here (`roslaunch`,
 `ros2`, `colcon`) is skipped with one line. The path of the temporary folder and the host name are replaced by neutral
 ones. Needs pyte and rich; the scene `web_page` needs selenium.
@@ -14,11 +14,10 @@ import os
 import shlex
 import shutil
 import socket
-import subprocess
 import sys
 import tempfile
+from functools import partial
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, Mapping, Sequence
 
 from rich.color import Color
@@ -57,7 +56,7 @@ class Terminal(TerminalProcess):
         self.run(10.0)
         super().end()
 
-    def lines(self, replaced: Mapping[str, str] = MappingProxyType({})) -> list[Text]:
+    def lines(self, replaced: Mapping[str, str]) -> list[Text]:
         """Returns the screen with its colours, without empty lines at the end, and with texts replaced."""
         lines = []
         for row in range(self.screen.lines):
@@ -95,11 +94,7 @@ def draw(name: str, parts: Sequence[Text], columns: int) -> None:
 
 
 def screen(
-    command: str,
-    variables: Mapping[str, str],
-    size: tuple[int, int],
-    replaced: Mapping[str, str] = MappingProxyType({}),
-    **end: Any,
+    command: str, variables: Mapping[str, str], size: tuple[int, int], replaced: Mapping[str, str], **end: Any
 ) -> list[Text]:
     """Returns what a command shows at its `end`, the arguments of `Terminal.run`."""
     terminal = Terminal(command, variables, *size)
@@ -112,7 +107,7 @@ def screen(
 def live_view(folder: Path, variables: Mapping[str, str]) -> None:
     """The live table of `robot-health run` after the battery's first alerts."""
     end = {"seconds": 130.0, "until": "battery_level ERROR", "then_s": 3.0}
-    lines = screen(f"{_PROGRAM} run --robot robot1", variables, (110, 13), **end)
+    lines = screen(f"{_PROGRAM} run --robot robot1", variables, (110, 13), {}, **end)
     draw("live_view", [_prompt("make run"), *lines], 110)
 
 
@@ -146,87 +141,60 @@ def web_page(folder: Path, variables: Mapping[str, str]) -> None:
     pictures.fleet(folder, variables)
 
 
-def ros1(folder: Path, variables: Mapping[str, str]) -> None:
-    """The three nodes under roslaunch, and what rostopic shows of them."""
-    workspace = Workspace(folder, variables)
-    workspace.build("catkin_make", "devel/setup.bash")
-    launch = f"roslaunch {PACKAGE} health_monitor.launch robot_name:=robot1"
-    workspace.nodes("ros1", launch, ["rostopic list", "rostopic hz /robot1/battery_level"], first="NODES")
+def ros(name: str, build: str, setup: str, launch: str, topic: str, folder: Path, variables: Mapping[str, str]) -> None:
+    """The three nodes until the first alert of the battery, and what looks at them.
 
-
-def ros2(folder: Path, variables: Mapping[str, str]) -> None:
-    """`colcon build`, the three nodes under ros2 launch, and what ros2 topic shows of them."""
-    workspace = Workspace(folder, variables)
-    build = f"colcon build --packages-select {PACKAGE}"
-    draw("colcon_build", [_prompt(build), *workspace.build(build, "install/setup.bash")], 100)
-    launch = f"ros2 launch {PACKAGE} health_monitor.launch.py robot_name:=robot1"
-    workspace.nodes("ros2", launch, ["ros2 topic list", "ros2 topic hz /robot1/battery_level"])
-
-
-class Workspace:
-    """A copy of this package in a new workspace, inside a new home folder."""
-
-    def __init__(self, home: Path, variables: Mapping[str, str]) -> None:
-        """Copies the package.
-
-        Args:
-            home: an empty folder.
-            variables: environment of the commands.
-        """
-        self._folder = home / "ws"
-        self._variables = {**variables, "HOME": str(home)}
-        self._replaced = {str(home): "/home/user", socket.gethostname(): "robot1"}
-        ignored = shutil.ignore_patterns(".*", "build", "install", "log", "__pycache__")
-        shutil.copytree(ROOT, self._folder / "src" / PACKAGE, ignore=ignored)
-
-    def build(self, command: str, setup: str) -> list[Text]:
-        """Runs a build, then sources `setup`; returns the screen."""
-        command = f"cd {self._folder} && {command}"
-        lines = screen(command, self._variables, (100, 24), self._replaced, seconds=120.0)
-        if not (self._folder / setup).exists():
-            raise RuntimeError("\n".join(line.plain for line in lines))
-        script = f"source {self._folder / setup} >&2 && env -0"
-        sourced = subprocess.run(["bash", "-c", script], env=self._variables, stdout=subprocess.PIPE, check=True)
-        self._variables = dict(entry.split("=", 1) for entry in sourced.stdout.decode().split("\0") if "=" in entry)
-        return lines
-
-    def nodes(self, name: str, launch: str, looks: Sequence[str], *, first: str = "") -> None:
-        """Draws the launched nodes until the first alert of the battery, and the commands that look at them.
-
-        Args:
-            name: prefix of the pictures.
-            launch: command that starts the nodes.
-            looks: commands that inspect the running nodes.
-            first: beginning of the first line of the launched nodes to draw; empty: the first of all.
-        """
-        launched = Terminal(launch, self._variables, 200, 48)
-        launched.run(20.0)
-        seen: list[Text] = []
-        for look in looks:
-            lines = screen(look, self._variables, (70, 24), self._replaced, seconds=12.0, until="window: 4")
-            seen += [_prompt(look), *lines, Text("")]
-        launched.run(100.0, until="battery_level WARN", then_s=2.0)
-        lines = launched.lines(self._replaced)
-        launched.end()
-        if first:
-            begin = next(row for row, line in enumerate(lines) if line.plain.startswith(first))
-            lines = [Text("..."), *lines[begin:]]
-        columns = max(len(line.plain) for line in lines) + 1
-        draw(f"{name}_launch", [_prompt(launch), *lines], columns)
-        draw(f"{name}_topics", seen[:-1], 70)
+    Args:
+        name: prefix of the pictures.
+        build: command that builds this package, in a new workspace.
+        setup: file of the workspace that a shell sources then.
+        launch: command that starts the nodes.
+        topic: command that lists and inspects topics.
+        folder: an empty folder, the home of the commands.
+        variables: environment of the commands.
+    """
+    workspace = folder / "ws"
+    replaced = {str(folder): "/home/user", socket.gethostname(): "robot1"}
+    variables = {**variables, "HOME": str(folder)}
+    ignored = shutil.ignore_patterns(".*", "build", "install", "log", "__pycache__")
+    shutil.copytree(ROOT, workspace / "src" / PACKAGE, ignore=ignored)
+    built = screen(f"cd {workspace} && {build}", variables, (100, 24), replaced, seconds=120.0)
+    if not (workspace / setup).exists():
+        raise RuntimeError("\n".join(line.plain for line in built))
+    if "colcon" in build:
+        draw("colcon_build", [_prompt(build), *built], 100)
+    source = f"source {workspace / setup} > /dev/null && exec"
+    launched = Terminal(f"{source} {launch}", variables, 200, 48)
+    launched.run(20.0)
+    looks: list[Text] = []
+    for look in (f"{topic} list", f"{topic} hz /robot1/battery_level"):
+        lines = screen(f"{source} {look}", variables, (70, 24), replaced, seconds=12.0, until="window: 4")
+        looks += [_prompt(look), *lines, Text("")]
+    launched.run(100.0, until="battery_level WARN", then_s=2.0)
+    lines = launched.lines(replaced)
+    launched.end()
+    # roslaunch begins with what it has checked.
+    begin = next((row for row, line in enumerate(lines) if line.plain.startswith("NODES")), 0)
+    lines = [Text("..."), *lines[begin:]] if begin else lines
+    draw(f"{name}_launch", [_prompt(launch), *lines], max(len(line.plain) for line in lines) + 1)
+    draw(f"{name}_topics", looks[:-1], 70)
 
 
 def _prompt(command: str) -> Text:
     return Text(f"$ {command}", Style(bold=True))
 
 
-_HERE_AS_IT_IS = {"PYTHONPATH": str(ROOT), "TZ": "UTC"}
+_THIS_TREE = {"PYTHONPATH": str(ROOT), "TZ": "UTC"}
+_ROS1, _ROS2 = {"ROS_HOSTNAME": "localhost"}, {"ROS_VERSION": "2"}
+_ROS1_LAUNCH = f"roslaunch {PACKAGE} health_monitor.launch robot_name:=robot1"
+_ROS2_LAUNCH = f"ros2 launch {PACKAGE} health_monitor.launch.py robot_name:=robot1"
+_COLCON = f"colcon build --packages-select {PACKAGE}"
 SCENES = {
-    "live_view": (live_view, sys.executable, _HERE_AS_IT_IS),
-    "recordings": (recordings, sys.executable, _HERE_AS_IT_IS),
-    "web_page": (web_page, "chromedriver", _HERE_AS_IT_IS),
-    "ros1": (ros1, "roslaunch", {"ROS_HOSTNAME": "localhost"}),
-    "ros2": (ros2, "ros2", {"ROS_VERSION": "2"}),
+    "live_view": (live_view, sys.executable, _THIS_TREE),
+    "recordings": (recordings, sys.executable, _THIS_TREE),
+    "web_page": (web_page, "chromedriver", _THIS_TREE),
+    "ros1": (partial(ros, "ros1", "catkin_make", "devel/setup.bash", _ROS1_LAUNCH, "rostopic"), "roslaunch", _ROS1),
+    "ros2": (partial(ros, "ros2", _COLCON, "install/setup.bash", _ROS2_LAUNCH, "ros2 topic"), "ros2", _ROS2),
 }
 """What makes each, the program without which it is skipped, and variables of its commands."""
 

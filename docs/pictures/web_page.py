@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import json
 import socket
-import subprocess
 import sys
 import time
 from contextlib import ExitStack, contextmanager
@@ -11,35 +11,21 @@ from pathlib import Path
 from typing import Iterator, Mapping
 
 from harness.driven_browser import Browser, open_browser
+from harness.line_process import LineProcess
 from harness.reserved import free_port
 from harness.waiting import wait_for
 from past import write_yesterday
 
 HERE = Path(__file__).resolve().parent
 PACKAGE = "robot_health_monitor"
-_THRESHOLDS = """\
-alert_system:
-  ros__parameters:
-    signals:
-      battery_level: {unit: "%", warn_below: 20.0, error_below: 10.0, hysteresis: 2.0}
-      temperature: {unit: "degC", warn_above: 40.0, error_above: 50.0, hysteresis: 2.0}
-      cpu_usage: {unit: "%", warn_above: 95.0}
-"""
-_FORECAST = """\
-      battery_soon:
-        {topic: battery_level, unit: "%", statistic: forecast, forecast_s: 60.0, window_s: 30.0, warn_below: 20.0}
-"""
 
 
 def one_robot(folder: Path, variables: Mapping[str, str]) -> None:
     """`robot-health run` with a forecast, after the first alert, and the plot of a day."""
-    thresholds = folder / "one.yaml"
-    thresholds.write_text(_THRESHOLDS.replace("40.0", "80.0").replace("50.0", "95.0") + _FORECAST, encoding="utf-8")
     port = free_port()
-    arguments = ["run", "--robot", "robot1", "--port", str(port), "--thresholds", str(thresholds)]
-    with _programs([[*arguments, *_with_yesterday(folder, ["robot1"])]], variables), _window(
-        port, 1000, 880
-    ) as browser:
+    command = ["run", "--robot", "robot1", "--port", str(port), "--thresholds", str(HERE / "forecast.yaml")]
+    command += _with_yesterday(folder, ["robot1"])
+    with _programs([command], variables), _window(port, 1000, 880) as browser:
         _wait(browser, "document.querySelector('.robot.warn')", 130.0)
         _open_signal(browser, "battery_soon")
         _wait(browser, "document.querySelector('.plot .ahead') && document.querySelector('.signals .alert')")
@@ -60,14 +46,11 @@ def one_robot(folder: Path, variables: Mapping[str, str]) -> None:
 
 def fleet(folder: Path, variables: Mapping[str, str]) -> None:
     """`robot-health connect` to seven robots, of which one is hot, one sends nothing and one is gone."""
-    (folder / "hot.yaml").write_text(_THRESHOLDS, encoding="utf-8")
     names = ["husky1", "husky2", "jackal", "carter", "ridgeback", "dingo", "boxer"]
     ports = {name: free_port() for name in names}
-    lines = ["robots:"]
-    for name, port in ports.items():
-        thresholds = f", thresholds: {folder / 'hot.yaml'}" if name == "carter" else ""
-        lines.append(f"  {name}: {{url: ws://127.0.0.1:{port}{thresholds}}}")
-    (folder / "fleet.yaml").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    robots = {name: {"url": f"ws://127.0.0.1:{port}"} for name, port in ports.items()}
+    robots["carter"]["thresholds"] = str(HERE / "hot.yaml")
+    (folder / "fleet.yaml").write_text(json.dumps({"robots": robots}), encoding="utf-8")
     starts = [["run", "--robot", name, "--port", str(port)] for name, port in ports.items()]
     starts[1] += ["--source", "none"]
     port = free_port()
@@ -106,10 +89,7 @@ def _with_yesterday(folder: Path, robots: list[str]) -> list[str]:
 def _programs(commands: list[list[str]], variables: Mapping[str, str]) -> Iterator[None]:
     with ExitStack() as stack:
         for command in commands:
-            silent = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.DEVNULL)
-            program = subprocess.Popen([sys.executable, "-m", PACKAGE, *command], env=variables, **silent)
-            stack.callback(program.wait, 20.0)
-            stack.callback(program.terminate)
+            stack.callback(LineProcess([sys.executable, "-m", PACKAGE, *command], variables).end)
         yield
 
 
