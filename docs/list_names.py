@@ -27,7 +27,7 @@ from robot_health_monitor.cli.history.history_entries import CSV_HEAD
 from robot_health_monitor.core import nodes
 from robot_health_monitor.core.config.schema import parameters
 from robot_health_monitor.core.nodes.outlets import FIELDS
-from robot_health_monitor.core.port.local import LocalBus
+from robot_health_monitor.core.port import LocalBus
 from robot_health_monitor.core.sensors.catalogue import HOST_SOURCES
 from robot_health_monitor.core.values.version import package_version
 from robot_health_monitor.ops.store.samples import SAMPLES_FIELDS
@@ -75,9 +75,9 @@ def _library() -> Iterator[str]:
         yield from _call(f"library core.Monitor.{name}", getattr(core.Monitor, name))
     for name in nodes.__all__:
         yield from _call(f"library core.nodes.{name}", getattr(nodes, name))
-    yield from _call("library core.local.LocalBus", LocalBus)
+    yield from _call("library core.port.LocalBus", LocalBus)
     for name in BUS_METHODS:
-        yield from _call(f"library core.local.LocalBus.{name}", getattr(LocalBus, name))
+        yield from _call(f"library core.port.LocalBus.{name}", getattr(LocalBus, name))
 
 
 def _described(name: str, found: Any) -> Iterator[str]:

@@ -15,7 +15,7 @@ from pathlib import Path
 from robot_health_monitor.core import Transition
 from robot_health_monitor.core.nodes import AlertSystem
 from robot_health_monitor.core.nodes.outlets import Event
-from robot_health_monitor.core.port.local import LocalBus
+from robot_health_monitor.core.port import LocalBus
 
 
 class CsvFile:

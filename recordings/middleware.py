@@ -28,7 +28,7 @@ _Delivery = Callable[[bytes, float], None]
 
 
 class Subscription:
-    """A node's subscription to a recorded topic; implements `core.middleware.Subscription`."""
+    """A node's subscription to a recorded topic; implements `core.port.Subscription`."""
 
     def __init__(self, node: LocalMiddleware, topic: str, callback: Callback) -> None:
         """Binds a callback of a node to a topic."""
@@ -39,7 +39,7 @@ class Subscription:
 
 
 class RecordedMiddleware(LocalMiddleware):
-    """One node that receives recorded messages; implements `core.middleware.Middleware`.
+    """One node that receives recorded messages; implements `core.port.Middleware`.
 
     Its publications have no listeners, its services have no callers, and `subscribe_raw` receives nothing: a recording
     is not recorded again.

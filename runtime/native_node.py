@@ -18,7 +18,7 @@ Log = Callable[[Severity, str], None]
 
 
 class NativeNode(ClockedNode):
-    """One node; the base of classes that implement `core.middleware.Middleware`."""
+    """One node; the base of classes that implement `core.port.Middleware`."""
 
     parameters: Any
     """Those of the node, with the method `given`."""

@@ -27,7 +27,7 @@ class Delivery(Protocol):
 
 
 class ClockedNode(abc.ABC):
-    """One node; the base of classes that implement `core.middleware.Middleware`."""
+    """One node; the base of classes that implement `core.port.Middleware`."""
 
     def __init__(
         self,

@@ -161,7 +161,7 @@ class LocalBus:
 
 
 class LocalMiddleware(MappingNode):
-    """One node on a `LocalBus`; implements `core.middleware.ServedMiddleware`."""
+    """One node on a `LocalBus`; implements `core.port.ServedMiddleware`."""
 
     knows_graph = True
 

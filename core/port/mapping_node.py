@@ -118,7 +118,7 @@ class RawSubscription(LoggedSubscription):
 
 
 class MappingNode(ClockedNode):
-    """One node; the base of classes that implement `core.middleware.Middleware`."""
+    """One node; the base of classes that implement `core.port.Middleware`."""
 
     knows_graph = False
     """Whether nodes and endpoints can be counted; then the class also has `follow_graph`."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pydoc
+import re
 import runpy
 from pathlib import Path
 from typing import Any
@@ -15,6 +17,12 @@ SCRIPT: dict[str, Any] = runpy.run_path(str(DOCS / "list_names.py"))
 def test_every_promised_name_exists_and_every_name_is_promised() -> None:
     wrong = SCRIPT["difference"](SCRIPT["promised"](), SCRIPT["names"]())
     assert wrong == "", f"\n{wrong}"
+
+
+def test_every_call_of_the_library_can_be_imported_under_its_name() -> None:
+    calls = {name for text in SCRIPT["names"]() for name in re.findall(r"^library ([\w.]+)\(", text)}
+    assert {"core.load_config", "core.Monitor.observe", "core.nodes.AlertSystem", "core.port.LocalBus.node"} <= calls
+    assert [name for name in sorted(calls) if pydoc.locate(f"robot_health_monitor.{name}") is None] == []
 
 
 def test_the_difference_says_what_to_do() -> None:
