@@ -1,4 +1,4 @@
-"""Writing the file of a report; test_replay.py has what it may replace."""
+"""Writing the file of a report; test_replay_reports.py has what it may replace."""
 
 from __future__ import annotations
 

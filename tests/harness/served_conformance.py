@@ -60,7 +60,7 @@ class ServedConformance:
 
     def test_a_definition_holds_those_of_the_types_within(self, harness: Harness, served: ServedMiddleware) -> None:
         if served.raw_format(FLOAT32).message_encoding == "json":
-            return  # tests/core/port/test_raw_messages.py
+            return  # tests/core/messages/test_raw_messages.py
         assert "float32 data" in served.raw_format(FLOAT32).schema
         text = served.raw_format("diagnostic_msgs/DiagnosticArray").schema
         parts = text.split("=" * 80 + "\n")
