@@ -528,7 +528,8 @@ def run_pytest(session: nox.Session, *tests: str) -> None:
     RESULTS.mkdir(parents=True, exist_ok=True)
     junit = RESULTS / f"{session.name}.xml"
     data = data_file(session.name)
-    for old in (junit, data):
+    exit_code = junit.with_suffix(".exit_code")
+    for old in (junit, data, exit_code):
         if old.exists():
             old.unlink()
     interpreter = session.env.pop("SHARED_PYTHON", "python")
@@ -540,7 +541,11 @@ def run_pytest(session: nox.Session, *tests: str) -> None:
             session.env["COVERAGE_CORE"] = "sysmon"
     timeout = ["timeout", "--foreground", "--signal=INT", "--kill-after=60", SESSION_TIMEOUT]
     pytest = [*python, "-m", "pytest", "-q", "--color=no", f"--junit-xml={junit}", *tests, *session.posargs]
-    session.run(*timeout, *pytest, external=True)
+    try:
+        session.run(*timeout, *pytest, external=True)
+    except nox.command.CommandFailed as failed:
+        exit_code.write_text(str(failed.return_code))
+        raise
 
 
 def data_file(session: str) -> Path:

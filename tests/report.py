@@ -1,4 +1,4 @@
-"""Prints the table at the end of `make test`: what passed, what did not run and why, and one line that counts it all.
+"""Prints the table at the end of `make test`: what passed, what did not run and why, what failed, and the totals.
 
 Reads nox's report and the JUnit files of pytest, whose folder is the only argument.
 """
@@ -14,24 +14,31 @@ from pathlib import Path
 from typing import Any, NamedTuple
 from xml.etree import ElementTree
 
+MOST_LINES = 30
+"""Of tests that failed."""
+
 
 class Counts(NamedTuple):
     """The results of one session."""
 
     passed: int
-    failed: int
+    failed: list[str]
+    """A line for each test that failed."""
     skipped: dict[str, int]
     """The number of skipped tests by reason."""
 
 
 def read_junit(file: Path) -> Counts:
     """Counts the tests of a session that ran pytest."""
-    passed = failed = 0
+    passed = 0
+    failed: list[str] = []
     skipped: dict[str, int] = Counter()
     for case in ElementTree.parse(file).iter("testcase"):
         skip = case.find("skipped")
-        if case.find("failure") is not None or case.find("error") is not None:
-            failed += 1
+        problem = next((child for child in case if child.tag in ("failure", "error")), None)
+        if problem is not None:
+            (why,) = problem.get("message", "").splitlines()[:1] or [problem.tag]
+            failed.append(f"{case.get('classname')}::{case.get('name')}: {why[:200]}")
         elif skip is not None:
             skipped[skip_reason(skip)] += 1
         else:
@@ -50,10 +57,12 @@ def skip_reason(skip: ElementTree.Element) -> str:
 
 def count(session: dict[str, Any], junit: Path) -> Counts:
     """Counts a session; one without pytest, or that failed outside its tests, counts as one test."""
-    counts = read_junit(junit) if junit.exists() else Counts(0, 0, {})
+    counts = read_junit(junit) if junit.exists() else Counts(0, [], {})
     if session["result"] == "success":
-        return counts if junit.exists() else Counts(1, 0, {})
-    return counts._replace(failed=max(1, counts.failed))
+        return counts if junit.exists() else Counts(1, [], {})
+    exit_code = junit.with_suffix(".exit_code")
+    ended = f": pytest ended with {exit_code.read_text()}" if exit_code.exists() else ""
+    return counts._replace(failed=counts.failed or [f"outside its tests{ended}; its output is above"])
 
 
 def main(results: Path) -> int:
@@ -62,8 +71,8 @@ def main(results: Path) -> int:
     if not report.exists():
         return 1
     print(f"\n{'session':<14}{'passed':>8}{'failed':>8}{'skipped':>9}{'seconds':>9}")
-    passed = failed = skipped = 0
-    not_run = []
+    passed = skipped = 0
+    not_run, failed = [], []
     for session in json.loads(report.read_text())["sessions"]:
         name = session["signatures"][0]
         if session["result"] == "skipped":
@@ -72,12 +81,16 @@ def main(results: Path) -> int:
         elif name.partition("-")[0] not in ("apt", "python"):  # which only prepare others
             counts = count(session, results / f"{name}.xml")
             of_session = sum(counts.skipped.values())
-            print(f"{name:<14}{counts.passed:>8}{counts.failed:>8}{of_session:>9}{session.get('duration', 0):>9.0f}")
+            seconds = session.get("duration", 0.0)
+            print(f"{name:<14}{counts.passed:>8}{len(counts.failed):>8}{of_session:>9}{seconds:>9.0f}")
             not_run += [f"{name}: {number} skipped: {reason}" for reason, number in counts.skipped.items()]
-            passed, failed, skipped = passed + counts.passed, failed + counts.failed, skipped + of_session
+            failed += [f"{name}: {line}" for line in counts.failed]
+            passed, skipped = passed + counts.passed, skipped + of_session
     if not_run:
         print("\nNot run on this machine:", *not_run, sep="\n  ")
-    print(f"\n{passed} passed, {failed} failed, {skipped} skipped")
+    if failed:
+        print("\nFailed:", *failed[:MOST_LINES], *(["..."] if failed[MOST_LINES:] else []), sep="\n  ")
+    print(f"\n{passed} passed, {len(failed)} failed, {skipped} skipped")
     return 1 if failed or not passed else 0
 
 
