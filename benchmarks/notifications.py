@@ -1,10 +1,8 @@
 """Time from a sample to its alert, with a history and five targets of which four hang, with a black box, and without.
 
 Three `robot-health run` take the same samples in turn from a rosbridge client. Each sample crosses the bound, so each
-is an alert. The time is that from sending the sample until both the message on `alerts` has reached the client and the
-line has reached the reader of stdout.
-
-Measured in the same round, on the same disk: one write, which is the rows of one transition committed by SQLite alone.
+is an alert. Measured in the same round, on the same disk: one write, which is the rows of one transition committed by
+SQLite alone.
 """
 
 from __future__ import annotations
@@ -17,7 +15,6 @@ import statistics
 import sys
 import tempfile
 import time
-from asyncio.subprocess import DEVNULL, PIPE
 from contextlib import AsyncExitStack
 from pathlib import Path
 from typing import Any, Awaitable, Callable, Iterator, Mapping
@@ -26,9 +23,9 @@ import aiohttp
 from aiohttp import web
 from harness.reserved import free_port
 
-from benchmarks.peers import listen
-from benchmarks.processes import alert_system, write_yaml
-from benchmarks.table import ROOT, Row
+from benchmarks.peers import listen, read_lines
+from benchmarks.processes import Process, alert_system, write_yaml
+from benchmarks.table import Row, figure
 
 PAUSE_S = 0.005
 """Pause before each measurement, in s: four contestants, so an alert_system alerts 40 times a second at most."""
@@ -46,32 +43,23 @@ async def _run(stack: AsyncExitStack, folder: Path, ops: object) -> Callable[[],
     Returns what sends a sample that changes the level, and waits until message and line have come.
     """
     folder.mkdir()
-    thresholds, port = alert_system(dict.fromkeys(_SIGNALS, _BATTERY), robot_name="r3"), free_port()
-    write_yaml(folder, thresholds=thresholds, ops=ops)
-    command = ["run", "--thresholds", folder / "thresholds.yaml", "--ops", folder / "ops.yaml", "--source", "none"]
-    command += ["--json", "--port", port, "--allow-publish", "*"]
-    process = await asyncio.create_subprocess_exec(
-        sys.executable, "-m", "robot_health_monitor", *map(str, command), cwd=ROOT, stdout=PIPE, stderr=DEVNULL
-    )
-    stack.push_async_callback(process.wait)
-    stack.callback(process.kill)
-    session, client = await stack.enter_async_context(aiohttp.ClientSession()), None
-    while client is None:
-        assert process.returncode is None, "robot-health run has ended"
-        try:
-            client = await session.ws_connect(f"ws://127.0.0.1:{port}")
-        except aiohttp.ClientConnectionError:
-            await asyncio.sleep(0.1)
+    port = free_port()
+    write_yaml(folder, thresholds=alert_system(dict.fromkeys(_SIGNALS, _BATTERY), robot_name="r3"), ops=ops)
+    command = [sys.executable, "-m", "robot_health_monitor", "run", "--json", "--port", port, "--allow-publish", "*"]
+    command += ["--source", "none", "--thresholds", folder / "thresholds.yaml", "--ops", folder / "ops.yaml"]
+    process = stack.enter_context(Process(command, answers=True))
+    output = await read_lines(process.stdout)
+    process.wait_for_port(port)
+    session = await stack.enter_async_context(aiohttp.ClientSession())
+    client = await session.ws_connect(f"ws://127.0.0.1:{port}")
     for signal in _SIGNALS:
         await client.send_json({"op": "advertise", "topic": f"/{signal}", "type": "std_msgs/Float32"})
     await client.send_json({"op": "subscribe", "topic": "/alerts", "type": "diagnostic_msgs/DiagnosticStatus"})
     await asyncio.sleep(1.0)
-    output = process.stdout
-    assert output is not None
-    samples = ((signal, value) for value in itertools.cycle((10.0, 30.0)) for signal in _SIGNALS)
+    samples = itertools.cycle(itertools.product((10.0, 30.0), _SIGNALS))
 
     async def measure() -> None:
-        signal, value = next(samples)
+        value, signal = next(samples)
         await client.send_json({"op": "publish", "topic": f"/{signal}", "msg": {"data": value}})
         await asyncio.wait_for(asyncio.gather(client.receive_str(), output.readline()), DEADLINE_S)
 
@@ -86,8 +74,7 @@ def _disk(file: Path) -> Callable[[], Awaitable[object]]:
 
     async def measure() -> None:
         connection.execute("BEGIN IMMEDIATE")
-        for size in (300, 728, 400, 1000):
-            connection.execute("INSERT INTO kept VALUES (?)", (bytes(size),))
+        connection.executemany("INSERT INTO kept VALUES (?)", [(bytes(size),) for size in (300, 728, 400, 1000)])
         connection.execute("COMMIT")
 
     return measure
@@ -105,18 +92,17 @@ async def _measure(count: int, folder: Path) -> dict[str, list[float]]:
     notify = {name: {"type": "webhook", "url": f"http://127.0.0.1:{port}"} for name, port in ports.items()}
     history = {"history": {"file": "run.db"}}
     recording = {**history, "black_box": {"folder": "black_box"}}
+    operations = {PLAIN: {}, HISTORY: {**history, "notify": notify}, BLACK_BOX: recording}
     async with AsyncExitStack() as stack:
-        operations = {PLAIN: {}, HISTORY: {**history, "notify": notify}, BLACK_BOX: recording}
         # At the same time: a client that waits for the others does not answer pings.
         runs = await asyncio.gather(*(_run(stack, folder / str(at), ops) for at, ops in enumerate(operations.values())))
         contestants = {**dict(zip(operations, runs)), DISK: _disk(folder / "disk.db")}
         times_s: dict[str, list[float]] = {name: [] for name in contestants}
-        for _ in range(count):
-            for name, measure in contestants.items():
-                await asyncio.sleep(PAUSE_S)
-                began_s = time.perf_counter()
-                await measure()
-                times_s[name].append(time.perf_counter() - began_s)
+        for _, (name, measure) in itertools.product(range(count), contestants.items()):
+            await asyncio.sleep(PAUSE_S)
+            began_s = time.perf_counter()
+            await measure()
+            times_s[name].append(time.perf_counter() - began_s)
     return times_s
 
 
@@ -125,9 +111,9 @@ def rows(count: int = 1000) -> Iterator[Row]:
     with tempfile.TemporaryDirectory() as folder:
         times_s = asyncio.run(_measure(count, Path(folder)))
     median = {name: statistics.median(each) for name, each in times_s.items()}
-    figure = {name: f"{median[name] * 1e6:.0f} us, worst {max(each) * 1e3:.1f} ms" for name, each in times_s.items()}
+    figures = {name: f"{figure(median[name], 'us')}, worst {figure(max(each), 'ms')}" for name, each in times_s.items()}
     what, remark = f"sample to alert at a client and on stdout, {count:,} alerts", "to without, after one disk write"
-    yield Row("one disk write", DISK, figure[DISK])
-    yield Row(what, PLAIN, figure[PLAIN])
+    yield Row("one disk write", DISK, figures[DISK])
+    yield Row(what, PLAIN, figures[PLAIN])
     for name in (HISTORY, BLACK_BOX):
-        yield Row(what, name, figure[name], (median[name] - median[DISK]) / median[PLAIN], 1.5, remark)
+        yield Row(what, name, figures[name], (median[name] - median[DISK]) / median[PLAIN], 1.5, remark)

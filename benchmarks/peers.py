@@ -5,44 +5,38 @@ Servers write their port when they are ready, clients `ready`; then each answers
     server                          this project's server in front of a local bus; `RATE_HZ SECONDS` sends messages at
                                     an even pace, and the answer is how many
     floor                           the same with the bare library: one encoded text to every client
-    monitor ROBOTS RATE_HZ [bare]   robots that are judged and served; `bare` is without page and API
     clients PORT COUNT [TOPIC]      subscribers of a topic, or pages that show robot0 with its plots; each line is
                                     answered with how many messages the one with the fewest has got
-    robots                          the servers of all robots, in one process, one connection each at
-                                    `/CONTESTANT/ROBOT`: they speak rosbridge in JSON; to the contestant `cbor` in CBOR,
-                                    to `foxglove` Foxglove's protocol with messages in CDR
+    robots COUNT RATE_HZ            the servers of all robots, in one process, one connection each at
+                                    `/CONTESTANT/ROBOT`: rosbridge in JSON, in CBOR (`cbor`), or Foxglove's protocol
     bare URL ROBOTS                 receives and parses what robots send, with aiohttp and json
-    alerts URL                      receives alerts; each line is answered with when the first of each robot came
 """
 
 from __future__ import annotations
 
 import asyncio
-import base64
 import contextlib
 import json
 import logging
-import os
+import math
 import struct
 import sys
 import time
+from functools import partial
 from typing import Any, Awaitable, Callable
 
 import aiohttp
 import cbor2
 from aiohttp import web
 
-from benchmarks.processes import answer
-from robot_health_monitor.core.nodes import AlertSystem
 from robot_health_monitor.core.port.local import LocalBus
-from robot_health_monitor.ops.store.active_silences import Silences
-from robot_health_monitor.ops.store.history import History
-from robot_health_monitor.ops.web import WebInterface
 from robot_health_monitor.rosbridge.protocol import DEFAULT_LIMITS
 from robot_health_monitor.rosbridge.server import Server
 
 SIGNALS = 10
 """Signals of each robot."""
+TICKS_HZ = 500
+"""How often `robots` sends some messages."""
 
 
 async def listen(accept: Callable[[web.Request], Awaitable[web.StreamResponse]], path: str = "/") -> int:
@@ -55,15 +49,28 @@ async def listen(accept: Callable[[web.Request], Awaitable[web.StreamResponse]],
     return int(runner.addresses[0][1])
 
 
-async def _serve(port: int, send: Callable[[int], Awaitable[None]]) -> None:
-    async def reply(rate_hz: str, seconds: str) -> int:
-        count, begin_s = int(float(rate_hz) * float(seconds)), time.monotonic()
-        for number in range(count):
-            await asyncio.sleep(max(0.0, begin_s + (number + 1) / float(rate_hz) - time.monotonic()))
-            await send(number)
-        return count
+async def read_lines(pipe: Any) -> asyncio.StreamReader:
+    """Returns what reads a pipe."""
+    lines = asyncio.StreamReader()
+    await asyncio.get_running_loop().connect_read_pipe(lambda: asyncio.StreamReaderProtocol(lines), pipe)
+    return lines
 
-    await answer(port, reply)
+
+async def _answer(first: object, reply: Callable[..., Awaitable[object]]) -> None:
+    """Writes a line that says that a peer is ready, then the reply to the words of each line that it is asked."""
+    print(first, flush=True)
+    lines = await read_lines(sys.stdin)
+    while words := (await lines.readline()).decode().split():
+        print(await reply(*words), flush=True)
+
+
+async def _paced(send: Callable[[int], Awaitable[None]], rate_hz: str | float, seconds: str | float) -> int:
+    """Calls `send` with 0, 1, ... at an even pace; returns how often."""
+    count, begin_s = round(float(rate_hz) * float(seconds)), time.monotonic()
+    for number in range(count):
+        await asyncio.sleep(max(0.0, begin_s + (number + 1) / float(rate_hz) - time.monotonic()))
+        await send(number)
+    return count
 
 
 async def _server() -> None:
@@ -77,7 +84,7 @@ async def _server() -> None:
     async def send(number: int) -> None:
         robot.publish("/battery_level", {"data": float(number)})
 
-    await _serve(served.port, send)
+    await _answer(served.port, partial(_paced, send))
 
 
 async def _floor() -> None:
@@ -95,54 +102,19 @@ async def _floor() -> None:
         for websocket in sockets:
             await websocket.send_str('{"op":"publish","topic":"/battery_level","msg":{"data":1000.0}}')
 
-    await _serve(await listen(accept), send)
-
-
-async def _monitor(count: str, rate_hz: str, kind: str = "") -> None:
-    """Judges and serves robots in real time."""
-    bus = LocalBus(time.monotonic(), on_log=lambda line: None, wall_time_s=time.time, clock=time.monotonic)
-    signal = {"unit": "%", "warn_below": 20.0, "error_below": 10.0, "hysteresis": 2.0}
-    settings = {f"signal_{number}": signal for number in range(SIGNALS)}
-    robots = []
-    for name in (f"robot{number}" for number in range(int(count))):
-        node = bus.node("alert_system", namespace=name, parameters={"robot_name": name, "signals": settings})
-        robots.append(AlertSystem(node, log_alerts=False))
-    outside = bus.node("outside")
-    topics = [f"/robot{robot}/{signal}" for robot in range(len(robots)) for signal in settings]
-    for topic in topics:
-        outside.advertise(topic, "std_msgs/Float32")
-    history = History(None)
-    interface = WebInterface(lambda: robots, history, Silences(history))
-    for robot in robots:
-        interface.watch(robot)
-    routes = (lambda client_of: ()) if kind == "bare" else interface.routes
-    server = Server(bus.node("rosbridge"), port=0, threads=False, routes=routes, on_close=interface.close)
-    await server.start()
-    print(server.port, flush=True)
-    next_s, number = time.monotonic(), 0
-    while True:
-        for topic in topics:
-            outside.publish(topic, {"data": 50.0 + number % 17})
-            number += 1
-        next_s += 1.0 / float(rate_hz)
-        while time.monotonic() < next_s:
-            bus.run_due(time.monotonic())
-            due_s = bus.next_due_s()
-            assert due_s is not None
-            await asyncio.sleep(max(0.0, min(due_s, next_s) - time.monotonic()))
+    await _answer(await listen(accept), partial(_paced, send))
 
 
 async def _clients(port: str, count: str, topic: str = "") -> None:
     """Clients that count messages by their beginnings, which costs less than to read them."""
-    counts = [0] * int(count)
-    request, mark = "GET /api/events?robot=robot0 HTTP/1.1\r\nHost: localhost\r\n\r\n", b"\ndata:"
-    subscription = b""
+    path, mark, headers, subscription = "/api/events?robot=robot0", b"\ndata:", "", b""
     if topic:
-        key, mark = base64.b64encode(os.urandom(16)).decode(), b'"op":"publish"'
-        request = "GET / HTTP/1.1\r\nHost: localhost\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
-        request += f"Sec-WebSocket-Key: {key}\r\nSec-WebSocket-Version: 13\r\n\r\n"
+        path, mark, headers = "/", b'"op":"publish"', "Upgrade: websocket\r\nConnection: Upgrade\r\n"
+        headers += f"Sec-WebSocket-Key: {'A' * 22}==\r\nSec-WebSocket-Version: 13\r\n"
         text = json.dumps({"op": "subscribe", "topic": topic}).encode()
         subscription = bytes([0x81, 0x80 | len(text)]) + bytes(4) + text
+    request = f"GET {path} HTTP/1.1\r\nHost: localhost\r\n{headers}\r\n".encode() + subscription
+    counts = [0] * int(count)
 
     async def read(index: int, reader: asyncio.StreamReader) -> None:
         rest = b""
@@ -157,38 +129,50 @@ async def _clients(port: str, count: str, topic: str = "") -> None:
     kept: list[Any] = []  # a connection ends with the last reference to it
     for index in range(len(counts)):
         reader, writer = await asyncio.open_connection("127.0.0.1", int(port))
-        writer.write(request.encode() + subscription)
+        writer.write(request)
         await reader.readuntil(b"\r\n\r\n")
         kept += [writer, asyncio.ensure_future(read(index, reader))]
     await asyncio.sleep(0.3)  # for the subscriptions to be taken
-    await answer("ready", fewest)
+    await _answer("ready", fewest)
 
 
 _SUBPROTOCOLS = {"cbor": ("rosbridge.v2.cbor",), "foxglove": ("foxglove.sdk.v1",)}
-_FLOAT32 = {
-    "encoding": "cdr", "schemaName": "std_msgs/msg/Float32", "schemaEncoding": "ros2msg", "schema": "float32 data",
-}  # fmt: skip
-_CHANNELS = [{"id": number, "topic": f"/signal_{number}", **_FLOAT32} for number in range(SIGNALS)]
+_FLOAT32 = {"schemaName": "std_msgs/msg/Float32", "schemaEncoding": "ros2msg", "schema": "float32 data"}
+_CHANNELS = [{"id": number, "topic": f"/signal_{number}", "encoding": "cdr", **_FLOAT32} for number in range(SIGNALS)]
 
 
-def _encoded(contestant: str, signal: int, value: float) -> str | bytes:
-    """Returns a message as a contestant gets it."""
-    if contestant == "foxglove":  # channels are subscribed to in their order; 256: the header of CDR, little endian
-        return struct.pack("<BIQIf", 1, signal, 0, 256, value)
+async def _send(socket: web.WebSocketResponse, contestant: str, signal: int, value: float) -> None:
+    """Sends a message as a contestant gets it."""
     message = {"op": "publish", "topic": f"/signal_{signal}", "msg": {"data": value}}
-    return cbor2.dumps(message) if contestant == "cbor" else json.dumps(message)
+    with contextlib.suppress(ConnectionResetError):  # it connects again
+        if contestant == "foxglove":  # channels are subscribed to in their order; 256: the header of CDR, little endian
+            await socket.send_bytes(struct.pack("<BIQIf", 1, signal, 0, 256, value))
+        elif contestant == "cbor":
+            await socket.send_bytes(cbor2.dumps(message))
+        else:
+            await socket.send_json(message)
 
 
-async def _robots() -> None:
+async def _receive_alerts(port: str, seen_s: dict[str, float]) -> None:
+    """Notes when the first alert of each robot came."""
+    async with aiohttp.ClientSession() as session, session.ws_connect(f"http://127.0.0.1:{port}/") as socket:
+        await socket.send_json({"op": "subscribe", "topic": "/alerts"})
+        async for message in socket:
+            seen_s.setdefault(json.loads(message.data)["msg"]["hardware_id"], time.monotonic())
+
+
+async def _robots(count: str, rate_hz: str) -> None:
     """Sends the same messages on every connection.
 
-    `wait COUNT` is answered once that many connections are subscribed. `send SECONDS` sends every signal once a second
-    on each connection, evenly spread; the answer is how many messages each contestant was sent. In each second, the
-    first signal of another robot is below its bound once; `low` is answered with when that was, in s, by robot.
+    A number of seconds sends every signal at RATE_HZ on each connection, evenly spread, as soon as COUNT are
+    subscribed; the answer is how many messages each contestant was sent. In each period, the first signal of another
+    robot is below its bound once. `alerts PORT` begins to receive the alerts of a contestant; `delays` is answered with
+    the time from each such sample to its alert, in s.
     """
     latest: dict[tuple[str, str], web.WebSocketResponse] = {}
-    contestants: set[str] = set()
     low_s: dict[str, float] = {}
+    seen_s: dict[str, float] = {}
+    receiving = []
 
     async def accept(request: web.Request) -> web.WebSocketResponse:
         contestant = request.match_info["contestant"]
@@ -197,45 +181,41 @@ async def _robots() -> None:
         if contestant == "foxglove":
             await socket.send_json({"op": "advertise", "channels": _CHANNELS})
         await socket.receive()  # the first subscription
-        contestants.add(contestant)
         latest[contestant, request.match_info["robot"]] = socket
         async for _ in socket:
             pass
         return socket
 
     async def send(seconds: float) -> int:
-        sockets = list(latest.items())
-        per_second = len(sockets) * SIGNALS
-        sent, begin_s, first_low = 0, time.monotonic(), len(low_s)
-        while sent < per_second * seconds:
-            await asyncio.sleep(0.002)
-            while sent < min((time.monotonic() - begin_s) * per_second, per_second * seconds):
-                signal, number = divmod(sent % per_second, len(sockets))
-                (contestant, robot), socket = sockets[number]
-                value = 60.0 + sent % 7
-                if signal == 0 and robot == f"robot{first_low + sent // per_second}":
-                    value = 5.0
-                    low_s.setdefault(robot, time.monotonic())
-                message = _encoded(contestant, signal, value)
-                with contextlib.suppress(ConnectionResetError):  # it connects again
-                    await (socket.send_str(message) if isinstance(message, str) else socket.send_bytes(message))
-                sent += 1
-        return sent // len(contestants)
-
-    async def reply(asked: str, value: str = "") -> object:
-        if asked == "send":
-            return await send(float(value))
-        while asked == "wait" and len(latest) < int(value):
+        while len(latest) < int(count):
             await asyncio.sleep(0.05)
-        return json.dumps(low_s)
+        sockets, first_low = list(latest.items()), len(low_s)
+        at_once, per_second = len(sockets) * SIGNALS, len(sockets) * SIGNALS * int(rate_hz)
+
+        async def send_some(tick: int) -> None:
+            for sent in range(per_second * tick // TICKS_HZ, per_second * (tick + 1) // TICKS_HZ):
+                signal, number = divmod(sent % at_once, len(sockets))
+                (contestant, robot), socket = sockets[number]
+                is_low = signal == 0 and robot == f"robot{first_low + sent // at_once}"
+                if is_low:
+                    low_s.setdefault(robot, time.monotonic())
+                await _send(socket, contestant, signal, 5.0 if is_low else 60.0 + sent % 7)
+
+        ticks = await _paced(send_some, TICKS_HZ, seconds)
+        return per_second * ticks // TICKS_HZ // len({contestant for contestant, _ in latest})
+
+    async def reply(asked: str, port: str = "") -> object:
+        if port:
+            receiving.append(asyncio.ensure_future(_receive_alerts(port, seen_s)))
+        if asked in ("alerts", "delays"):
+            return json.dumps([seen_s.get(robot, math.inf) - sent_s for robot, sent_s in low_s.items()])
+        return await send(float(asked))
 
     logging.getLogger("aiohttp.websocket").setLevel(logging.ERROR)  # no line about each client that can also do CBOR
-    await answer(await listen(accept, "/{contestant}/{robot}"), reply)
+    await _answer(await listen(accept, "/{contestant}/{robot}"), reply)
 
 
 async def _bare(url: str, robots: str) -> None:
-    """One task per connection."""
-
     async def read(session: aiohttp.ClientSession, number: int) -> None:
         async with session.ws_connect(f"{url}/robot{number}") as socket:
             await socket.send_str("{}")
@@ -246,20 +226,6 @@ async def _bare(url: str, robots: str) -> None:
         await asyncio.gather(*(read(session, number) for number in range(int(robots))))
 
 
-async def _alerts(url: str) -> None:
-    seen_s: dict[str, float] = {}
-
-    async def reply(_: str) -> str:
-        return json.dumps(seen_s)
-
-    async with aiohttp.ClientSession() as session, session.ws_connect(url) as socket:
-        await socket.send_json({"op": "subscribe", "topic": "/alerts"})
-        answering = asyncio.ensure_future(answer("ready", reply))
-        async for message in socket:
-            seen_s.setdefault(json.loads(message.data)["msg"]["hardware_id"], time.monotonic())
-        await answering
-
-
 if __name__ == "__main__":
-    roles = (_server, _floor, _monitor, _clients, _robots, _bare, _alerts)
+    roles = (_server, _floor, _clients, _robots, _bare)
     asyncio.run({role.__name__[1:]: role for role in roles}[sys.argv[1]](*sys.argv[2:]))

@@ -1,19 +1,12 @@
 """CPU time and memory of a replay, compared with rosbags reading the same recordings.
 
 Every contestant runs in a separate process, one after the other (`python -m benchmarks.recordings CONTESTANT FILE`),
-which imports the libraries of all. Parts of the table:
-
-- a million Float32 samples on three topics: `robot-health replay`, judging included, against rosbags' AnyReader
-  deserializing the same messages;
-- a recording with 95 % of its bytes in images: `robot-health replay`, and only reading the watched messages, against
-  AnyReader reading the watched messages;
-- a day of ten signals at 10 Hz.
+which imports the libraries of all. A replay includes judging.
 """
 
 from __future__ import annotations
 
 import json
-import subprocess
 import sys
 import tempfile
 import time
@@ -24,8 +17,8 @@ from rosbags import rosbag1, rosbag2
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
-from benchmarks.processes import alert_system, compile_source, write_yaml
-from benchmarks.table import ROOT, Row, beside, within
+from benchmarks.processes import alert_system, reported, run_python, write_yaml
+from benchmarks.table import Row, beside, side_by_side, within
 from robot_health_monitor.__main__ import main
 from robot_health_monitor.cli.commands import replay_command  # noqa: F401  # the time of its import is not measured
 from robot_health_monitor.recordings import mcap_file  # noqa: F401
@@ -43,7 +36,6 @@ FLOAT32 = "std_msgs/msg/Float32"
 
 def rows(rounds: int = 5) -> Iterator[Row]:
     """Measures and yields the rows of the table."""
-    compile_source(sys.executable)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         for form in FORMATS:
@@ -58,20 +50,15 @@ def rows(rounds: int = 5) -> Iterator[Row]:
         path = _write(folder / "day", "MCAP", topics, DAY_S * 100, 10_000_000)
         signal = {"warn_above": 56.5, "stale_after_s": 5.0}
         write_yaml(folder, thresholds=alert_system({topic[1:]: signal for topic in topics}))
-        used_s, memory_mb = _run(REPLAY, path, "--thresholds", str(folder / "thresholds.yaml"))
+        used_s, used_bytes = _run(REPLAY, path, "--thresholds", folder / "thresholds.yaml")
         what = "a day, ten signals at 10 Hz, MCAP"
         yield within(what, REPLAY, used_s, 120.0, "s")
-        yield _memory(what, REPLAY, memory_mb)
+        yield within(f"{what}, memory", REPLAY, used_bytes, 120.0, "MB")
 
 
-def _run(contestant: str, path: Path, *arguments: str) -> list[float]:
-    """Returns the CPU time in s and the memory in MB of one contestant."""
-    command = [sys.executable, "-m", "benchmarks.recordings", contestant, str(path), *arguments]
-    done = subprocess.run(command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, check=False)
-    last = done.stderr.strip().splitlines()[-1]
-    if done.returncode:
-        raise RuntimeError(last)
-    return list(json.loads(last))
+def _run(contestant: str, *arguments: object) -> list[float]:
+    """Returns the CPU time in s and the memory in bytes of one contestant."""
+    return list(json.loads(run_python("-m", "benchmarks.recordings", contestant, *arguments)))
 
 
 def _write(path: Path, form: str, topics: Sequence[str], count: int, period_ns: int, image_bytes: int = 0) -> Path:
@@ -97,26 +84,23 @@ def _write(path: Path, form: str, topics: Sequence[str], count: int, period_ns: 
 
 def _compared(what: str, path: Path, peer: str, required: Mapping[str, Any], rounds: int) -> Iterator[Row]:
     """Yields the rows of a peer and of what is compared with it."""
-    measured = [{name: _run(name, path) for name in (peer, *required)} for _ in range(rounds)]
-    used_s = {name: [each[name][0] for each in measured] for name in (peer, *required)}
-    for row in beside(what, used_s, "s", digits=2):
-        yield row._replace(required=required.get(row.contestant))
+    most_bytes = dict.fromkeys((peer, *required), 0.0)
+
+    def measure() -> dict[str, float]:
+        used = {name: _run(name, path) for name in most_bytes}
+        most_bytes.update({name: max(most_bytes[name], each[1]) for name, each in used.items()})
+        return {name: each[0] for name, each in used.items()}
+
+    for row in beside(what, side_by_side(measure, rounds), "s", required):
+        yield row
         if row.contestant != peer:
-            yield _memory(what, row.contestant, max(each[row.contestant][1] for each in measured))
-
-
-def _memory(what: str, contestant: str, memory_mb: float) -> Row:
-    return within(f"{what}, memory", contestant, memory_mb, 120.0, "MB")
+            yield within(f"{what}, memory", row.contestant, most_bytes[row.contestant], 120.0, "MB")
 
 
 def _play(contestant: str, path: str, *arguments: str) -> None:
     """Does what one contestant does."""
     if contestant == REPLAY:
-        sys.argv = ["robot-health", "replay", path, "--fail-on", "never", "--json", *arguments]
-        try:
-            code: object = main()
-        except SystemExit as end:
-            code = end.code
+        code = main(["replay", path, "--fail-on", "never", "--json", *arguments])
         assert not code, code
     elif contestant == READ:
         with Recordings([path]) as recordings:
@@ -132,8 +116,5 @@ def _play(contestant: str, path: str, *arguments: str) -> None:
 
 
 if __name__ == "__main__":
-    began_s = time.process_time()
-    _play(*sys.argv[1:])
-    used_s, status = time.process_time() - began_s, Path("/proc/self/status").read_text("ascii").splitlines()
-    memory = next(line for line in status if line.startswith("VmHWM"))  # ru_maxrss includes that of the parent
-    print(json.dumps([used_s, int(memory.split()[1]) / 1024]), file=sys.stderr)
+    with reported(time.process_time):
+        _play(*sys.argv[1:])

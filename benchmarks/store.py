@@ -2,110 +2,89 @@
 
 from __future__ import annotations
 
+import json
 import math
 import statistics
-import subprocess
 import sys
 import tempfile
 import time
-from contextlib import closing
-from functools import partial
+from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import Iterator
 
 from harness.histories import transition
 
-from benchmarks.processes import compile_source
-from benchmarks.table import ROOT, Row, in_turn, within
+from benchmarks.processes import reported, run_python
+from benchmarks.table import Row, figure, side_by_side, within
 from robot_health_monitor.core import Level, Monitor, Sample, load_config
 from robot_health_monitor.core.judge.continuity import Continuity
 from robot_health_monitor.ops.configuration import HistorySettings
 from robot_health_monitor.ops.store.history import History
 
-TRANSITIONS = 100_000
-DAYS = 30.0
-EVIDENCE = 60
-"""Samples per transition."""
-ROBOTS = 200
+TRANSITIONS, EVIDENCE = 100_000, 60
+"""Transitions in thirty days, and samples of each."""
+DAYS_S = 30.0 * 86_400.0
+ROBOTS, SECONDS = 200, 120
 SIGNALS = tuple(f"signal_{number}" for number in range(10))
 _LEVELS = (Level.OK, Level.WARN, Level.ERROR, Level.STALE)
-_START = """
-import resource, sys, time
-from robot_health_monitor.ops.configuration import HistorySettings
-from robot_health_monitor.ops.store.history import History
-begin_s = time.perf_counter()
-history = History(HistorySettings(sys.argv[1], keep_mb=10000.0))
-history.of_robot("r1").restore()
-took_s = time.perf_counter() - begin_s
-history.close()
-print(took_s, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
-"""
 
 
-def history(rounds: int = 5, count: int = TRANSITIONS) -> Iterator[Row]:
+def history(rounds: int = 5) -> Iterator[Row]:
     """Compares an empty file with one of thirty days. Each step is a separate process, as a user would start it."""
-    compile_source(sys.executable)
-    memory_kb = {}
     with tempfile.TemporaryDirectory() as folder:
         empty, full = Path(folder, "empty.db"), Path(folder, "full.db")
         _write(empty, 0)
-        _write(full, count)
+        _write(full, TRANSITIONS)
 
-        def start_s(file: Path) -> float:
-            took_s, memory_kb[file] = map(float, _run("-c", _START, str(file)).split())
-            return took_s
+        def measure() -> dict[str, float]:
+            figures = {}
+            for file in (empty, full):
+                start = json.loads(run_python("-m", "benchmarks.store", file))
+                figures[f"start {file.stem}"], figures[f"memory {file.stem}"] = start
+                begin_s = time.perf_counter()
+                run_python("-m", "robot_health_monitor", "history", file, "--since", "24h")
+                figures[f"since {file.stem}"] = time.perf_counter() - begin_s
+            return figures
 
-        def since_s(file: Path) -> float:
-            begin_s = time.perf_counter()
-            _run("-m", "robot_health_monitor", "history", str(file), "--since", "24h")
-            return time.perf_counter() - begin_s
-
-        steps = {
-            f"{step.__name__} {file.stem}": partial(step, file) for step in (start_s, since_s) for file in (empty, full)
-        }
-        took = {name: statistics.median(times_s) for name, times_s in in_turn(steps, rounds).items()}
-        size = f"{count:,} transitions with {EVIDENCE} samples each ({full.stat().st_size / 1e6:.0f} MB)"
-    yield within(f"history, {size}", "start", took["start_s full"], 1.0, "s", digits=2)
-    yield Row("history --since 24h, empty file", "command", f"{took['since_s empty']:.2f} s")
-    yield within(f"history --since 24h, {size}", "command", took["since_s full"], 0.5, "s", "wall time", digits=2)
-    more_mb = (memory_kb[full] - memory_kb[empty]) / 1e3
-    yield within(f"history, {size}", "memory", more_mb, 10.0, "MB", "more than with an empty file", digits=1)
+        median = {name: statistics.median(each) for name, each in side_by_side(measure, rounds).items()}
+        size = f"{TRANSITIONS:,} transitions with {EVIDENCE} samples each ({full.stat().st_size / 1e6:.0f} MB)"
+    what, since = f"history, {size}", "history --since 24h"
+    yield within(what, "start", median["start full"], 1.0, "s")
+    yield Row(f"{since}, empty file", "command", figure(median["since empty"], "s"))
+    yield within(f"{since}, {size}", "command", median["since full"], 0.5, "s", "wall time")
+    more_bytes = median["memory full"] - median["memory empty"]
+    yield within(what, "memory", more_bytes, 10.0, "MB", "more than with an empty file")
 
 
 def _write(file: Path, count: int) -> None:
     """Writes a history whose last transition is now."""
     end_s = time.time()
-    now_s = end_s - DAYS * 86_400.0
-    written = History(HistorySettings(str(file), keep_days=1e4, keep_mb=1e4), lambda: now_s)
-    robot = written.of_robot("r1")
-    robot.restore()
-    for number in range(count):
-        now_s = end_s - DAYS * 86_400.0 * (1.0 - (number + 1) / count)
-        samples = [(now_s - EVIDENCE + place, 19.0 + math.sin(place / 9.0 + number)) for place in range(EVIDENCE)]
-        turn, place = divmod(number, len(SIGNALS))
-        signal, before, after = SIGNALS[place], _LEVELS[turn % 4], _LEVELS[(turn + 1) % 4]
-        text = f"{signal} {after.name}: 19.5 % is below 20 % (was {before.name} for 312 s)"
-        record = transition(number, after, from_level=before, signal=signal, fingerprint=f"{place:016x}", text=text)
-        robot.record(record, {"level": "WARN"}, samples)
-    now_s = end_s
-    written.close()
-
-
-def _run(*arguments: str) -> str:
-    return subprocess.run([sys.executable, *arguments], cwd=ROOT, check=True, capture_output=True, text=True).stdout
+    now_s = end_s - DAYS_S
+    with closing(History(HistorySettings(str(file), keep_days=1e4, keep_mb=1e4), lambda: now_s)) as written:
+        robot = written.of_robot("r1")
+        robot.restore()
+        for number in range(count):
+            now_s = end_s - DAYS_S * (1.0 - (number + 1) / count)
+            samples = [(now_s - EVIDENCE + place, 19.0 + math.sin(place / 9.0 + number)) for place in range(EVIDENCE)]
+            turn, place = divmod(number, len(SIGNALS))
+            signal, before, after = SIGNALS[place], _LEVELS[turn % 4], _LEVELS[(turn + 1) % 4]
+            text = f"{signal} {after.name}: 19.5 % is below 20 % (was {before.name} for 312 s)"
+            record = transition(number, after, from_level=before, signal=signal, fingerprint=f"{place:016x}", text=text)
+            robot.record(record, {"level": "WARN"}, samples)
+        now_s = end_s
 
 
 def samples(rounds: int = 5) -> Iterator[Row]:
     """Compares a history with samples and one without: what collecting, taking and writing them adds."""
-    measured = in_turn({"without": lambda: _percent(False), "with": lambda: _percent(True)}, rounds)
-    added = statistics.median(more - less for less, more in zip(measured["without"], measured["with"]))
+    used = side_by_side(lambda: {"without": _share(False), "with": _share(True)}, rounds)
+    added = statistics.median(more - less for less, more in zip(used["without"], used["with"]))
     what = f"{ROBOTS} robots, {len(SIGNALS)} signals each at 1 Hz"
-    yield Row(what, "without samples", f"{statistics.median(measured['without']):.2f} %")
-    yield within(what, "samples add", added, 1.0, "% of a core", digits=2)
+    yield Row(what, "without samples", figure(statistics.median(used["without"]), "%"))
+    yield within(what, "samples add", added, 1.0, "% of a core")
 
 
-def _percent(samples: bool, seconds: int = 120) -> float:
-    """Returns the CPU time per second of the robots' time, in %."""
+def _share(samples: bool) -> float:
+    """Returns the CPU time per second of the robots' time."""
     now_s = 0.0
     config = load_config({"signals": {name: {"warn_below": 5.0, "stale_after_s": 5.0} for name in SIGNALS}})
     with tempfile.TemporaryDirectory() as folder:
@@ -117,7 +96,7 @@ def _percent(samples: bool, seconds: int = 120) -> float:
                 continuity.restore(0.0, at_first_call=False)
             store.run(lambda connection: None, 100.0)
             begin_s = time.process_time()
-            for second in range(seconds):
+            for second in range(SECONDS):
                 now_s = second + 0.3
                 for monitor, continuity in robots:
                     for name in SIGNALS:
@@ -125,4 +104,10 @@ def _percent(samples: bool, seconds: int = 120) -> float:
                     monitor.tick(now_s)
                     continuity.save(now_s)
                 store.run(lambda connection: None, 100.0)  # waits until everything is written
-            return (time.process_time() - begin_s) / seconds * 100.0
+            return (time.process_time() - begin_s) / SECONDS
+
+
+if __name__ == "__main__":
+    with ExitStack() as running, reported(time.perf_counter):
+        opened = running.enter_context(closing(History(HistorySettings(sys.argv[1], keep_mb=1e4))))
+        opened.of_robot("r1").restore()

@@ -41,42 +41,48 @@ class Row(NamedTuple):
         return "met" if self.ratio <= self.required else "missed"
 
 
-def within(what: str, contestant: str, value: float, limit: float, unit: str, remark: str = "", digits: int = 0) -> Row:
-    """Returns the row of a figure that must not exceed a limit, of the same unit."""
+_FACTORS = {"us": 1e6, "ms": 1e3, "ms/s": 1e3, "%": 100.0, "% of a core": 100.0, "MB": 1e-6}
+"""Units of the table; what is measured is in s, bytes and shares of a core. Other units are written as measured."""
+
+
+def figure(value: float, unit: str) -> str:
+    """Returns three digits of what was measured, in a unit."""
+    value *= _FACTORS.get(unit, 1.0)
+    return f"{value:.{2 if value < 10.0 else 1 if value < 100.0 else 0}f} {unit}"
+
+
+def within(what: str, contestant: str, value: float, limit: float, unit: str, remark: str = "") -> Row:
+    """Returns the row of a figure that must not exceed a limit, which is in the unit of the row."""
     remark = f"{remark}, to {limit:g} {unit}" if remark else f"to {limit:g} {unit}"
-    return Row(what, contestant, f"{value:.{digits}f} {unit}", value / limit, 1.0, remark)
+    return Row(what, contestant, figure(value, unit), value * _FACTORS.get(unit, 1.0) / limit, 1.0, remark)
 
 
 def beside(
     what: str,
-    figures: Mapping[str, Sequence[float]],
+    measured: Mapping[str, Sequence[float]],
     unit: str,
-    required: float | None = None,
+    required: Mapping[str, float] | float | None = None,
     remark: str = "",
-    digits: int = 0,
 ) -> Iterator[Row]:
-    """Yields the rows of contestants that were measured side by side; ratios are to the first of them."""
-    peer, *_ = figures
-    for name, values in figures.items():
-        row = Row(what, name, f"{statistics.median(values):.{digits}f} {unit}")
-        ratio = median_ratio(values, figures[peer])
-        yield row if name == peer else row._replace(ratio=ratio, required=required, remark=f"to {peer}{remark}")
+    """Yields the rows of contestants that were measured side by side; ratios are to the first of them.
+
+    `required` is the largest ratio of all the others, or of those that it names. Each ratio is the median of the
+    ratios of the rounds.
+    """
+    peer, *_ = measured
+    for name, values in measured.items():
+        row = Row(what, name, figure(statistics.median(values), unit))
+        if name != peer:
+            ratio = statistics.median(above / below for above, below in zip(values, measured[peer]))
+            limit = required.get(name) if isinstance(required, Mapping) else required
+            row = row._replace(ratio=ratio, required=limit, remark=f"to {peer}{remark}")
+        yield row
 
 
-def in_turn(contestants: Mapping[str, Callable[[], float]], rounds: int) -> dict[str, list[float]]:
-    """Measures contestants one after the other, round after round; returns all figures but those of the first round."""
-    figures: dict[str, list[float]] = {name: [] for name in contestants}
-    for number in range(rounds + 1):
-        for name, measure in contestants.items():
-            figure = measure()
-            if number:
-                figures[name].append(figure)
-    return figures
-
-
-def median_ratio(numerators: Sequence[float], denominators: Sequence[float]) -> float:
-    """Returns the median of the ratios of figures measured side by side."""
-    return statistics.median(above / below for above, below in zip(numerators, denominators))
+def side_by_side(measure: Callable[[], Mapping[str, float]], rounds: int) -> dict[str, list[float]]:
+    """Measures all contestants round after round; returns the figures of each, without those of the first round."""
+    measured = [measure() for _ in range(rounds + 1)][1:]
+    return {name: [each[name] for each in measured] for name in measured[0]}
 
 
 def table(rows: Iterable[Row]) -> str:
@@ -115,8 +121,8 @@ def changed_files() -> str:
 def version() -> str:
     """Returns one line: the commit, its date, the machine."""
     commit, date = _git("show", "--no-patch", "--format=%h %cs").split()
-    models = [line for line in Path("/proc/cpuinfo").read_text("utf-8").splitlines() if line.startswith("model name")]
-    processor = models[0].partition(":")[2].strip() if models else platform.machine()
+    model = re.search(r"model name\s*: (.*)", Path("/proc/cpuinfo").read_text("utf-8"))
+    processor = model[1] if model else platform.machine()
     return f"Commit {commit} of {date}; {processor}, {os.cpu_count()} cores; Python {platform.python_version()}."
 
 
