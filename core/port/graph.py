@@ -38,7 +38,9 @@ def is_pattern(name: str) -> bool:
 
 def matching(wanted: Collection[Wanted], key: str, names: Iterable[str]) -> set[str]:
     """Returns the names that are counted for a key."""
-    return {each for each in names if any(its_key == key and matches_pattern(each, name) for its_key, name in wanted)}
+    exact = {name for its_key, name in wanted if its_key == key}
+    patterns = list(filter(is_pattern, exact))  # most are names, and need no comparison with each of `names`
+    return {each for each in names if each in exact or any(matches_pattern(each, pattern) for pattern in patterns)}
 
 
 def count(
@@ -52,11 +54,12 @@ def count(
     {('node', '/lidar_*'): 2.0}
     """
     numbers = {"node": Counter(nodes), "publishers": Counter(publishers), "subscribers": Counter(subscribers)}
-    return {
-        (key, name): float(sum(number for each, number in numbers[key].items() if matches_pattern(each, name)))
-        for key, name in wanted
-        if key in numbers
-    }
+    counts: Counts = {}
+    for key, name in wanted:
+        if key in numbers:
+            names = matching([(key, name)], key, numbers[key]) if is_pattern(name) else [name]
+            counts[key, name] = float(sum(numbers[key][each] for each in names))
+    return counts
 
 
 def state_of(response: JsonObject) -> float:
