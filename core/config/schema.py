@@ -47,7 +47,7 @@ from typing import (
     get_type_hints,
 )
 
-from ..values import ConfigError, JsonObject, Level, MessageError, Path, Problems, describe, list_text
+from ..values import ConfigError, JsonObject, Level, MessageError, Path, Problems, describe, list_text, shallow_json
 from .parameters import MOST_SHOWN, Convert, Parameter
 
 T = TypeVar("T")
@@ -232,8 +232,8 @@ def _read_text(parameter: Parameter, texts: Mapping[str, str]) -> Any:
 
 def _object_in(text: object) -> Optional[JsonObject]:
     try:
-        value = json.loads(text)  # type: ignore[arg-type]
-    except (TypeError, ValueError, RecursionError):
+        value = json.loads(shallow_json(text))  # type: ignore[arg-type]
+    except (AttributeError, TypeError, ValueError, RecursionError):
         return None
     return value if isinstance(value, dict) else None
 

@@ -32,6 +32,7 @@ from ..values import (
     matches_pattern,
     parse_field_path,
     printable,
+    shallow_json,
     too_many,
 )
 from .definitions import NUMBERS, SEQUENCE, Definition, Definitions, Field, parse_definition
@@ -147,7 +148,7 @@ def json_getter(topic: str, type_name: str, field: str) -> Getter:
 
     def get(data: bytes) -> Any:
         try:
-            message = json.loads(data)
+            message = json.loads(shallow_json(data.decode("utf-8")))
         except RecursionError:
             raise ValueError("nested too deeply") from None
         if not isinstance(message, dict):

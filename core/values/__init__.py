@@ -52,20 +52,21 @@ from .formatting import (
 from .goals import STATUS_TOPICS, STATUS_TYPES, Goals
 from .model import Changes, Clock, Forecast, JsonObject, Level, Message, Report, Sample, Status, Transition
 from .names import canonical_type, full_name, is_namespace, resolve_name, split_type_name
+from .nesting import shallow_json
 from .patterns import matches_pattern
 from .reduction import REDUCTIONS, Element, Reduced, reduced
 from .version import package_version
 from .where import COMPARE, is_equal, parse_where, selected, selection
 
 __all__ = [
-    "ABSENT", "ARRAY_TYPE", "Age", "BadDatum", "COMPARE", "Changes", "Clock", "ConfigError", "DriverStatus", "Element",
-    "Elements", "Every", "Fault", "Faults", "Forecast", "Getter", "Goals", "JsonObject", "Keyed", "Level", "LinkDown",
-    "LinkError", "MOST_ELEMENTS", "Message", "MessageError", "NAME_ARRAYS", "OWN_KEY", "OWN_TOPICS", "PARAMETERS_FAULT",
-    "Path", "Problems", "REDUCTIONS", "Reduced", "Report", "STATUS_TOPICS", "STATUS_TYPE", "STATUS_TYPES", "Sample",
-    "ServiceError", "Stamp", "Status", "Step", "TIME_TYPES", "Transition", "bound_text", "canonical_type",
-    "count_text", "datum_text", "describe", "duration_text", "element_path", "every_step", "fingerprint",
-    "full_name", "is_equal", "is_namespace", "is_own_status", "key_field", "leading_path", "list_text",
+    "ABSENT", "ARRAY_TYPE", "Age", "BadDatum", "COMPARE", "Changes", "Clock", "ConfigError", "DriverStatus",
+    "Element", "Elements", "Every", "Fault", "Faults", "Forecast", "Getter", "Goals", "JsonObject", "Keyed", "Level",
+    "LinkDown", "LinkError", "MOST_ELEMENTS", "Message", "MessageError", "NAME_ARRAYS", "OWN_KEY", "OWN_TOPICS",
+    "PARAMETERS_FAULT", "Path", "Problems", "REDUCTIONS", "Reduced", "Report", "STATUS_TOPICS", "STATUS_TYPE",
+    "STATUS_TYPES", "Sample", "ServiceError", "Stamp", "Status", "Step", "TIME_TYPES", "Transition", "bound_text",
+    "canonical_type", "count_text", "datum_text", "describe", "duration_text", "element_path", "every_step",
+    "fingerprint", "full_name", "is_equal", "is_namespace", "is_own_status", "key_field", "leading_path", "list_text",
     "mapping_getter", "matches_pattern", "number_of_text", "number_text", "package_version", "parse_field_path",
-    "parse_where", "printable", "reduced", "resolve_name", "selected", "selection", "split_type_name",
+    "parse_where", "printable", "reduced", "resolve_name", "selected", "selection", "shallow_json", "split_type_name",
     "steps_getter", "summary_of", "too_many", "with_ages", "with_degree_sign", "with_hint", "with_unit",
 ]  # fmt: skip

@@ -17,7 +17,7 @@ from typing import Iterator, List, Mapping, Sequence, Tuple
 
 from ...core.config import LINK, template_name
 from ...core.judge import Downtime, SavedState, is_source
-from ...core.values import Level, matches_pattern
+from ...core.values import Level, matches_pattern, shallow_json
 from .queries import pattern_condition, transitions
 from .rows import StoredTransition, select
 
@@ -214,12 +214,12 @@ def _note_link(ups: _Spans, wall_s: float, level: Level) -> None:
 def _known_s(state: object, now_s: float) -> float:
     """Returns how long the announced level in a saved state has been known, in s; infinity if it does not say."""
     try:
-        saved = SavedState(now_s, json.loads(state), Downtime(now_s, now_s))  # type: ignore[arg-type]
+        saved = SavedState(now_s, json.loads(shallow_json(state)), Downtime(now_s, now_s))  # type: ignore[arg-type]
         if saved.section("announced").value("never_known", False, False):
             return 0.0
         since = saved.section("since")
         announced, unknown = since.value("announced", None, float), since.value("unknown", None, float)
-    except (TypeError, ValueError, RecursionError):  # also UnusableStateError
+    except (AttributeError, TypeError, ValueError, RecursionError):  # also UnusableStateError
         return math.inf
     return math.inf if announced is None else max(0.0, (now_s if unknown is None else unknown) - announced)
 

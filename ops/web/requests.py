@@ -10,6 +10,7 @@ from typing import Any, Mapping, Tuple
 
 from aiohttp import web
 
+from ...core.values import shallow_json
 from ...runtime.access import is_own_origin
 from ...runtime.http_answers import SECURITY_HEADERS, ApiError
 from ..plot import plot_script, plot_style
@@ -57,7 +58,7 @@ async def read_object(request: web.Request, limit: BodyLimit = WITH_TOKEN) -> di
     except asyncio.IncompleteReadError as end:
         body = end.partial
     try:
-        value = json.loads(body.decode("utf-8"))
+        value = json.loads(shallow_json(body.decode("utf-8")))
     except (ValueError, RecursionError):
         value = None
     if not isinstance(value, dict):

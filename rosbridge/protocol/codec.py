@@ -16,7 +16,7 @@ import struct
 from typing import Any, Callable, Sequence, Union
 
 from ...core.messages import json_text
-from ...core.values import JsonObject, MessageError, describe
+from ...core.values import JsonObject, MessageError, describe, shallow_json
 from ...runtime.libraries import missing_text
 from .limits import DEFAULT_LIMITS, Limits, ProtocolError
 
@@ -64,19 +64,16 @@ def decode(data: Wire, limits: Limits) -> dict[str, Any]:
 def _decode_json(data: Wire, limits: Limits) -> object:
     try:
         text = data.decode("utf-8") if isinstance(data, bytes) else data
-        brackets = text.count("{") + text.count("[")
-        if brackets > limits.containers:
+        if text.count("{") + text.count("[") > limits.containers:
             raise ProtocolError(f"more than {limits.containers} lists and objects")
-        decoded = _DECODER.decode(text)
+        decoded = _DECODER.decode(shallow_json(text, limits.nesting))
         if "\\u" in text and _SURROGATE.search(text):
             # Half of a surrogate pair in one name must not cost the other names of a message.
             decoded = json.loads(json.dumps(decoded, ensure_ascii=False).encode("utf-8", "replace"))
-        if brackets > limits.nesting:
-            _check_nesting(decoded, limits.nesting)
     except ProtocolError:
         raise
-    except RecursionError:
-        raise ProtocolError(f"nested more than {limits.nesting} levels deep") from None
+    except RecursionError as error:
+        raise ProtocolError(str(error)) from None
     except UnicodeDecodeError:
         raise ProtocolError("not UTF-8") from None
     except ValueError as error:
@@ -90,14 +87,6 @@ def _read_integer(digits: str) -> float:
 
 
 _DECODER = json.JSONDecoder(parse_int=_read_integer)
-
-
-def _check_nesting(value: Any, levels: int) -> None:
-    if isinstance(value, (dict, list)):
-        if not levels:
-            raise RecursionError
-        for child in value.values() if isinstance(value, dict) else value:
-            _check_nesting(child, levels - 1)
 
 
 def encode(fields: JsonObject, compression: str = "none", *, is_large: bool = False) -> Wire:
