@@ -298,10 +298,14 @@ class Monitor:
         """
         self._wall_offset_s = wall_offset_s
         if self._make_collector is None:
-            self.collect_samples(lambda signal: SampleCollector(lambda: self._wall_offset_s))
+            offset_s = self._current_wall_offset_s  # one function for all signals
+            self.collect_samples(lambda signal: SampleCollector(offset_s))
         collectors = ((name, signal.collector) for name, signal in self._signals.items())
         taken = ((name, each.take(now_s)) for name, each in collectors if each is not None)
         return {name: summaries for name, summaries in taken if summaries}
+
+    def _current_wall_offset_s(self) -> float:
+        return self._wall_offset_s
 
     def collect_samples(self, make: Callable[[SignalMonitor], SampleCollector]) -> None:
         """Passes every sample to a collector of its signal, which `make` returns, now or when an element comes."""

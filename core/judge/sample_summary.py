@@ -45,6 +45,11 @@ NO_SAMPLES = SampleSummary(0.0, None, None, None, None, 0, 0, Level.OK)
 class SampleCollector:
     """Collects the samples of one signal. Times (`now_s`) are the monitor's."""
 
+    __slots__ = (
+        "_bad", "_begin_s", "_count", "_end_s", "_good", "_last", "_least", "_level", "_mean", "_most", "_number",
+        "_waiting", "_wall_offset_s",
+    )  # fmt: skip
+
     def __init__(self, wall_offset_s: Callable[[], float] | None = None) -> None:
         """Starts without a period; `wall_offset_s` returns the wall time, in s since 1970, minus the monitor's time.
 

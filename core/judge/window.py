@@ -20,8 +20,7 @@ from __future__ import annotations
 import math
 import operator
 from array import array
-from bisect import bisect_right
-from collections import deque
+from bisect import bisect_left, bisect_right
 from typing import Callable, Sequence, Tuple
 
 Samples = Sequence[Tuple[float, float]]
@@ -113,8 +112,8 @@ class Window:
     """
 
     __slots__ = (
-        "_began_s", "_candidates", "_first", "_sums", "_sums_of_line", "_times", "_values", "window_min_s", "window_s",
-        "window_samples",
+        "_began_s", "_first", "_largest", "_smallest", "_sums", "_sums_of_line", "_times", "_values", "window_min_s",
+        "window_s", "window_samples",
     )  # fmt: skip
 
     def __init__(self, window_s: float, window_samples: int, window_min_s: float = 0.0) -> None:
@@ -140,8 +139,9 @@ class Window:
         self._first = 0
         self._sums: Sums | None = None
         self._sums_of_line: Sums | None = None
-        self._candidates: dict[Callable[[float, float], bool], deque[int]] = {}
-        """Indices of the samples that may be the smallest or the largest, by what compares two of them."""
+        self._smallest: list[int] = []
+        """Indices of the samples that may be the smallest."""
+        self._largest: list[int] = []
 
     def __len__(self) -> int:
         return len(self._values) - self._first
@@ -220,24 +220,22 @@ class Window:
 
     def min(self) -> float | None:
         """The smallest value."""
-        return self._best(operator.lt)
+        return self._best(self._smallest, operator.lt)
 
     def max(self) -> float | None:
         """The largest value."""
-        return self._best(operator.gt)
+        return self._best(self._largest, operator.gt)
 
-    def _best(self, is_better: Callable[[float, float], bool]) -> float | None:
-        """Returns the value of which no other one is better."""
+    def _best(self, candidates: list[int], is_better: Callable[[float, float], bool]) -> float | None:
+        """Returns the value of which no other one is better; keeps the indices of those that may become it."""
         values = self._values
         if not len(self):
             return None
-        candidates = self._candidates.setdefault(is_better, deque())
         for at in range(candidates[-1] + 1 if candidates else self._first, len(values)):
             while candidates and not is_better(values[candidates[-1]], values[at]):
                 candidates.pop()
             candidates.append(at)
-        while candidates[0] < self._first:
-            candidates.popleft()
+        del candidates[: bisect_left(candidates, self._first)]
         return values[candidates[0]]
 
     def mean(self) -> float | None:

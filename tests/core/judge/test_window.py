@@ -226,7 +226,7 @@ def test_no_array_grows_beyond_three_times_the_window() -> None:
         assert window.max() == max(value for _, value in window.samples(100))
         assert len(window) <= 50
         assert len(window._times) == len(window._values) <= 151  # the samples, and twice as many that have left
-        assert all(len(candidates) <= 50 for candidates in window._candidates.values())
+        assert len(window._largest) <= 50
 
 
 def test_samples_of_a_small_window_are_all_of_them() -> None:
