@@ -85,18 +85,18 @@ class SignalSummary:
     begun_s: float = -math.inf  # when its latest alert began
     caused: tuple[float, str] = (-math.inf, "")  # begin and name of the latest alert of which it was an effect
     _collector: SampleCollector = field(default_factory=SampleCollector)
-    _last_s: float = math.nan
+    _last_s: float | None = None
     """When the latest sample came."""
     _lasted_s: dict[Level, float] = field(default_factory=lambda: dict.fromkeys(Level, 0.0))
 
     def note_sample(self, played_s: float, value: float | None, good: bool) -> None:
         """Notes a sample; with the first one it is OK, unless an alert came before."""
         self._collector.note(value, played_s, good=good)
-        if not math.isnan(self._last_s):
-            self.longest_gap_s = max(self.longest_gap_s or 0.0, played_s - self._last_s)
-        self._last_s = played_s
-        if self.since_s is None:
-            self.since_s = played_s
+        last_s, self._last_s = self._last_s, played_s
+        if last_s is None:
+            self.since_s = played_s if self.since_s is None else self.since_s
+        elif self.longest_gap_s is None or played_s - last_s > self.longest_gap_s:
+            self.longest_gap_s = played_s - last_s
 
     def note(self, transition: Transition, played_s: float) -> None:
         """Notes what was announced."""
@@ -203,13 +203,15 @@ class Judge:
 
     def find(self, file: str, name: str) -> SignalSummary | None:
         """Returns a signal by its name; that of an element or a source begins to be measured. None if not judged."""
-        key, template = (file, name), self._templates.get((file, template_name(name)))
-        if key not in self._signals and (is_source(name) or template is not None):
-            config, topic = replace(_OF_SOURCE, name=name), name
-            if template is not None:
-                config, topic = replace(template, name=name), self._signals[file, template.name].topic
-            self._signals[key] = SignalSummary(file, config, topic, True, "")
-        return self._signals.get(key)
+        known = self._signals.get((file, name))
+        template = None if known else self._templates.get((file, template_name(name)))
+        if known or (template is None and not is_source(name)):
+            return known
+        config, topic = replace(_OF_SOURCE, name=name), name
+        if template is not None:
+            config, topic = replace(template, name=name), self._signals[file, template.name].topic
+        added = self._signals[file, name] = SignalSummary(file, config, topic, True, "")
+        return added
 
     @property
     def _played_s(self) -> float:
