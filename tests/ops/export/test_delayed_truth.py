@@ -115,7 +115,8 @@ def test_what_vmagent_has_kept_on_its_disk_for_6_h_is_delivered_once_although_it
 
         proxy.refusing = False
         each = {(f"s{signal}",): float(steps) for signal in range(signals)}
-        until(lambda: fleet.by_label(stored, "signal") == each, lambda: fleet.by_label(stored, "signal"))
+        # vmagent tries again after up to a minute, the longer the network was cut.
+        until(lambda: fleet.by_label(stored, "signal") == each, lambda: fleet.by_label(stored, "signal"), limit_s=180.0)
         sums = fleet.by_label(f"sum_over_time(robot_health_value[{7 * HOUR_S}s])", "signal")
         assert sums == {(f"s{signal}",): steps * (steps - 1) / 2.0 for signal in range(signals)}
         proxy.end()
