@@ -59,8 +59,10 @@ class ElementSignals:
             return []
         self._is_bad = False
         observed: list[SignalMonitor] = []
+        template = self.config.name
         for element, datum in value:
-            signal = self._signal_of(element, now_s, begin)
+            # Most names are as received.
+            signal = self.signals.get(f"{template}[{element}]") or self._signal_of(element, now_s, begin)
             if signal is not None:
                 changes.add(signal.observe(datum, now_s))
                 observed.append(signal)

@@ -21,6 +21,7 @@ from ..values import (
     ABSENT,
     ARRAY_TYPE,
     MOST_ELEMENTS,
+    OWN_KEY,
     STATUS_TYPE,
     ConfigError,
     DriverStatus,
@@ -179,6 +180,8 @@ class Deserializer:
         """Compiles nothing yet. CDR messages have a header; the others are those of ROS 1."""
         self._definitions = definitions
         self._is_cdr = is_cdr
+        self._text_format = (3, 1) if is_cdr else (0, 0)
+        """Most bytes before the length of a string, and number of zeros at its end."""
         self._shapes = {kind: _Shape(struct.calcsize(f"<{letter}"), 1) for kind, letter in NUMBERS.items()}
         self._shapes["string"] = _Shape(4, 1)
         self._readers: dict[tuple[str, str], _Read] = {}
@@ -289,15 +292,13 @@ class Deserializer:
         return read
 
     def _string_reader(self, order: str) -> _Read:
-        unpack = struct.Struct(f"{order}I").unpack_from
-        alignment, terminator = (4, 1) if self._is_cdr else (1, 0)
+        length = struct.Struct(f"{order}I").unpack_from
+        padding, terminator = self._text_format
 
         def read(data: bytes, at: int) -> tuple[Any, int]:
-            start = at + -at % alignment + 4
-            end = start + unpack(data, start - 4)[0]
-            if end > len(data):
-                raise ValueError("too short: a string goes beyond the message")
-            return data[start : max(start, end - terminator)].decode("utf-8", "replace"), end
+            start = at + (-at & padding) + 4
+            end = start + length(data, start - 4)[0]
+            return data[start : end - terminator].decode("utf-8", "replace"), end
 
         return read
 
@@ -349,8 +350,10 @@ class Deserializer:
         what level and message of each status do.
         """
         header, *_ = (self._field_reader(field, order) for field in self._fields(ARRAY_TYPE))
-        level_at, text = self._field_reader(self._fields(STATUS_TYPE)[0], order), self._string_reader(order)
-        count_at = self._count_reader(SEQUENCE, order)
+        level_at, text_at = self._field_reader(self._fields(STATUS_TYPE)[0], order), self._string_reader(order)
+        count_at, length = self._count_reader(SEQUENCE, order), struct.Struct(f"{order}I").unpack_from
+        padding, terminator = self._text_format
+        own_key = OWN_KEY.encode()
 
         def read(data: bytes, at: int) -> tuple[Any, int]:
             _, at = header(data, at)
@@ -360,16 +363,18 @@ class Deserializer:
             statuses = Elements()
             for _ in range(count):
                 level, at = level_at(data, at)
-                name, at = text(data, at)
-                message, at = text(data, at)
-                _, at = text(data, at)
+                name, at = text_at(data, at)
+                message, at = text_at(data, at)
+                _, at = text_at(data, at)
                 values, at = count_at(data, at)
-                keys = []
+                is_own = is_own_status(name, ())
                 for _ in range(values):
-                    key, at = text(data, at)
-                    keys.append(key)
-                    _, at = text(data, at)
-                if matches_pattern(name, pattern) and not is_own_status(name, keys):
+                    key = at + (-at & padding) + 4
+                    at = key + length(data, key - 4)[0]
+                    is_own |= data[key : at - terminator] == own_key
+                    at += (-at & padding) + 4
+                    at += length(data, at - 4)[0]
+                if not is_own and matches_pattern(name, pattern):
                     statuses.append((name, DriverStatus(level, message)))
             return statuses or ABSENT, at
 
