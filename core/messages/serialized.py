@@ -206,9 +206,12 @@ class Deserializer:
             return self._getter([self._field_reader(fields[0], order) for order in "><"])
         every = every_step(field)
         pattern = every and every.pattern
-        if name != ARRAY_TYPE or pattern is None or parse_field_path(field) != ("status", every):
-            return None
-        if [each.name for each in self._fields(STATUS_TYPE)] != _STATUS_FIELDS:
+        if (
+            name != ARRAY_TYPE
+            or pattern is None
+            or parse_field_path(field) != ("status", every)
+            or [each.name for each in self._fields(STATUS_TYPE)] != _STATUS_FIELDS
+        ):
             return None
         return self._getter([self._statuses_reader(pattern, order) for order in "><"])
 
@@ -349,9 +352,9 @@ class Deserializer:
         Robots have hundreds with several values each. Messages of them are a thousand objects, which cost several times
         what level and message of each status do.
         """
-        header, *_ = (self._field_reader(field, order) for field in self._fields(ARRAY_TYPE))
-        level_at, text_at = self._field_reader(self._fields(STATUS_TYPE)[0], order), self._string_reader(order)
-        count_at, length = self._count_reader(SEQUENCE, order), struct.Struct(f"{order}I").unpack_from
+        header, level_at = (self._field_reader(self._fields(name)[0], order) for name in (ARRAY_TYPE, STATUS_TYPE))
+        text_at, count_at = self._string_reader(order), self._count_reader(SEQUENCE, order)
+        length = struct.Struct(f"{order}I").unpack_from
         padding, terminator = self._text_format
         own_key = OWN_KEY.encode()
 
