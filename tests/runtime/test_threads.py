@@ -45,9 +45,10 @@ def test_a_detached_call_that_hangs_keeps_its_thread_and_others_share_one() -> N
     for _ in range(3):
         assert calls(lambda: names.append(threading.get_ident()))
     assert len(set(names)) == 1
-    hangs, patient = threading.Event(), calls._patience_s
+    began, hangs, patient = threading.Event(), threading.Event(), calls._patience_s
     calls._patience_s = 0.0
-    assert not calls(lambda: assert_set(hangs))
+    assert not calls(lambda: (began.set(), assert_set(hangs)))
+    assert began.wait(DEADLINE_S)  # in the first thread: the second one might take it from the queue
     calls._patience_s = patient
     assert calls(lambda: names.append(threading.get_ident()))
     assert len(set(names)) == 2
