@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import difflib
 import math
 from collections import deque
 from itertools import islice
@@ -95,8 +96,6 @@ def similar_topic(topic: str, type_name: str, published: Mapping[str, str]) -> s
     It has a similar last part of the name, else the configured type, unless that is one of std_msgs, which says nothing
     about the meaning. `published` are those that have publishers, with their types, empty where unknown.
     """
-    import difflib  # only for silence: it takes memory in every node
-
     others = {name: canonical_type(kind) for name, kind in islice(published.items(), _MOST_TOPICS) if name != topic}
     parts = {_last_part(name): name for name in others}
     for part in difflib.get_close_matches(_last_part(topic), parts, 1, _SIMILAR):

@@ -32,7 +32,7 @@ AlertSystem(bus.node("alert_system", parameters={"signals": signals}))
 Aggregator(bus.node("aggregator"))
 BatterySensor(bus.node("battery_sensor"))
 bus.run_until(3.0)
-unused = {"asyncio", "difflib", "socket", "robot_health_monitor.core.sensors.catalogue", "sqlite3", "mcap", "aiohttp"}
+unused = {"asyncio", "socket", "robot_health_monitor.core.sensors.catalogue", "sqlite3", "mcap", "aiohttp"}
 print(sorted(unused & sys.modules.keys()))
 """
     ended = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, timeout=60)
