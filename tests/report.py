@@ -37,7 +37,7 @@ def read_junit(file: Path) -> Counts:
         skip = case.find("skipped")
         problem = next((child for child in case if child.tag in ("failure", "error")), None)
         if problem is not None:
-            (why,) = problem.get("message", "").splitlines()[:1] or [problem.tag]
+            why = (problem.get("message") or problem.tag).splitlines()[0]
             failed.append(f"{case.get('classname')}::{case.get('name')}: {why[:200]}")
         elif skip is not None:
             skipped[skip_reason(skip)] += 1
