@@ -44,7 +44,7 @@ or not, depending on what the process has freed before (mallopt(3)). `connect` r
 
 
 def rosbridge(rounds: int = 3) -> Iterator[Row]:
-    """The server beside a bare broadcast; they send in turn, each to clients of its own that only count."""
+    """The server beside a bare broadcast; both send in turn, and each has separate clients, which only count."""
     for clients, rate_hz in itertools.product((1, 10, 50), (100.0, 1000.0)):
         yield from _broadcast(clients, rate_hz, rounds)
 
