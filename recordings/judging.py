@@ -93,10 +93,10 @@ class SignalSummary:
         """Notes a sample; with the first one it is OK, unless an alert came before."""
         self._collector.note(value, played_s, good=good)
         last_s, self._last_s = self._last_s, played_s
-        if last_s is None:
-            self.since_s = played_s if self.since_s is None else self.since_s
-        elif self.longest_gap_s is None or played_s - last_s > self.longest_gap_s:
+        if last_s is not None and (self.longest_gap_s is None or played_s - last_s > self.longest_gap_s):
             self.longest_gap_s = played_s - last_s
+        if self.since_s is None:
+            self.since_s = played_s
 
     def note(self, transition: Transition, played_s: float) -> None:
         """Notes what was announced."""
@@ -204,12 +204,15 @@ class Judge:
     def find(self, file: str, name: str) -> SignalSummary | None:
         """Returns a signal by its name; that of an element or a source begins to be measured. None if not judged."""
         known = self._signals.get((file, name))
-        template = None if known else self._templates.get((file, template_name(name)))
-        if known or (template is None and not is_source(name)):
+        if known is not None:
             return known
-        config, topic = replace(_OF_SOURCE, name=name), name
+        template = self._templates.get((file, template_name(name)))
         if template is not None:
             config, topic = replace(template, name=name), self._signals[file, template.name].topic
+        elif is_source(name):
+            config, topic = replace(_OF_SOURCE, name=name), name
+        else:
+            return None
         added = self._signals[file, name] = SignalSummary(file, config, topic, True, "")
         return added
 
