@@ -12,7 +12,7 @@ import struct
 from typing import Any, Iterator, NamedTuple, Sequence
 
 from ..core.messages import RawFormat
-from ..core.values import JsonObject, MessageError, shallow_json
+from ..core.values import JsonObject, MessageError, read_json
 
 SUBPROTOCOLS = ("foxglove.sdk.v1", "foxglove.websocket.v1")
 """WebSocket subprotocols, the current one first; a server answers with the one that it speaks."""
@@ -70,8 +70,8 @@ def read_text(text: str) -> ServerMessage:
     Raises ProtocolError if it is not valid. Of the channels in an `advertise`, those that are not valid are left out.
     """
     try:
-        fields = json.loads(shallow_json(text))
-    except (ValueError, RecursionError) as error:
+        fields = read_json(text)
+    except ValueError as error:
         raise ProtocolError(f"not JSON: {type(error).__name__}") from None
     op = fields.get("op") if isinstance(fields, dict) else None
     if not isinstance(op, str):

@@ -27,7 +27,6 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import datetime
-import json
 import os
 from functools import lru_cache
 from typing import (
@@ -47,7 +46,7 @@ from typing import (
     get_type_hints,
 )
 
-from ..values import ConfigError, JsonObject, Level, MessageError, Path, Problems, describe, list_text, shallow_json
+from ..values import ConfigError, JsonObject, Level, MessageError, Path, Problems, describe, list_text, read_json
 from .parameters import MOST_SHOWN, Convert, Parameter
 
 T = TypeVar("T")
@@ -232,8 +231,8 @@ def _read_text(parameter: Parameter, texts: Mapping[str, str]) -> Any:
 
 def _object_in(text: object) -> Optional[JsonObject]:
     try:
-        value = json.loads(shallow_json(text))  # type: ignore[arg-type]
-    except (AttributeError, TypeError, ValueError, RecursionError):
+        value = read_json(text)
+    except ValueError:
         return None
     return value if isinstance(value, dict) else None
 

@@ -10,7 +10,7 @@ from contextlib import suppress
 from typing import Any, Mapping, NamedTuple
 
 from ..config import MonitorConfig, settings_of
-from ..values import MessageError, shallow_json
+from ..values import MessageError, read_json
 from .saved_state import SavedSignal
 
 THRESHOLDS = "thresholds.yaml"
@@ -43,8 +43,8 @@ class SavedMonitor(NamedTuple):
 
 def read_saved_monitor(text: str) -> SavedMonitor:
     """Reads the text of `STATE`; raises MessageError. The states themselves are checked when they are restored."""
-    with suppress(ValueError, KeyError, TypeError, RecursionError):
-        tree = json.loads(shallow_json(text))
+    with suppress(ValueError, KeyError, TypeError):
+        tree = read_json(text)
         saved = SavedMonitor(tree["robot"], tree["time_s"], tree["signals"])
         kinds_match = (
             isinstance(saved.robot, str) and isinstance(saved.time_s, float) and isinstance(saved.states, dict)

@@ -11,7 +11,6 @@ Sources: wiki.ros.org/roscpp/Overview/MessagesSerializationAndAdaptingTypes; OMG
 from __future__ import annotations
 
 import functools
-import json
 import struct
 import sys
 from array import array
@@ -33,7 +32,7 @@ from ..values import (
     matches_pattern,
     parse_field_path,
     printable,
-    shallow_json,
+    read_json,
     too_many,
 )
 from .definitions import NUMBERS, SEQUENCE, Definition, Definitions, Field, parse_definition
@@ -148,10 +147,7 @@ def json_getter(topic: str, type_name: str, field: str) -> Getter:
     read = _JsonField(topic, type_name, field).read
 
     def get(data: bytes) -> Any:
-        try:
-            message = json.loads(shallow_json(data.decode("utf-8")))
-        except RecursionError:
-            raise ValueError("nested too deeply") from None
+        message = read_json(data)
         if not isinstance(message, dict):
             raise ValueError("not a JSON object")
         try:

@@ -52,7 +52,7 @@ from .formatting import (
 from .goals import STATUS_TOPICS, STATUS_TYPES, Goals
 from .model import Changes, Clock, Forecast, JsonObject, Level, Message, Report, Sample, Status, Transition
 from .names import canonical_type, full_name, is_namespace, resolve_name, split_type_name
-from .nesting import shallow_json
+from .nesting import read_json, shallow_json
 from .patterns import matches_pattern
 from .reduction import REDUCTIONS, Element, Reduced, reduced
 from .version import package_version
@@ -67,6 +67,7 @@ __all__ = [
     "canonical_type", "count_text", "datum_text", "describe", "duration_text", "element_path", "every_step",
     "fingerprint", "full_name", "is_equal", "is_namespace", "is_own_status", "key_field", "leading_path", "list_text",
     "mapping_getter", "matches_pattern", "number_of_text", "number_text", "package_version", "parse_field_path",
-    "parse_where", "printable", "reduced", "resolve_name", "selected", "selection", "shallow_json", "split_type_name",
-    "steps_getter", "summary_of", "too_many", "with_ages", "with_degree_sign", "with_hint", "with_unit",
+    "parse_where", "printable", "read_json", "reduced", "resolve_name", "selected", "selection", "shallow_json",
+    "split_type_name", "steps_getter", "summary_of", "too_many", "with_ages", "with_degree_sign", "with_hint",
+    "with_unit",
 ]  # fmt: skip

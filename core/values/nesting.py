@@ -1,13 +1,26 @@
-"""How deep a JSON text from outside may be nested."""
+"""Reads JSON from outside, which may be nested 64 levels deep."""
 
 from __future__ import annotations
 
+import json
 import re
+from typing import Any
 
 _LEVELS = 64
 _BESIDE_BRACKETS = re.compile(r'"[^"\\]*(?:\\.[^"\\]*)*"?|[^][{}"]+', re.DOTALL)
 """A string, whose end may be missing, or anything else that is no bracket."""
 _SQUARE = str.maketrans("{}", "[]")
+
+
+def read_json(text: object) -> Any:
+    """Returns the value in a JSON text or its UTF-8 bytes; raises ValueError if there is none, or if it is too deep."""
+    text = text.decode("utf-8") if isinstance(text, bytes) else text
+    if not isinstance(text, str):
+        raise ValueError("not a text")
+    try:
+        return json.loads(shallow_json(text))
+    except RecursionError as error:
+        raise ValueError(str(error)) from None
 
 
 def shallow_json(text: str, levels: int = _LEVELS) -> str:

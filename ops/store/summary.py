@@ -8,7 +8,6 @@ unknown too.
 
 from __future__ import annotations
 
-import json
 import math
 from bisect import bisect_right
 from dataclasses import dataclass, field
@@ -17,7 +16,7 @@ from typing import Iterator, List, Mapping, Sequence, Tuple
 
 from ...core.config import LINK, template_name
 from ...core.judge import Downtime, SavedState, is_source
-from ...core.values import Level, matches_pattern, shallow_json
+from ...core.values import Level, matches_pattern, read_json
 from .queries import pattern_condition, transitions
 from .rows import StoredTransition, select
 
@@ -214,12 +213,12 @@ def _note_link(ups: _Spans, wall_s: float, level: Level) -> None:
 def _known_s(state: object, now_s: float) -> float:
     """Returns how long the announced level in a saved state has been known, in s; infinity if it does not say."""
     try:
-        saved = SavedState(now_s, json.loads(shallow_json(state)), Downtime(now_s, now_s))  # type: ignore[arg-type]
+        saved = SavedState(now_s, read_json(state), Downtime(now_s, now_s))
         if saved.section("announced").value("never_known", False, False):
             return 0.0
         since = saved.section("since")
         announced, unknown = since.value("announced", None, float), since.value("unknown", None, float)
-    except (AttributeError, TypeError, ValueError, RecursionError):  # also UnusableStateError
+    except (TypeError, ValueError):  # also UnusableStateError
         return math.inf
     return math.inf if announced is None else max(0.0, (now_s if unknown is None else unknown) - announced)
 

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import functools
-import json
 from pathlib import Path
 from typing import Any, Mapping, Tuple
 
 from aiohttp import web
 
-from ...core.values import shallow_json
+from ...core.values import read_json
 from ...runtime.access import is_own_origin
 from ...runtime.http_answers import SECURITY_HEADERS, ApiError
 from ..plot import plot_script, plot_style
@@ -58,8 +57,8 @@ async def read_object(request: web.Request, limit: BodyLimit = WITH_TOKEN) -> di
     except asyncio.IncompleteReadError as end:
         body = end.partial
     try:
-        value = json.loads(shallow_json(body.decode("utf-8")))
-    except (ValueError, RecursionError):
+        value = read_json(body)
+    except ValueError:
         value = None
     if not isinstance(value, dict):
         raise ApiError(400, "expected a JSON object, got something else")

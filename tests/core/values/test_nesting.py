@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robot_health_monitor.core.values import shallow_json
+from robot_health_monitor.core.values import read_json, shallow_json
 
 TREES = st.recursive(
     st.none() | st.text(alphabet='[]{}"\\a', max_size=6),
@@ -40,33 +40,38 @@ def test_the_depth_is_that_of_the_parsed_value(tree: object) -> None:
 
 @pytest.mark.parametrize(
     "text",
-    [
-        "[" * 65,
-        "[" * 1_000_000,
-        '{"a":[' * 500_000,
-        "[" * 65 + "]" * 65,
-        '{"a":' * 65 + "1",
-        '"\\"[',
-        "]" * 99 + "[" * 99,
-    ],
+    ["[" * 65, "[" * 1_000_000, '{"a":[' * 500_000, "[" * 65 + "]" * 65, '{"a":' * 65 + "1", "]" * 99 + "[" * 99],
     ids=lambda text: text[:8],
 )
-def test_what_is_not_valid_is_refused_too(text: str) -> None:
-    with pytest.raises((RecursionError, ValueError)):
-        json.loads(shallow_json(text))
+def test_what_is_too_deep_is_refused_whether_it_ends_or_not(text: str) -> None:
+    with pytest.raises(RecursionError, match="nested more than 64 levels deep"):
+        shallow_json(text)
+    for form in (text, text.encode()):
+        with pytest.raises(ValueError, match="nested more than 64 levels deep"):
+            read_json(form)
+
+
+@pytest.mark.parametrize("text", [None, 5, b"\xff", "", "nul"])
+def test_what_is_no_json_is_a_value_error(text: object) -> None:
+    with pytest.raises(ValueError):
+        read_json(text)
+
+
+def test_a_text_and_its_bytes_have_the_same_value() -> None:
+    assert read_json('{"\u00e4": [1]}') == read_json('{"\u00e4": [1]}'.encode()) == {"\u00e4": [1]}
 
 
 @pytest.mark.parametrize("text", ['[{"a": [1, 2]}, {"b": [' * 20, "[[], [}" * 40, '{"a": "' + "[{" * 99])
 def test_what_ends_too_early_is_no_matter_of_depth(text: str) -> None:
     with pytest.raises(ValueError):
-        json.loads(shallow_json(text))
+        read_json(text)
 
 
 def test_a_deep_message_never_ends_the_process() -> None:
     """Python 3.8 aborts where garbage with a finalizer is collected at the deepest point: every point is tried."""
     program = """
-import gc, json, sys
-from robot_health_monitor.core.values import shallow_json
+import gc, sys
+from robot_health_monitor.core.values import read_json
 
 class Finalized:
     def __del__(self):
@@ -84,8 +89,8 @@ for threshold in range(700, 1100):
     gc.set_threshold(threshold)
     leave_garbage()
     try:
-        json.loads(shallow_json("[" * 50_000))
-    except RecursionError as error:
+        read_json("[" * 50_000)
+    except ValueError as error:
         assert str(error) == "nested more than 64 levels deep"
 print("alive")
 """
