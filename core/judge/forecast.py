@@ -11,10 +11,9 @@ from __future__ import annotations
 
 import math
 from array import array
-from bisect import bisect_left, bisect_right
 from itertools import accumulate
-from operator import itemgetter, mul
-from typing import Callable, Mapping, Sequence, Tuple
+from operator import mul
+from typing import Mapping, Sequence, Tuple
 
 from ..config import SignalConfig
 from ..values import Forecast
@@ -35,6 +34,11 @@ _Line = Tuple[float, float]
 class LineOfRange:
     """The least-squares line through a range of samples whose begin and end only move on."""
 
+    __slots__ = (
+        "_end", "_front_end", "_product", "_products", "_reference", "_reference_s", "_square", "_squares", "_sum_s",
+        "_sums_s", "_times", "_total", "_totals", "_values",
+    )  # fmt: skip
+
     def __init__(self, times: Sequence[float], values: Sequence[float]) -> None:
         """Knows no sample of these yet, to which more may be appended."""
         self._times, self._values = times, values
@@ -49,30 +53,31 @@ class LineOfRange:
         self._reference_s, self._reference = times[-1], values[-1]
         distances_s = [at_s - self._reference_s for at_s in reversed(times)]
         distances = [value - self._reference for value in reversed(values)]
-        self._sums_s = array("d", accumulate(distances_s))
-        self._totals = array("d", accumulate(distances))
-        self._squares = array("d", accumulate(map(mul, distances_s, distances_s)))
-        self._products = array("d", accumulate(map(mul, distances_s, distances)))
+        # An array of a list is made in less time than one of what is iterated.
+        self._sums_s = array("d", list(accumulate(distances_s)))
+        self._totals = array("d", list(accumulate(distances)))
+        self._squares = array("d", list(accumulate(map(mul, distances_s, distances_s))))
+        self._products = array("d", list(accumulate(map(mul, distances_s, distances))))
 
-    def line(self, begin: int, end: int, horizon_s: float) -> _Line | None:
+    def line(self, begin: int, end: int, at_s: float) -> _Line | None:
         """Returns the line of a range that lies not before the last one; None if it has too few samples.
 
-        The prediction is that for `horizon_s` after the newest of all samples: Prometheus's `predict_linear`
-        (promql/functions.go).
+        The prediction is that for a time: Prometheus's `predict_linear` (promql/functions.go).
         """
-        count, times, values = end - begin, self._times, self._values
+        count = end - begin
         if count < LEAST_SAMPLES:
             return None
         if begin >= self._front_end:  # at once, since the reference has left
             self._flip(begin, end)
         reference_s, reference = self._reference_s, self._reference
-        while self._end < end:
-            distance_s, distance = times[self._end] - reference_s, values[self._end] - reference
+        new = self._end
+        while new < end:
+            distance_s, distance = self._times[new] - reference_s, self._values[new] - reference
             self._sum_s += distance_s
             self._total += distance
             self._square += distance_s * distance_s
             self._product += distance_s * distance
-            self._end += 1
+            self._end = new = new + 1
         at = self._front_end - begin - 1
         sum_s = self._sum_s + self._sums_s[at]
         mean_s, mean = sum_s / count, (self._total + self._totals[at]) / count
@@ -80,7 +85,7 @@ class LineOfRange:
         if squares <= 0.0:
             return None
         slope = (self._product + self._products[at] - sum_s * mean) / squares
-        return reference + mean + slope * (times[-1] - reference_s - mean_s + horizon_s), slope
+        return reference + mean + slope * (at_s - reference_s - mean_s), slope
 
 
 class ForecastWindow(Window):
@@ -105,26 +110,29 @@ class ForecastWindow(Window):
         """
         self.forecast_s = forecast_s
         self._bounds = tuple(bounds.values())
-        # Where low values are bad, the largest is the most cautious. Without bounds, the line of the window counts.
-        self._choose: Callable[[Sequence[_Line]], _Line] = itemgetter(0)
+        self._sign = 0.0
+        """1 where low values are bad, so that the largest prediction is the most cautious; -1 where high values are.
+
+        0 without bounds: the line of the window counts.
+        """
         if bounds:
-            self._choose = max if any(name.endswith("below") for name in bounds) else min
+            self._sign = 1.0 if any(name.endswith("below") for name in bounds) else -1.0
         super().__init__(window_s, window_samples, window_min_s)
 
     def _discard(self) -> None:
         super()._discard()
         self._ranges = [LineOfRange(self._times, self._values) for _ in range(3)]
+        self._newer = self._older_end = 0
+        """Where the newer half begins, and where the older half ends: after a sample exactly between them."""
 
-    def statistic(self, name: str) -> float | None:
-        """Returns a statistic to judge, as `Window.statistic`; the forecast is the most cautious prediction."""
-        if name != "forecast":
-            return super().statistic(name)
+    def forecast(self) -> float | None:
+        """The most cautious prediction."""
         line = self._line()
         return None if line is None else line[0]
 
-    def forecast(self) -> Forecast | None:
+    def outlook(self) -> Forecast | None:
         """Returns the forecast and its line; None while it is undefined."""
-        line = self._line()
+        line = self._line() if self.is_long_enough else None
         if line is None:
             return None
         value, slope_per_s = line
@@ -135,32 +143,36 @@ class ForecastWindow(Window):
         return Forecast(value, slope_per_s, self.forecast_s, time_to_bound_s, bound)
 
     def _line(self) -> _Line | None:
-        """Returns the line that gives the forecast; None while it is undefined.
+        """Returns the line that gives the forecast; None while it is undefined. Not without samples.
 
         The forecast never contradicts the present: while the line of the window goes towards the bounds, the latest
         value takes the place of a prediction that is further from them.
         """
-        lines = self.lines() if self.is_long_enough else None
+        lines = self.lines()
         if lines is None:
             return None
-        line, (_, slope_per_s), latest = self._choose(lines), lines[0], self._values[-1]
-        if self._choose is min:
-            contradicts = slope_per_s > 0.0 and line[0] < latest
-        else:
-            contradicts = self._choose is max and slope_per_s < 0.0 and line[0] > latest
-        return (latest, 0.0) if contradicts else line
+        sign, line, latest = self._sign, lines[0], self._values[-1]
+        goes_to_bounds = line[1] * sign < 0.0
+        for each in lines:
+            if (each[0] - line[0]) * sign > 0.0:
+                line = each
+        return (latest, 0.0) if goes_to_bounds and (line[0] - latest) * sign > 0.0 else line
 
     def lines(self) -> Sequence[_Line] | None:
         """Returns the lines through all samples, the older half and the newer half; None if they are undefined."""
-        times, first, end, horizon_s = self._times, self._first, len(self._times), self.forecast_s
-        if not len(self):
-            return None
-        cut_s = times[-1] - self.window_s / 2.0
-        middle = bisect_left(times, cut_s, first)
+        times, first, end = self._times, self._first, len(self._times)
+        now_s = times[-1]
+        cut_s, at_s = now_s - self.window_s / 2.0, now_s + self.forecast_s
+        while times[self._newer] < cut_s:
+            self._newer += 1
+        while times[self._older_end] <= cut_s:
+            self._older_end += 1
+        if self._newer < first:
+            self._newer = first
         all_samples, older, newer = self._ranges
-        new = newer.line(middle, end, horizon_s)
-        old = older.line(first, bisect_right(times, cut_s, middle), horizon_s)
-        both = all_samples.line(first, end, horizon_s)
+        new = newer.line(self._newer, end, at_s)
+        old = older.line(first, self._older_end, at_s)
+        both = all_samples.line(first, end, at_s)
         # Where one overflows, none is a prediction.
         if both is None or old is None or new is None or not math.isfinite(both[0] + old[0] + new[0]):
             return None

@@ -121,23 +121,25 @@ class Rule:
 
     @property
     def is_at_rest(self) -> bool:
-        """Whether it is inactive and stays so as long as no value is beyond a bound."""
-        return self.since_s is None and not (self.fires or self._crossed)
+        """Whether it stays inactive, or firing, as long as values stay on their side of its bounds."""
+        return self.since_s is None and self._crossed is self.condition is self.fires
 
-    def judge(self, value: float, now_s: float) -> None:
-        """Judges a new value, then advances."""
+    def judge(self, value: float, now_s: float) -> bool:
+        """Judges a new value, then advances; returns whether it is at rest, without having advanced."""
         below, above = self._below, self._above
         if self._crossed:
             if self.is_below:
                 below = self._below_clear
             else:
                 above = self._above_clear
-        self._crossed = value < below or value > above
-        if self._crossed:
+        crossed = self._crossed = value < below or value > above
+        if crossed:
             self.is_below = value < below
             self.bound = self._below if self.is_below else self._above
-        if self.condition is not self.fires or self.since_s is not None:
-            self.advance(now_s)
+        if self.since_s is None and crossed is self.fires and (self.allowed or not crossed):
+            return True
+        self.advance(now_s)
+        return False
 
     def judge_condition(self, condition: bool, now_s: float) -> None:
         """Takes a condition that is not about a bound, then advances."""
@@ -236,13 +238,16 @@ class SignalRules:
         self.rules[_STALE].allowed = warn.allowed
         self.configure(self._config)
 
-    def judge(self, value: float, now_s: float) -> None:
-        """Judges a value of the statistic, or a level by its wire value."""
+    def judge(self, value: float, now_s: float) -> bool:
+        """Judges a value of the statistic, or a level by its wire value; returns whether no rule has advanced."""
+        if self.of_bounds:
+            are_at_rest = True
+            for rule in self.rules.values():
+                are_at_rest = rule.judge(value, now_s) and are_at_rest
+            return are_at_rest
         for level, rule in self.rules.items():
-            if self.of_bounds:
-                rule.judge(value, now_s)
-            else:
-                rule.judge_condition(_SEVERITIES.get(value, 0) >= level.severity, now_s)
+            rule.judge_condition(_SEVERITIES.get(value, 0) >= level.severity, now_s)
+        return False
 
     def note_quality(self, *, good: bool, now_s: float) -> None:
         """Notes whether a datum was valid."""
@@ -307,8 +312,8 @@ class SignalRules:
 
     @property
     def is_at_rest(self) -> bool:
-        """Whether all are inactive and stay so as long as no value is beyond a bound."""
-        return all(rule.is_at_rest for rule in (*self.rules.values(), self.invalid))
+        """Whether data is valid, and the rules stay as they are as long as values stay on their side of the bounds."""
+        return self.invalid.state is State.INACTIVE and all(rule.is_at_rest for rule in self.rules.values())
 
     def explaining(self, level: Level, announced: Rule | None) -> Rule | None:
         """Returns the rule that explains a level; for OK the one that is pending, held back, or was left last.

@@ -38,8 +38,11 @@ class SignalMonitor(Alert):
 
     __slots__ = (
         "_bad_samples", "_calm_max", "_calm_min", "_good_samples", "_healthy_max", "_latest", "_rules",
-        "_statistics", "_valid_max", "_valid_min", "_zero_s", "collector", "judged", "window",
+        "_settled", "_statistics", "_valid_max", "_valid_min", "_zero_s", "collector", "judged", "window",
     )  # fmt: skip
+
+    _settled: bool
+    """Whether nothing follows from a sample at which the rules stay at rest."""
 
     def __init__(self, config: SignalConfig, robot: str, now_s: float) -> None:
         """Starts before the first sample: the startup grace counts from `now_s`."""
@@ -126,7 +129,7 @@ class SignalMonitor(Alert):
         return self._settle(now_s)
 
     def _get_held(self) -> Held:
-        self._calm_max = -math.inf
+        self._unsettle()
         return super()._get_held()
 
     def inhibit(self, now_s: float) -> None:
@@ -200,9 +203,7 @@ class SignalMonitor(Alert):
                 good_samples=self._good_samples,
                 bad_samples=self._bad_samples,
                 window=window,
-                forecast=(
-                    window.forecast() if isinstance(window, ForecastWindow) and latest_good is not None else None
-                ),
+                forecast=(window.outlook() if isinstance(window, ForecastWindow) and latest_good is not None else None),
                 window_samples=min(len(window), self.config.window_samples),
             )
         )
@@ -210,8 +211,7 @@ class SignalMonitor(Alert):
     @property
     def at_rest_since_s(self) -> float | None:
         """Since when the signal is OK; None unless its state depends on nothing else."""
-        # `_calm_max` is above minus infinity only while it is at rest.
-        return self.announced_since_s if self._calm_max > -math.inf or self._is_at_rest else None
+        return self.announced_since_s if self._level is _OK and (self._settled or self._is_at_rest) else None
 
     def shown_samples(self, limit: int, since_s: float) -> Samples:
         """Returns the values of the statistic that the bounds apply to; see `Monitor.shown_samples`."""
@@ -231,34 +231,24 @@ class SignalMonitor(Alert):
         return self._rules.rules
 
     def _judge(self, value: object, now_s: float) -> Transition | None:
-        self._calm_max = -math.inf
-        # What is not there at the start may not have been discovered yet.
-        is_zero = isinstance(value, (int, float)) and value == 0
-        if is_zero and self.config.graph is not None and self.staleness.is_in_grace(now_s):
-            self._zero_s = now_s
-            return None
-        self._zero_s = None
-        return self._judge_datum(value, now_s)
-
-    def _judge_datum(self, value: object, now_s: float) -> Transition | None:
         staleness, window, config, rules = self.staleness, self.window, self.config, self._rules
-        if staleness.is_due(now_s):
-            self._freeze_or_thaw(self._fall_silent())  # no tick noticed
-        thaws = staleness.stale or staleness.waiting
-        if thaws:
-            self._begin_window_anew()
-        if isinstance(window, GapWindow):
-            window.arrive(staleness.silence_s(now_s), now_s)
-        staleness.arrive(now_s)
-        if self.held is not None:
-            self.held.awaits_until_s = -math.inf
+        if self._settled and now_s - staleness.silent_since_s <= staleness.limit_s:
+            thaws = False
+            staleness.last_seen_s = staleness.silent_since_s = now_s
+        else:
+            # What is not there at the start may not have been discovered yet.
+            is_zero = isinstance(value, (int, float)) and value == 0
+            if is_zero and config.graph is not None and staleness.is_in_grace(now_s):
+                self._zero_s = now_s
+                return None
+            self._zero_s = None
+            thaws = self._arrive(now_s)
         latest = self._latest = received(config, value) if config.reduce else value
         number = number_of(config, latest)
         if type(value) is DriverStatus and rules.of_bounds and not config.bounds:
             rules.expect_levels()
             self._freeze_or_thaw(now_s)
         good = self._valid_min <= number <= self._valid_max  # False for NaN; infinities lie outside
-        self._bad_samples += not good
         judged = None
         if good:
             self._good_samples += 1
@@ -266,27 +256,44 @@ class SignalMonitor(Alert):
             judged = number if config.statistic == "last" else window.statistic(config.statistic)
             thaws = thaws or (judged is None) is not (self.judged is None)
             self.judged = judged
+        else:
+            self._bad_samples += 1
         if thaws:
             self._freeze_or_thaw(now_s)
-        if judged is not None:
-            rules.judge(judged, now_s)
-        else:
-            rules.advance(now_s)
-        rules.note_quality(good=good, now_s=now_s)
         if self.collector is not None:
             self.collector.note(judged, now_s, good=good)
+        if judged is None:
+            rules.advance(now_s)
+        elif rules.judge(judged, now_s) and self._settled:
+            if self.collector is not None:
+                self.collector.note_level(self._level, now_s)
+            return None
+        rules.note_quality(good=good, now_s=now_s)
         level = rules.level(stale=staleness.stale)
         if good:
             self.note_sample(level, now_s)
         transition = self._enter(level, now_s)
-        if self._calm_min < number <= self._healthy_max and self._is_at_rest:
-            self._calm_max = self._healthy_max
+        self._settled = self._is_at_rest and not isinstance(window, GapWindow)  # for which every arrival counts
+        is_calm = self._settled and level is _OK and self._calm_min < number <= self._healthy_max
+        self._calm_max = self._healthy_max if is_calm else -math.inf
         return transition
 
-    def _begin_window_anew(self) -> None:
-        self.window.begin_anew()
-        if self.config.statistic not in ("last", "count"):
-            self.judged = None
+    def _arrive(self, now_s: float) -> bool:
+        """Notes the arrival of a sample, good or bad; returns whether it ends a silence."""
+        staleness, window = self.staleness, self.window
+        if staleness.is_due(now_s):
+            self._freeze_or_thaw(self._fall_silent())  # no tick noticed
+        ends_silence = staleness.stale or staleness.waiting
+        if ends_silence:
+            window.begin_anew()
+            if self.config.statistic not in ("last", "count"):
+                self.judged = None
+        if isinstance(window, GapWindow):
+            window.arrive(staleness.silence_s(now_s), now_s)
+        staleness.arrive(now_s)
+        if self.held is not None:
+            self.held.awaits_until_s = -math.inf
+        return ends_silence
 
     def _begin_count(self, now_s: float) -> None:
         """Begins to count at `now_s`; an alert stays open until the window has passed: its samples are not known."""
@@ -304,10 +311,9 @@ class SignalMonitor(Alert):
                 self.note_known(now_s)
 
     def _use_config(self, config: SignalConfig) -> None:
-        """Takes a configuration, and from it the values from which nothing can follow while everything is at rest.
+        """Takes a configuration, and from it the values from which nothing can follow while it is settled at OK.
 
-        They are valid and beyond no bound. `_calm_max` is `_healthy_max` while everything is at rest, and
-        below every value otherwise.
+        They are valid and beyond no bound. `_calm_max` is `_healthy_max` while it is, and below every value otherwise.
         """
         before, self.config = self.config, config
         if config.statistic in ("last", "forecast"):
@@ -322,6 +328,11 @@ class SignalMonitor(Alert):
         self._healthy_max = min(high for high in highs if high is not None)
         if config.statistic != "last" or config.scale != 1.0 or config.placeholders:
             self._healthy_max = -math.inf
+        self._unsettle()
+
+    def _unsettle(self) -> None:
+        """Makes the next sample be judged in every step: something but a sample has changed the state."""
+        self._settled = False
         self._calm_max = -math.inf
 
     def _note_statistic(self, statistics: Window, now_s: float) -> None:
@@ -332,7 +343,7 @@ class SignalMonitor(Alert):
     @property
     def _is_at_rest(self) -> bool:
         return (
-            self._level is self.announced is _OK
+            self._level is self.announced
             and self.held is None
             and not self.staleness.unknown
             and self._rules.is_at_rest
@@ -348,7 +359,7 @@ class SignalMonitor(Alert):
     def _freeze_or_thaw(self, now_s: float) -> None:
         """Freezes what cannot be judged now, and lets the rest continue."""
         self._rules.freeze_or_thaw(now_s, unknown=self.staleness.frozen, undefined=self.judged is None)
-        self._calm_max = -math.inf
+        self._unsettle()
 
     def _judge_rules(self, now_s: float) -> None:
         """Judges the statistic as of now: a count falls with the time."""
@@ -367,6 +378,8 @@ class SignalMonitor(Alert):
         return super()._is_news(level) or (level is _ERROR and self._rules.invalid.fires)
 
     def _enter(self, level: Level, now_s: float) -> Transition | None:
+        if level is not self._level:
+            self._unsettle()
         if self.collector is not None and not self.staleness.unknown:
             self.collector.note_level(level, now_s)
         return super()._enter(level, now_s)

@@ -33,66 +33,71 @@ LEAST_OF_LINE = 3
 """Samples that a rate needs."""
 _DIGITS = 53
 """Binary digits of a double."""
-_MANTISSA = 2.0**_DIGITS
 _VALUE = operator.itemgetter(1)
 
 
 class Sums:
     """Exact sums of a range of numbers x, of their squares, and of their products with numbers y, if there are any.
 
-    They count units of `2**-(_DIGITS + scale)`, or the squares of these.
+    They count units, or the squares of these: the unit is the largest power of two, at most 1, of which every number
+    so far is a multiple.
     """
 
     def __init__(self, xs: Sequence[float], ys: Sequence[float] | None = None) -> None:
         """Starts with an empty range; only the ends of the sequences may change."""
         self._xs, self._ys = xs, ys
-        self._begin = self._end = self._scale = self._x = self._y = self._squares = self._products = 0
+        self._begin = self._end = self._x = self._y = self._squares = self._products = 0
+        self._per_unit = 1
+        """The reciprocal of the unit."""
 
     def cover(self, begin: int) -> Sums:
         """Makes the range begin there, not before it did, and end with the sequences; returns the sums."""
-        xs, ys = self._xs, self._ys
-        for sign, places in ((1, range(self._end, len(xs))), (-1, range(self._begin, begin))):
-            for at in places:
-                x = self._in_units(xs[at])
-                if ys is not None:
-                    y = self._in_units(ys[at])
-                    x = self._in_units(xs[at])  # the units may have become smaller
-                    self._y += sign * y
-                    self._products += sign * x * y
-                self._x += sign * x
-                self._squares += sign * x * x
-        self._begin, self._end = begin, len(xs)
+        end = len(self._xs)
+        for at in range(self._end, end):
+            self._add(at, 1)
+        for at in range(self._begin, begin):
+            self._add(at, -1)
+        self._begin, self._end = begin, end
         return self
+
+    def _add(self, at: int, sign: int) -> None:
+        """Adds the numbers of an index, or subtracts them if `sign` is -1."""
+        x = self._in_units(self._xs[at])
+        if self._ys is not None:
+            y = self._in_units(self._ys[at])
+            x = self._in_units(self._xs[at])  # the unit may have become smaller
+            self._y += sign * y
+            self._products += sign * x * y
+        self._x += sign * x
+        self._squares += sign * x * x
 
     def _in_units(self, number: float) -> int:
         """Returns a number as a multiple of the unit, which becomes as small as it requires."""
-        mantissa, exponent = math.frexp(number)
-        up = exponent + self._scale
-        if up < 0:
-            self._scale = -exponent
-            self._x <<= -up
-            self._y <<= -up
-            self._squares <<= -2 * up
-            self._products <<= -2 * up
-            up = 0
-        return int(mantissa * _MANTISSA) << up
+        numerator, denominator = number.as_integer_ratio()
+        if denominator > self._per_unit:
+            finer = denominator // self._per_unit
+            self._per_unit = denominator
+            self._x *= finer
+            self._y *= finer
+            self._squares *= finer * finer
+            self._products *= finer * finer
+        return numerator * (self._per_unit // denominator)
 
-    @property
-    def _total_unit(self) -> int:
-        """The number of samples, in units."""
-        return self._end - self._begin << _DIGITS + self._scale
+    def mean(self) -> float | None:
+        """Returns the mean of x; None of no numbers."""
+        count = self._end - self._begin
+        return self._x / (count * self._per_unit) if count else None
 
-    def mean(self) -> float:
-        """Returns the mean of x."""
-        return self._x / self._total_unit
-
-    def stddev(self) -> float:
-        """Returns the population standard deviation of x."""
-        squares = (self._end - self._begin) * self._squares - self._x * self._x
+    def stddev(self) -> float | None:
+        """Returns the population standard deviation of x; None of no numbers."""
+        count = self._end - self._begin
+        if not count:
+            return None
+        squares, total = count * self._squares - self._x * self._x, count * self._per_unit
         try:
-            return math.sqrt(squares) / self._total_unit
+            return math.sqrt(squares) / total
         except OverflowError:
-            return math.isqrt(squares << 2 * _DIGITS) / (self._total_unit << _DIGITS)
+            return math.isqrt(squares << 2 * _DIGITS) / (total << _DIGITS)
 
     def slope(self) -> float | None:
         """Returns the slope of the least-squares line of y over x; None if it is vertical or too steep for a double."""
@@ -155,7 +160,8 @@ class Window:
         self._values.append(value)
         if self._began_s is None:
             self._began_s = now_s
-        while times[first] < oldest_s or len(times) - first > self.window_samples:
+        least = len(times) - self.window_samples
+        while first < least or times[first] < oldest_s:
             first += 1
         self._first = first
 
@@ -240,11 +246,11 @@ class Window:
 
     def mean(self) -> float | None:
         """The arithmetic mean."""
-        return self._sums_of_values().mean() if len(self) else None
+        return self._sums_of_values().mean()
 
     def stddev(self) -> float | None:
         """The population standard deviation."""
-        return self._sums_of_values().stddev() if len(self) else None
+        return self._sums_of_values().stddev()
 
     def _sums_of_values(self) -> Sums:
         self._sums = self._sums or Sums(self._values)

@@ -32,7 +32,7 @@ def false_alarms_of_one_line(values: _Values, seconds: int) -> int:
     def predictions() -> _Values:
         for second, value in enumerate(values):
             window.add(value, float(second))
-            found = window.forecast()
+            found = window.outlook()
             yield 55.0 if found is None else found.value
 
     signal = {"warn_below": 40.0, "for_s": 300.0}

@@ -24,7 +24,7 @@ def forecast_of(
     window = ForecastWindow(window_s, 6000, 0.0, forecast_s, bounds)
     for at_s, value in samples:
         window.add(value, at_s)
-    return window.forecast()
+    return window.outlook()
 
 
 def test_a_straight_line_goes_on() -> None:
@@ -99,7 +99,7 @@ def test_a_sample_that_has_left_counts_no_more() -> None:
     window = ForecastWindow(20.0, 6000, 0.0, 10.0, NONE)
     for second in range(100):
         window.add(1e300 if second in (0, 50) else 5.0, float(second))
-    assert window.forecast() == Forecast(5.0, 0.0, 10.0, None, None)
+    assert window.outlook() == Forecast(5.0, 0.0, 10.0, None, None)
 
 
 def test_an_overflow_is_no_forecast() -> None:
@@ -111,10 +111,10 @@ def test_the_most_samples_limit_both_halves() -> None:
     window = ForecastWindow(1000.0, 10, 0.0, 10.0, NONE)
     for second in range(50):
         window.add(float(second), float(second))
-    assert (len(window), window.forecast()) == (10, None)  # all ten are of the newer half
+    assert (len(window), window.outlook()) == (10, None)  # all ten are of the newer half
     shorter = ForecastWindow(8.0, 100, 0.0, 10.0, NONE)
     shorter.take_over(window)
-    assert shorter.forecast() == Forecast(pytest.approx(59.0), pytest.approx(1.0), 10.0, None, None)
+    assert shorter.outlook() == Forecast(pytest.approx(59.0), pytest.approx(1.0), 10.0, None, None)
 
 
 @pytest.mark.parametrize(
@@ -160,8 +160,9 @@ def test_a_range_whose_samples_come_and_leave_has_the_line_of_those_that_are_lef
             line = LineOfRange(*zip(*samples))
             for begin in range(0, 30 - length, step):
                 end = begin + length
-                expected = exact_line(samples[begin:end], samples[-1][0] + 10.0)
-                assert line.line(begin, end, 10.0) == (
+                at_s = samples[-1][0] + 10.0
+                expected = exact_line(samples[begin:end], at_s)
+                assert line.line(begin, end, at_s) == (
                     pytest.approx(expected[0], rel=1e-15),
                     pytest.approx(expected[1]),
                 )
@@ -201,7 +202,7 @@ def test_random_windows_agree_with_numpy() -> None:
             window.add(values[-1], now_s)
             if step % 3:
                 continue
-            found = window.forecast()
+            found = window.outlook()
             x, y = numpy.array(times) - now_s, numpy.array(values)
             parts = (x >= -window_s, (x >= -window_s) & (x <= -window_s / 2.0), x >= -window_s / 2.0)
             if min(part.sum() for part in parts) < 5 or any(numpy.ptp(x[part]) == 0.0 for part in parts):
