@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from typing import Mapping
+from typing import Any, Mapping
 
 from aiohttp import web
 
@@ -20,6 +20,19 @@ class ApiError(MessageError):
         """Takes the HTTP status and the line."""
         super().__init__(text)
         self.status = status
+
+
+class FileAnswer(web.FileResponse):
+    """A file. Unlike other answers of aiohttp, its own would be sent again when it is prepared again."""
+
+    _is_sent = False
+
+    async def prepare(self, request: web.BaseRequest) -> Any:
+        """Sends the file."""
+        if self._is_sent:
+            return None
+        self._is_sent = True
+        return await super().prepare(request)
 
 
 def json_bytes(value: object) -> bytes:

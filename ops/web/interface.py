@@ -26,7 +26,7 @@ from ...core.nodes.outlets import Event
 from ...core.values import ConfigError, Fault, Level, ServiceError, Transition, package_version
 from ...runtime.access import Client
 from ...runtime.event_loops import ThreadPool
-from ...runtime.http_answers import API_HEADERS, ApiError, json_bytes, json_response
+from ...runtime.http_answers import API_HEADERS, ApiError, FileAnswer, json_bytes, json_response
 from ...runtime.times import iso_time
 from ..black_box.folder import find_file
 from ..store.active_silences import Silences
@@ -301,7 +301,7 @@ class WebInterface:
             problem = "it is being written, was deleted, or could not be written"
             raise ApiError(404, f"there is no {name[:_MOST_SHOWN]!r}: {problem}")
         headers = {"Content-Type": "application/octet-stream", "Content-Disposition": f'attachment; filename="{name}"'}
-        return web.FileResponse(path, headers={**API_HEADERS, **headers})
+        return FileAnswer(path, headers={**API_HEADERS, **headers})
 
     # Metrics and health
 

@@ -197,7 +197,10 @@ class Server:
         assert isinstance(connection, HttpConnection)
         connection.set_in_use(client.admitted)
         try:
-            return await (self._serve(request, connection) if is_socket else handler(request))
+            response = await (self._serve(request, connection) if is_socket else handler(request))
+            await response.prepare(request)  # aiohttp would send it when the connection is no longer in use
+            await response.write_eof()
+            return response
         except (web.HTTPException, ConfigError, MessageError, ServiceError) as error:
             return _refuse(error)
         finally:

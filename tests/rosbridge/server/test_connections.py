@@ -9,6 +9,7 @@ import asyncio
 import json
 import re
 import ssl
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, Callable
 
@@ -19,6 +20,7 @@ from harness.rosbridge_peer import Robot, with_robot
 
 from robot_health_monitor.rosbridge.protocol.limits import Limits
 from robot_health_monitor.rosbridge.server.connections import Connections, connection_limit
+from robot_health_monitor.runtime.http_answers import FileAnswer
 
 try:
     import trustme
@@ -244,3 +246,27 @@ async def test_there_is_room_for_no_more_than_the_clients_in_use(robot: Robot) -
         assert await asyncio.wait_for(reader.read(), 30.0) == b""
         writer.close()
         await peer.settle()
+
+
+@pytest.mark.parametrize("kind", ["bytes", "file"])
+def test_an_answer_that_takes_long_to_send_is_sent_whole(kind: str, tmp_path: Path) -> None:
+    """aiohttp sends an answer after the handler has returned it: a black box over a slow link takes minutes."""
+    content = bytes(range(256)) * 40_000
+    (tmp_path / "content").write_bytes(content)
+
+    async def answer(request: web.Request) -> web.StreamResponse:
+        return web.Response(body=content) if kind == "bytes" else FileAnswer(tmp_path / "content")
+
+    @with_robot(routes=lambda client_of: [web.get("/content", answer)])
+    async def scenario(robot: Robot) -> None:
+        clock = Clock()
+        robot.server._connections._call_later = clock.call_later
+        reader, writer = await asyncio.open_connection("127.0.0.1", robot.server.port, limit=1000)
+        writer.write(b"GET /content HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n")
+        begin = await reader.readexactly(1000)
+        clock.pass_until(100.0)
+        head, _, body = (begin + await reader.read()).partition(b"\r\n\r\n")
+        assert (head.split(b"\r\n")[0], body == content) == (b"HTTP/1.1 200 OK", True)
+        writer.close()
+
+    scenario()
