@@ -19,6 +19,7 @@ from selenium.common.exceptions import (
     ElementNotInteractableException,
     NoSuchElementException,
     StaleElementReferenceException,
+    TimeoutException,
 )
 from selenium.webdriver.chrome.options import Options
 from selenium.webdriver.chrome.service import Service
@@ -77,10 +78,22 @@ class Browser:
         return self.driver.execute_script(script, *arguments)
 
     def wait_for(self, expression: str, *arguments: Any) -> Any:
-        """Waits until an expression is true in the page, and returns its value."""
+        """Waits until an expression is true in the page, and returns its value.
+
+        Raises AssertionError with what the page shows, loads and has written if it does not become true.
+        """
         script = f"return ({expression})"
         wait = WebDriverWait(self.driver, WAIT_S, poll_frequency=0.05)
-        return wait.until(lambda driver: driver.execute_script(script, *arguments), expression)
+        try:
+            return wait.until(lambda driver: driver.execute_script(script, *arguments))
+        except TimeoutException:
+            raise AssertionError(f"{expression}: not within {WAIT_S} s; {self._describe()}") from None
+
+    def _describe(self) -> str:
+        page = self.run("return [location.href, document.body.className, document.body.innerText]")
+        files = "performance.getEntriesByType('resource')"
+        loaded = self.run(f"return {files}.map((each) => [each.name, each.responseStatus, each.responseEnd])")
+        return f"the page: {page!r}; loaded (name, status, ms): {loaded!r}; console: {self.console()!r}"
 
     def wait_for_text(self, selector: str, text: str) -> None:
         """Waits until the first element of a selector contains a text."""

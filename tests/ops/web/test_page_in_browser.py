@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import signal
+import sqlite3
 import sys
 import time
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Iterator, Mapping
@@ -350,7 +352,9 @@ def test_a_history_that_cannot_be_read_is_said_beside_the_ranges(browser: Browse
     browser.open(site.url)
     browser.click(".signal-name")
     assert site.robots.history is not None
-    site.robots.history.run(lambda connection: connection.execute("DROP TABLE samples") and None)
+    site.robots.history.close()  # a writer would begin a new file
+    with closing(sqlite3.connect(tmp_path / "history.db")) as connection:
+        connection.execute("DROP TABLE samples")
     browser.run("document.querySelectorAll('.ranges button')[1].click()")
     browser.wait_for_text(".ranges .error-text", "The history cannot be read: ")
 
