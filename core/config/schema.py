@@ -33,7 +33,6 @@ from typing import (
     Any,
     Callable,
     Dict,
-    Iterable,
     List,
     Mapping,
     Optional,
@@ -246,7 +245,8 @@ _FROM_ROW: Mapping[type, Convert] = {
 """Values in columns that have another form than in JSON."""
 
 
-def row_reader(columns: Sequence[str], types: Iterable[Any]) -> Callable[[Sequence[Any]], Optional[List[Any]]]:
+@lru_cache(maxsize=None)
+def row_reader(columns: Tuple[str, ...], types: Tuple[Any, ...]) -> Callable[[Sequence[Any]], Optional[List[Any]]]:
     """Returns a function that reads a row of a database, by its columns and their types.
 
     It returns None if a value is not of its type. Flags are 0 and 1, levels their numbers, mappings texts of JSON. A

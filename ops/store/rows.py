@@ -31,6 +31,7 @@ from ...core.judge import MAX_EVIDENCE
 from ...core.values import JsonObject, Level, Transition, datum_text, printable
 
 T = TypeVar("T")
+_types_of = functools.lru_cache(maxsize=None)(get_type_hints)
 Values = Union[Sequence[Any], JsonObject]
 """The parameters of a query."""
 
@@ -75,7 +76,7 @@ def select(
     The first column identifies a row, the table names it.
     """
     cursor = connection.execute(query, values)
-    read = row_reader([column[0] for column in cursor.description], types)
+    read = row_reader(tuple(column[0] for column in cursor.description), tuple(types))
     rows: Rows[Any] = Rows()
     rows.raw = cursor.fetchall()
     for row in rows.raw:
@@ -91,7 +92,7 @@ def records(
     connection: Connection, table: str, record: Type[T], tail: str = "", values: Values = (), columns: str = ""
 ) -> Rows[T]:
     """Returns rows of a table as a NamedTuple whose fields are its `columns`, as `select`; `tail` follows the table."""
-    types = get_type_hints(record)
+    types = _types_of(record)  # type: ignore[arg-type]  # mypy: not every class is hashable
     query = f"SELECT {columns or ', '.join(types)} FROM {table} {tail}"
     return select(connection, table, types.values(), query, values, lambda fields: record(*fields))
 

@@ -172,7 +172,7 @@ class Row(NamedTuple):
     text: str
 
 
-read_row = row_reader(Row._fields, get_type_hints(Row).values())
+read_row = row_reader(Row._fields, tuple(get_type_hints(Row).values()))
 
 
 def test_a_row_has_levels_as_numbers_flags_as_numbers_and_mappings_as_json() -> None:
