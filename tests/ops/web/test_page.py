@@ -41,7 +41,7 @@ def test_the_policy_finds_nothing_inline() -> None:
 
 def test_every_imported_file_exists() -> None:
     for name, text in FILES.items():
-        for imported in re.findall(r"from \"\./([^\"]+)\"", text):
+        for imported in re.findall(r"(?:from |import\()\"\./([^\"]+)\"", text):
             assert imported in FILES, f"{name} imports {imported}"
     assert set(re.findall(r"(?:src|href)=\"([\w.]+\.(?:js|css))\"", FILES["index.html"])) <= set(FILES)
 

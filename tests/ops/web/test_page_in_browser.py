@@ -1220,6 +1220,20 @@ def test_many_loads_in_one_tab_leave_no_stream_open(browser: Browser, served: An
     wait_for(lambda: site.pages == 1)
 
 
+@pytest.mark.parametrize("name", ["levels.js", "page.js", "plot.js"])
+def test_a_page_whose_files_did_not_all_come_loads_again(browser: Browser, served: Any, name: str) -> None:
+    site = served("atlas")
+    site.observe(50.0)
+    browser.driver.execute_cdp_cmd("Network.enable", {})
+    try:
+        browser.driver.execute_cdp_cmd("Network.setBlockedURLs", {"urls": [f"*/{name}"]})
+        browser.open(site.url)
+        loaded = browser.run("return performance.timeOrigin")
+    finally:
+        browser.driver.execute_cdp_cmd("Network.setBlockedURLs", {"urls": []})
+    browser.wait_for("performance.timeOrigin !== arguments[0] && document.querySelector('.robot.ok')", loaded)
+
+
 def test_a_lost_monitor_shows_and_comes_back(browser: Browser, tmp_path: Path) -> None:
     command = [sys.executable, "-m", "robot_health_monitor", "run", "--source", "simulated", "--port"]
     monitor = LineProcess([*command, "0"])

@@ -72,10 +72,10 @@ def test_the_page_names_all_its_modules_so_that_browsers_fetch_them_at_once() ->
         async with site.session.get(f"{site.url}/") as response:
             named = re.findall(r'<link rel="modulepreload" href="([^"]+)">', await response.text())
         imported = set()
-        for name in ("page.js", *named):
+        for name in ("start.js", *named):
             status, text = await site.get(f"/{name}")
             assert status == 200
-            imported.update(re.findall(r'^import .* from "\./(.+)";$', text, re.MULTILINE))
+            imported.update(re.findall(r'^import(?: .* from |\()"\./(.+?)"', text, re.MULTILINE))
         assert sorted(named) == sorted(imported)
 
     with_site(use)
