@@ -479,10 +479,18 @@ class ServedRobot:
         self._bus = LocalBus(1000.0)
         self._server = Server(self._bus.node("rosbridge"), port=0, threads=False)
         self._loop.call(self._server.start())
+        self.answered: list[str] = []
+        """The services that were called."""
+        self._call, self._server.services.call = self._server.services.call, self._note_call  # type: ignore[method-assign]
         self.url = f"ws://127.0.0.1:{self._server.port}"
         self._sensor = self._bus.node("sensor")
         self._sensor.advertise("/battery_level", "std_msgs/Float32")
         self._publishing = asyncio.run_coroutine_threadsafe(self._publish(), self._loop.loop)
+
+    async def _note_call(self, service: str, *arguments: Any) -> Any:
+        answer = await self._call(service, *arguments)
+        self.answered.append(service)
+        return answer
 
     async def _publish(self) -> None:
         while True:
@@ -516,7 +524,8 @@ def test_the_black_box_of_each_robot_replays_to_its_alert_lines(
         live.append(json.loads(watcher.wait_for_line(wanted)))
 
     watcher.wait_for_texts("atlas: connected to", "husky: connected to")
-    wait_for(box.exists)
+    # A message is recorded from when its definition is known.
+    wait_for(lambda: all("/rosapi/message_details" in robot.answered for robot in robots.values()))
     robots["atlas"].value = 15.0
     wait_for_alert("atlas", "WARN")
     robots["husky"].value = 5.0
