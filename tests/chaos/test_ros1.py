@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import signal
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any, Callable, Iterator
+from typing import Any, Callable, Iterator, Sequence
 
 import pytest
 from harness.chaos import SIGNALS, Robot, check_stderr, cut_network, end, kill_and_stop, trial_of
@@ -19,9 +20,9 @@ from harness.waiting import wait_for
 rospy = pytest.importorskip("rospy", reason="no ROS 1")
 if not shutil.which("roscore"):
     pytest.skip("no ROS 1: no roscore", allow_module_level=True)
-import rosgraph  # noqa: E402
 
 ROUNDS = 2
+SET = "import json, rosgraph, sys; rosgraph.Master('/tests').setParam(sys.argv[1], json.loads(sys.argv[2]))"
 CODE = "import sys; from robot_health_monitor.cli.ros1_executables import alert_system; sys.exit(alert_system())"
 
 
@@ -35,23 +36,15 @@ class Roscore:
         self._environment.pop("ROS_HOSTNAME", None)
         self.start()
 
-    def start(self, address: str = "127.0.0.1") -> None:
-        """Starts it, and sets the parameters of alert_system."""
+    def start(self, address: str = "127.0.0.1", prefix: Sequence[str] = ()) -> None:
+        """Starts it, with words before the command, and sets the parameters of alert_system."""
         self.uri = f"http://{address}:{self._port}"
-        self._process = subprocess.Popen(
-            ["rosmaster", "--core", "-p", str(self._port)],
-            env={**self._environment, "ROS_MASTER_URI": self.uri, "ROS_IP": address},
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-        )
-        wait_for(self._set_parameters)
-
-    def _set_parameters(self) -> bool:
-        try:
-            rosgraph.Master("/tests", self.uri).setParam("/alert_system/ros__parameters", {"signals": SIGNALS})
-        except OSError:
-            return False  # it is starting
-        return True
+        variables = {**self._environment, "ROS_MASTER_URI": self.uri, "ROS_IP": address}
+        silent = {"env": variables, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+        self._process = subprocess.Popen([*prefix, "rosmaster", "--core", "-p", str(self._port)], **silent)
+        parameters = "/alert_system/ros__parameters", json.dumps({"signals": SIGNALS})
+        set_them = [*prefix, sys.executable, "-c", SET, *parameters]
+        wait_for(lambda: subprocess.run(set_them, check=False, **silent).returncode == 0)  # it is starting
 
     def signal(self, number: int) -> None:
         self._process.send_signal(number)
@@ -83,8 +76,8 @@ def environment(environment: dict[str, str], master: Roscore, tmp_path: Path) ->
 def alert_system(environment: dict[str, str]) -> Iterator[Callable[..., LineProcess]]:
     started: list[LineProcess] = []
 
-    def start(**variables: str) -> LineProcess:
-        process = LineProcess([sys.executable, "-c", CODE], {**environment, **variables})
+    def start(prefix: Sequence[str] = (), **variables: str) -> LineProcess:
+        process = LineProcess([*prefix, sys.executable, "-c", CODE], {**environment, **variables})
         started.append(process)
         process.wait_for_text("watching battery_level")  # it has registered everything with the master
         return process
@@ -146,8 +139,9 @@ def test_the_loss_of_the_network_costs_no_alert(
     alert_system: Any, robot: Any, master: Roscore, network: SeparateNetwork, seed: int
 ) -> None:
     master.kill()
-    master.start(network.here)  # another machine cannot reach it on loopback
-    process = alert_system(ROS_MASTER_URI=master.uri, ROS_IP=network.here)
-    peer: Robot = robot("ros1_peer", prefix=network.command, ROS_MASTER_URI=master.uri, ROS_IP=network.there)
+    monitor, there = network.monitor, network.robot
+    master.start(monitor.address, monitor.command)  # another machine cannot reach it on loopback
+    process = alert_system(monitor.command, ROS_MASTER_URI=master.uri, ROS_IP=monitor.address)
+    peer: Robot = robot("ros1_peer", prefix=there.command, ROS_MASTER_URI=master.uri, ROS_IP=there.address)
     cut_network(trial_of(peer, seed), network, ROUNDS)
     end(process)

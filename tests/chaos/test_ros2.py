@@ -38,8 +38,8 @@ def alert_system(environment: dict[str, str], tmp_path: Path) -> Iterator[Callab
     file = tmp_path / "parameters.yaml"
     file.write_text(THRESHOLDS)
 
-    def start(**variables: str) -> LineProcess:
-        command = [sys.executable, "-c", CODE, "--ros-args", "--params-file", str(file)]
+    def start(prefix: Sequence[str] = (), **variables: str) -> LineProcess:
+        command = [*prefix, sys.executable, "-c", CODE, "--ros-args", "--params-file", str(file)]
         process = LineProcess(command, {**environment, **variables})
         started.append(process)
         process.wait_for_text("watching battery_level")
@@ -58,8 +58,9 @@ def test_a_node_that_is_killed_or_stopped_recovers(alert_system: Any, robot: Any
 def test_the_loss_of_the_network_costs_no_alert(
     alert_system: Any, robot: Any, network: SeparateNetwork, seed: int
 ) -> None:
-    process = alert_system(**reachable_at(network.here))
-    peer: Robot = robot("ros2_peer", prefix=network.command, **reachable_at(network.there))
+    monitor, there = network.monitor, network.robot
+    process = alert_system(monitor.command, **reachable_at(monitor.address))
+    peer: Robot = robot("ros2_peer", prefix=there.command, **reachable_at(there.address))
     cut_network(trial_of(peer, seed), network, ROUNDS)
     end(process)
 

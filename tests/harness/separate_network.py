@@ -1,4 +1,7 @@
-"""A network of two: this machine, and a network namespace for the processes of a robot. The link can be cut."""
+"""A network of two machines: network namespaces for the processes of a monitor and of a robot. The link can be cut.
+
+Nothing of it is seen outside: a browser gives up what it loads whenever an address of its machine changes.
+"""
 
 from __future__ import annotations
 
@@ -6,55 +9,60 @@ import os
 import random
 import shutil
 import subprocess
+from typing import NamedTuple
 
 import pytest
 
-_CHANCE = random.SystemRandom()
+
+class Machine(NamedTuple):
+    """A network namespace."""
+
+    name: str
+    address: str
+
+    @property
+    def command(self) -> list[str]:
+        """What to write before a command to run it there."""
+        return ["ip", "netns", "exec", self.name]
 
 
 class SeparateNetwork:
-    """A namespace that is connected with this machine by one virtual cable."""
+    """Two machines that are connected by one virtual cable."""
 
     def __init__(self) -> None:
         """Creates it; skips the test where this user may not."""
         if os.geteuid() != 0 or not shutil.which("ip"):
             pytest.skip("a network namespace needs root and iproute2")
-        number = f"{_CHANCE.randrange(16**6):06x}"
-        self._name = f"robot-{number}"
-        self._cable, inner = f"rh{number}a", f"rh{number}b"
+        number = f"{random.SystemRandom().randrange(16**6):06x}"
         # 198.18.0.0/15 is for tests of networks (RFC 2544).
-        base = f"198.18.{_CHANCE.randrange(256)}.{_CHANCE.randrange(64) * 4}"
-        prefix, _, last = base.rpartition(".")
-        self.here, self.there = (f"{prefix}.{int(last) + place}" for place in (1, 2))
-        """Addresses of this machine and of the namespace."""
+        self.monitor = Machine(f"monitor-{number}", "198.18.0.1")
+        self.robot = Machine(f"robot-{number}", "198.18.0.2")
         try:
-            self._ip("netns", "add", self._name)
-            self._ip("link", "add", self._cable, "type", "veth", "peer", "name", inner, "netns", self._name)
+            for machine in (self.monitor, self.robot):
+                self._ip("netns", "add", machine.name)
+            ends = [("name", "cable", "netns", machine.name) for machine in (self.monitor, self.robot)]
+            self._ip("link", "add", *ends[0], "type", "veth", "peer", *ends[1])
         except subprocess.CalledProcessError as error:
             self.close()
             pytest.skip(f"no network namespace: {error.stderr.strip()}")
-        self._ip("addr", "add", f"{self.here}/30", "dev", self._cable)
-        self._ip("link", "set", self._cable, "up")
-        self._ip("-n", self._name, "addr", "add", f"{self.there}/30", "dev", inner)
-        self._ip("-n", self._name, "link", "set", inner, "up")
-        self._ip("-n", self._name, "link", "set", "lo", "up")
-
-    @property
-    def command(self) -> list[str]:
-        """What to write before a command to run it in the namespace."""
-        return ["ip", "netns", "exec", self._name]
+        for machine in (self.monitor, self.robot):
+            self._ip("-n", machine.name, "addr", "add", f"{machine.address}/30", "dev", "cable")
+            for device in ("cable", "lo"):
+                self._ip("-n", machine.name, "link", "set", device, "up")
+            self._ip("-n", machine.name, "route", "add", "default", "dev", "cable")  # for multicast
 
     def cut(self) -> None:
         """Cuts the link. Connections stay open; nothing arrives."""
-        self._ip("link", "set", self._cable, "down")
+        self._ip("-n", self.monitor.name, "link", "set", "cable", "down")
 
     def mend(self) -> None:
         """Connects both ends again."""
-        self._ip("link", "set", self._cable, "up")
+        self._ip("-n", self.monitor.name, "link", "set", "cable", "up")
 
     def close(self) -> None:
         """Removes it, with the cable."""
-        subprocess.run(["ip", "netns", "del", self._name], capture_output=True, check=False)
+        for machine in (self.monitor, self.robot):
+            subprocess.run(["ip", "netns", "del", machine.name], capture_output=True, check=False)
 
     @staticmethod
     def _ip(*arguments: str) -> None:
