@@ -1,4 +1,7 @@
-/* Starts the page, or loads it again if one of its files has not come: the network may have changed meanwhile. */
+/* Starts the page, behind plot.js, or loads it again if a file has not come: the network may have changed meanwhile. */
 const AGAIN_MS = 2000;
 
-import("./page.js").then(() => HealthPlot).catch(() => setTimeout(() => location.reload(), AGAIN_MS));
+import("./page.js").then(() => HealthPlot).catch((error) => {
+  console.error(error);
+  setTimeout(() => location.reload(), AGAIN_MS);
+});
