@@ -1,4 +1,4 @@
-/* Starts the page, behind plot.js, or loads it again if a file has not come: the network may have changed meanwhile. */
+/* Starts the page, behind plot.js, or loads it again if a file has not come. */
 const AGAIN_MS = 2000;
 
 import("./page.js").then(() => HealthPlot).catch((error) => {
