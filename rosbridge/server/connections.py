@@ -2,7 +2,8 @@
 
 If the limit is reached, a new connection replaces the one that has waited for the longest time: for the token (or,
 where none is required, for a complete request), whatever it has begun, or for its next request. Those that wait are
-also closed after a timeout. WebSockets with the token, and requests with it that are being answered, are never closed.
+also closed after a timeout. WebSockets with the token, and requests with it that are being answered, are closed only if
+their client reads nothing for a minute.
 
 asyncio's own TLS servers do not show a connection before its handshake is complete; here TLS is started on a connection
 that is already counted, so that it can be replaced by others.
@@ -13,6 +14,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import resource
+import socket
 import ssl
 from typing import Any, Callable
 
@@ -23,6 +25,11 @@ from ...runtime.http_answers import json_error
 
 MOST_REQUEST_BYTES = 131_072
 """Size of a request, or of its head if its body is read later, and of a first message with the token."""
+STALL_MS = 60_000
+"""A client that takes nothing of what is sent to it for this long is disconnected, in ms.
+
+Linux measures it: asyncio sees no progress while it sends a large answer.
+"""
 _NO_LOG = logging.Logger("rosbridge", logging.CRITICAL + 1)
 """aiohttp's own lines, which have tracebacks and quote what clients send."""
 
@@ -133,6 +140,7 @@ class HttpConnection(web.RequestHandler):
         """Counts the connection, and begins TLS; closes it if there is no room."""
         assert isinstance(transport, asyncio.Transport)
         self._tcp = transport
+        transport.get_extra_info("socket").setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, STALL_MS)
         if not self._connections.add(self):
             transport.abort()
         elif self._connections.tls is None:
@@ -141,9 +149,11 @@ class HttpConnection(web.RequestHandler):
             self._tls_start = asyncio.ensure_future(self._start_tls(transport, self._connections.tls))
 
     async def _start_tls(self, tcp: asyncio.Transport, context: ssl.SSLContext) -> None:
-        loop, timeout_s = asyncio.get_event_loop(), self._connections.timeout_s
+        timeout_s = self._connections.timeout_s
         try:
-            transport = await loop.start_tls(tcp, self, context, server_side=True, ssl_handshake_timeout=timeout_s)
+            transport = await asyncio.get_event_loop().start_tls(
+                tcp, self, context, server_side=True, ssl_handshake_timeout=timeout_s
+            )
         except OSError:
             transport = None
         # The connection may have ended during the handshake, which Python 3.8 reports as success.

@@ -112,8 +112,10 @@ class Server:
         application.add_routes(self._routes(self._client))
         runner = web.AppRunner(application, handle_signals=False)
         await runner.setup()
+        assert runner.server is not None
+        accept = functools.partial(HttpConnection, runner.server, self._connections)
         try:
-            self._listener = await loop.create_server(lambda: self._accept(runner), self._host, self.port)
+            self._listener = await loop.create_server(accept, self._host, self.port)
         except OSError:
             await runner.cleanup()
             raise
@@ -166,10 +168,6 @@ class Server:
         """Writes a WARN line, unless clients, who choose the texts, have caused too many in this minute."""
         line = " ".join(text[:_LONGEST_LOG_LINE].split())
         self._client_log.write("", Severity.WARN, printable(f"{self._log_prefix}{line}"))
-
-    def _accept(self, runner: web.AppRunner) -> asyncio.Protocol:
-        assert runner.server is not None
-        return HttpConnection(runner.server, self._connections)
 
     def _require_protection(self, token: str) -> None:
         if not is_loopback(self._host) and not token:

@@ -139,6 +139,9 @@ if trustme is not None:
 needs_trustme = pytest.mark.skipif(trustme is None, reason="trustme, which makes certificates, is not installed")
 
 
+LARGE = bytes(range(256)) * 40_000
+
+
 async def size(request: web.Request) -> web.Response:
     return web.json_response(len(await request.read()))
 
@@ -248,25 +251,53 @@ async def test_there_is_room_for_no_more_than_the_clients_in_use(robot: Robot) -
         await peer.settle()
 
 
-@pytest.mark.parametrize("kind", ["bytes", "file"])
-def test_an_answer_that_takes_long_to_send_is_sent_whole(kind: str, tmp_path: Path) -> None:
+@pytest.fixture(params=["bytes", "file"])
+def large_answer(request: pytest.FixtureRequest, tmp_path: Path) -> Callable[..., Any]:
+    """Returns the route of an answer that is larger than what the sockets of both ends hold."""
+    (tmp_path / "content").write_bytes(LARGE)
+
+    async def answer(_: web.Request) -> web.StreamResponse:
+        return web.Response(body=LARGE) if request.param == "bytes" else FileAnswer(tmp_path / "content")
+
+    return lambda client_of: [web.get("/content", answer)]
+
+
+async def begin_of_answer(robot: Robot) -> tuple[bytes, asyncio.StreamReader, asyncio.StreamWriter]:
+    """Asks for the large answer; returns its first 1,000 bytes. The reader reads no more until it is asked to."""
+    reader, writer = await asyncio.open_connection("127.0.0.1", robot.server.port, limit=1000)
+    writer.write(b"GET /content HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n")
+    return await reader.readexactly(1000), reader, writer
+
+
+def test_an_answer_that_takes_long_to_send_is_sent_whole(large_answer: Callable[..., Any]) -> None:
     """aiohttp sends an answer after the handler has returned it: a black box over a slow link takes minutes."""
-    content = bytes(range(256)) * 40_000
-    (tmp_path / "content").write_bytes(content)
 
-    async def answer(request: web.Request) -> web.StreamResponse:
-        return web.Response(body=content) if kind == "bytes" else FileAnswer(tmp_path / "content")
-
-    @with_robot(routes=lambda client_of: [web.get("/content", answer)])
+    @with_robot(routes=large_answer)
     async def scenario(robot: Robot) -> None:
         clock = Clock()
         robot.server._connections._call_later = clock.call_later
-        reader, writer = await asyncio.open_connection("127.0.0.1", robot.server.port, limit=1000)
-        writer.write(b"GET /content HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n")
-        begin = await reader.readexactly(1000)
+        begin, reader, writer = await begin_of_answer(robot)
         clock.pass_until(100.0)
         head, _, body = (begin + await reader.read()).partition(b"\r\n\r\n")
-        assert (head.split(b"\r\n")[0], body == content) == (b"HTTP/1.1 200 OK", True)
+        assert (head.split(b"\r\n")[0], body == LARGE) == (b"HTTP/1.1 200 OK", True)
+        writer.close()
+
+    scenario()
+
+
+def test_a_client_that_does_not_read_its_answer_is_disconnected(
+    large_answer: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Otherwise such clients, which need no more than a request each, would fill the server."""
+    monkeypatch.setattr("robot_health_monitor.rosbridge.server.connections.STALL_MS", 200)
+
+    @with_robot(routes=large_answer)
+    async def scenario(robot: Robot) -> None:
+        _, reader, writer = await begin_of_answer(robot)
+        await robot.until(lambda: len(robot.server._connections._timeouts) == 0)
+        assert robot.log == []
+        with pytest.raises((ConnectionError, asyncio.IncompleteReadError)):
+            await reader.readexactly(len(LARGE))
         writer.close()
 
     scenario()
