@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import itertools
 import threading
 from typing import Any, Callable, Mapping, Sequence
 
@@ -25,7 +26,7 @@ class BridgedBus:
         self.bus = LocalBus(START_S)
         self.outside = self.bus.node("outside")
         self.outside.advertise("/clock", "rosgraph_msgs/Clock")
-        self._up = threading.Event()
+        self._up, self._pause = threading.Event(), threading.Event()
         self._nodes: list[Any] = []
 
     def make_client(self, kind: Callable[..., Any], url: str) -> None:
@@ -83,7 +84,14 @@ class BridgedBus:
         return [LogLine(line.severity, line.text) for line in tuple(self._lines)]
 
     def wait_until(self, predicate: Callable[[], bool]) -> None:
-        poll_until(predicate, self.settle)
+        # Most things take a round trip or two; what takes real time is looked at rarely.
+        pauses_s = itertools.chain(itertools.repeat(0.0, 10), itertools.repeat(0.02))
+
+        def look_later() -> None:
+            self._pause.wait(next(pauses_s))
+            self.settle()
+
+        poll_until(predicate, look_later)
 
     def on_robot(self, function: Callable[[], Any]) -> Any:
         """Calls a function in the thread of the bus."""

@@ -329,7 +329,7 @@ def test_bounds_of_a_short_recording_are_comments(robot_health: Start, tmp_path:
 def test_a_long_excursion_gives_a_bound_from_the_extreme_and_its_alerts_are_counted(
     robot_health: Start, tmp_path: Path
 ) -> None:
-    values = TRIANGLE * 14
+    values = TRIANGLE * 8
     values[1300:1307] = [500.0] * 7  # less than 0.1 %, and longer than a minute
     process = robot_health("suggest", write_bag(tmp_path / "a.bag", [("/battery", "Float64", values, 10.0)]))
     assert process.wait() == 0, process.text
