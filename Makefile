@@ -16,7 +16,7 @@
 
 PYTHON ?= python3
 # Sessions at the same time, for two cores: tests often wait for another process.
-JOBS ?= 11
+JOBS ?= 12
 NOX = .venv/nox/bin/nox
 # virtualenv 20 is the last version that makes environments of Python 3.8.
 NOX_REQUIREMENTS = nox 'virtualenv<21' uv

@@ -196,6 +196,9 @@ ROS2_VENV = ["--system-site-packages"] if JAZZY else []
 MEASURED = (f"core-{NEWEST}", f"services-{NEWEST}", f"processes-{NEWEST}", f"faults-{NEWEST}", "fleets", "ros1", "ros2")
 """Sessions whose coverage is measured: with sys.monitoring, which costs little, where Python has it (3.12)."""
 
+COMPUTING = ("core", "packaging", "dist", "docs")
+"""Sessions that need the processor and no real time: they leave it to tests that wait for something to happen."""
+
 NEEDS = ["apt", f"python-{NEWEST}", "python-{python}"]
 """What a session on two Pythons requires: that on the newest is longer, and begins first."""
 
@@ -539,10 +542,11 @@ def run_pytest(session: nox.Session, *tests: str) -> None:
         has_monitoring = [interpreter, "-c", "import sys; print(hasattr(sys, 'monitoring'))"]
         if session.run(*has_monitoring, silent=True, external=True) == "True\n":
             session.env["COVERAGE_CORE"] = "sysmon"
+    nice = ["nice", "-n", "5"] if session.name.partition("-")[0] in COMPUTING else []
     timeout = ["timeout", "--foreground", "--signal=INT", "--kill-after=60", SESSION_TIMEOUT]
     pytest = [*python, "-m", "pytest", "-q", "--color=no", f"--junit-xml={junit}", *tests, *session.posargs]
     try:
-        session.run(*timeout, *pytest, external=True)
+        session.run(*nice, *timeout, *pytest, external=True)
     except nox.command.CommandFailed as failed:
         exit_code.write_text(str(failed.return_code))
         raise
