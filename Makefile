@@ -11,7 +11,7 @@
 # make release VERSION=1.0.0   everything up to the upload: version, changelog, tag, every test, packages
 # make check-release VERSION=1.0.0   whether the commit that is checked out may be published: the release workflow asks
 #
-# Each sets up what it needs under .venv/. ARGS goes to the command: make run ARGS=--json, make test ARGS="ros1 ros2",
+# Each sets up what it needs under .venv/. ARGS goes to the command: make run ARGS=--json, make test ARGS="ros1 fleets",
 # make test ARGS="core -- -k battery" (sessions of noxfile.py, then options of pytest).
 
 PYTHON ?= python3

@@ -79,6 +79,8 @@ FAULT_TESTS = [
 ]
 """Programs that are killed, stopped, attacked and filled, and the page in a browser."""
 
+ROS1_LAUNCH_TESTS = ["tests/ros1/test_launch.py", "tests/ros1/test_process.py", "tests/chaos/test_ros1.py"]
+
 RANDOM_TESTS = [
     *("tests/core/test_fast_path.py", "tests/core/test_invariants.py", "tests/core/judge/test_flapping.py"),
     *("tests/core/judge/test_forecast.py", "tests/core/judge/test_restoration.py"),
@@ -205,8 +207,9 @@ NEEDS = ["apt", f"python-{NEWEST}", "python-{python}"]
 nox.options.envdir = ".venv"
 # The longest first. Those of Python 3.8 are short: what does not depend on the version runs on the newest.
 nox.options.sessions = [
-    *(f"{name}-{NEWEST}" for name in ("faults", "processes", "core", "services")), "ros1", "fleets", "ros2",
-    "packaging", "dist", *(f"{name}-{OLDEST_AND_NEWEST[0]}" for name in ("services", "core", "processes", "faults")),
+    *(f"{name}-{NEWEST}" for name in ("faults", "processes", "core", "services")), "ros1", "ros1_launch", "fleets",
+    "ros2", "packaging", "dist",
+    *(f"{name}-{OLDEST_AND_NEWEST[0]}" for name in ("services", "core", "processes", "faults")),
     "types", "docs", "lint", "coverage",
 ]  # fmt: skip
 nox.options.reuse_venv = "yes"
@@ -306,10 +309,19 @@ def faults(session: nox.Session) -> None:
 
 @nox.session(python=SYSTEM_PYTHON, venv_params=["--system-site-packages"], requires=["apt"])
 def ros1(session: nox.Session) -> None:
-    """The tests with a real roscore: Noetic, else Debian's ROS 1."""
+    """The tests with a real roscore, but those of the next session: Noetic, else Debian's ROS 1."""
     require_ros1(session)
     set_up(session, NOETIC)
-    run_pytest(session, "tests/ros1", "tests/chaos/test_ros1.py", f"tests/recordings/test_ros1_bag.py::{RECORDER_TEST}")
+    others = [f"--ignore={path}" for path in ROS1_LAUNCH_TESTS]
+    run_pytest(session, "tests/ros1", *others, f"tests/recordings/test_ros1_bag.py::{RECORDER_TEST}")
+
+
+@nox.session(python=SYSTEM_PYTHON, venv_params=["--system-site-packages"], requires=["apt"])
+def ros1_launch(session: nox.Session) -> None:
+    """The tests of launch files and of whole processes with a real roscore, which wait for most of their time."""
+    require_ros1(session)
+    set_up(session, NOETIC)
+    run_pytest(session, *ROS1_LAUNCH_TESTS)
 
 
 @nox.session(python=ROS2_PYTHON, venv_params=ROS2_VENV)

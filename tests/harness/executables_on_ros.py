@@ -11,6 +11,7 @@ from typing import Any, Mapping
 
 import pytest
 
+from harness.histories import stored_texts
 from harness.line_process import LineProcess
 from robot_health_monitor.core.config.monitor_config import DEFAULT_SIGNALS
 
@@ -233,6 +234,7 @@ class ExecutablesOnRos:
 
         first = start()
         publish_until_shown(15.0, 1)
+        ros.wait_until(lambda: any("WARN" in text for text in stored_texts(tmp_path / "history.db")))
         first.signal(signal.SIGKILL)
         first.wait()
         second = start()

@@ -54,12 +54,15 @@ def resolved(name: str, node: str, prefix: str) -> str:
 
 
 @pytest.fixture
-def observer(outside: Any) -> Iterator[Any]:
-    """A node of another participant."""
-    node = outside.node("observer")
+def observer(ros_environment: Mapping[str, str]) -> Iterator[Any]:
+    """A node of a new participant: an older one may have kept a node, with this name, of a process that has ended."""
+    from harness.ros2 import Participant
+
+    participant = Participant(int(ros_environment["ROS_DOMAIN_ID"]))
+    node = participant.node("observer")
     yield node
-    outside.executor.remove_node(node)
     node.destroy_node()
+    participant.close()
 
 
 def used(observer: Any, node: str) -> Names:
