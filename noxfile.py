@@ -60,8 +60,11 @@ RECORDER_TEST = "test_the_real_recorder_of_ros1_writes_what_is_read"
 
 COMMAND_LINE_TESTS = ["tests/cli"]
 
-SERVICE_TESTS = [f"tests/{name}" for name in ("ops", "rosbridge", "foxglove", "recordings", "runtime", "containers")]
-"""What a monitor stores, serves and reads."""
+SERVICE_TESTS = ["tests/ops", "tests/containers"]
+"""What a monitor stores, serves and sends."""
+
+BRIDGE_TESTS = [f"tests/{name}" for name in ("rosbridge", "foxglove", "recordings", "runtime")]
+"""The robots that it reaches without ROS."""
 
 FLEET_TESTS = [
     f"tests/ops/export/test_{name}.py" for name in ("delayed_truth", "fleet_readme", "pushing_fleet", "two_engines")
@@ -195,7 +198,10 @@ JAZZY = sourced("jazzy")
 WHEELS_PYTHON = next((version for version in ("3.12", "3.13", "3.11", "3.10", "3.14") if version in PYTHONS), "3.12")
 ROS2_PYTHON = SYSTEM_PYTHON if JAZZY else WHEELS_PYTHON
 ROS2_VENV = ["--system-site-packages"] if JAZZY else []
-MEASURED = (f"core-{NEWEST}", f"services-{NEWEST}", f"processes-{NEWEST}", f"faults-{NEWEST}", "fleets", "ros1", "ros2")
+MEASURED = (
+    *(f"{name}-{NEWEST}" for name in ("core", "services", "bridges", "processes", "faults")),
+    *("fleets", "ros1", "ros2"),
+)
 """Sessions whose coverage is measured: with sys.monitoring, which costs little, where Python has it (3.12)."""
 
 COMPUTING = ("core", "packaging", "dist", "docs")
@@ -207,9 +213,9 @@ NEEDS = ["apt", f"python-{NEWEST}", "python-{python}"]
 nox.options.envdir = ".venv"
 # The longest first. Those of Python 3.8 are short: what does not depend on the version runs on the newest.
 nox.options.sessions = [
-    *(f"{name}-{NEWEST}" for name in ("faults", "processes", "core", "services")), "ros1", "ros1_launch", "fleets",
-    "ros2", "packaging", "dist",
-    *(f"{name}-{OLDEST_AND_NEWEST[0]}" for name in ("services", "core", "processes", "faults")),
+    *(f"{name}-{NEWEST}" for name in ("faults", "processes", "core", "services", "bridges")),
+    "ros1", "ros1_launch", "fleets", "ros2", "packaging", "dist",
+    *(f"{name}-{OLDEST_AND_NEWEST[0]}" for name in ("services", "bridges", "core", "processes", "faults")),
     "types", "docs", "lint", "coverage",
 ]  # fmt: skip
 nox.options.reuse_venv = "yes"
@@ -271,16 +277,24 @@ def core(session: nox.Session) -> None:
     if session.python != NEWEST:
         others.append("docs")
     note_newest_python(session)
-    ignored = [*(f"tests/{name}" for name in others), *SERVICE_TESTS, *COMMAND_LINE_TESTS, *FAULT_TESTS]
+    ignored = [*(f"tests/{name}" for name in others), *SERVICE_TESTS, *BRIDGE_TESTS, *COMMAND_LINE_TESTS, *FAULT_TESTS]
     run_pytest(session, "tests", *(f"--ignore={path}" for path in ignored))
 
 
 @nox.session(python=OLDEST_AND_NEWEST, venv_params=["--no-seed"], requires=NEEDS)
 def services(session: nox.Session) -> None:
-    """The tests of the store, the notifications, the page, the bridges and recordings."""
+    """The tests of the store, the notifications and the page."""
     use_shared(session)
     note_newest_python(session)
     run_pytest(session, *SERVICE_TESTS, *(f"--ignore={path}" for path in (*FLEET_TESTS, *FAULT_TESTS)))
+
+
+@nox.session(python=OLDEST_AND_NEWEST, venv_params=["--no-seed"], requires=NEEDS)
+def bridges(session: nox.Session) -> None:
+    """The tests of rosbridge, Foxglove and recordings, and of what they share."""
+    use_shared(session)
+    note_newest_python(session)
+    run_pytest(session, *BRIDGE_TESTS, *(f"--ignore={path}" for path in FAULT_TESTS))
 
 
 @nox.session(python=OLDEST_AND_NEWEST, venv_params=["--no-seed"], requires=NEEDS)
