@@ -211,11 +211,11 @@ NEEDS = ["apt", f"python-{NEWEST}", "python-{python}"]
 """What a session on two Pythons requires: that on the newest is longer, and begins first."""
 
 nox.options.envdir = ".venv"
-# The longest first. Those of Python 3.8 are short: what does not depend on the version runs on the newest.
+# The longest first, and what only computes last. Those of Python 3.8 are short: what does not depend on the version runs on the newest.
 nox.options.sessions = [
     *(f"{name}-{NEWEST}" for name in ("faults", "processes", "core", "services", "bridges")),
     "ros1", "ros1_launch", "fleets", "ros2", "packaging", "dist",
-    *(f"{name}-{OLDEST_AND_NEWEST[0]}" for name in ("services", "bridges", "core", "processes", "faults")),
+    *(f"{name}-{OLDEST_AND_NEWEST[0]}" for name in ("services", "processes", "bridges", "faults", "core")),
     "types", "docs", "lint", "coverage",
 ]  # fmt: skip
 nox.options.reuse_venv = "yes"

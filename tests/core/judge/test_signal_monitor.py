@@ -109,6 +109,7 @@ DETAILS: list[dict[str, Any]] = [
 ]  # fmt: skip
 
 
+@pytest.mark.newest_python
 @pytest.mark.parametrize("details", DETAILS, ids=repr)
 def test_a_settled_signal_is_judged_as_if_every_sample_were_judged_in_every_step(details: dict[str, Any]) -> None:
     chance = random.Random(fixed_seed())

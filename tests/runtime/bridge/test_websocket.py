@@ -92,6 +92,7 @@ class Server:
         return self.loop.time()
 
 
+@pytest.mark.newest_python
 @pytest.mark.parametrize("answers_after_s", [0.0, 0.001, 1.0, 2.4])
 def test_a_day_without_traffic_is_no_silence_of_a_server_that_answers(answers_after_s: float) -> None:
     async def run() -> None:
