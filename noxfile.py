@@ -211,7 +211,8 @@ NEEDS = ["apt", f"python-{NEWEST}", "python-{python}"]
 """What a session on two Pythons requires: that on the newest is longer, and begins first."""
 
 nox.options.envdir = ".venv"
-# The longest first, and what only computes last. Those of Python 3.8 are short: what does not depend on the version runs on the newest.
+# The longest first, and what only computes last. Those of Python 3.8 are short: what does not depend on the version
+# runs on the newest.
 nox.options.sessions = [
     *(f"{name}-{NEWEST}" for name in ("faults", "processes", "core", "services", "bridges")),
     "ros1", "ros1_launch", "fleets", "ros2", "packaging", "dist",
