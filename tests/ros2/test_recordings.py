@@ -58,7 +58,12 @@ class Recorder:
         return any(recorded == topic for _, recorded, _ in list(self.messages))
 
     def _note(self, topic: str) -> Any:
-        return lambda data: self.messages.append((time.time_ns(), topic, bytes(data)))
+        messages = self.messages
+        return lambda data: messages.append((time.time_ns(), topic, bytes(data)))
+
+    def end(self) -> None:
+        """Records nothing more."""
+        self.messages = list(self.messages)
 
     def write(self, folder: Path, storage: str) -> str:
         """Writes a folder of rosbag2, and returns its path."""
@@ -104,6 +109,7 @@ def test_a_replay_gives_the_alerts_of_the_run(ros: Any, start: Any, recorder: Re
             ros.publish_to_process("/temperature", FLOAT32, {"data": 85.0 if step > 5 else 60.0}, subscribers=2)
         pause.wait(0.1)
     ros.wait_until(lambda: sum(topic == "/alerts" for _, topic, _ in recorder.messages) >= 5)
+    recorder.end()  # before the topics are stale
 
     for storage in ("SQLITE3", "MCAP"):
         with Recordings([recorder.write(tmp_path / storage, storage)]) as recordings:
