@@ -40,13 +40,14 @@ class NodeParameters:
         self._lock = threading.Lock()
         self._given: JsonObject | None = None
         self._latest: Any = {}
-        self._kept: Any = None
-        self._accepted: dict[str, Any] | None = None
+        self._in_force: Any = {}
+        self._accepted: JsonObject | None = None
 
     def given(self) -> JsonObject:
         """Returns the configuration in force: what `read` returned, or raised, until a `reload` is accepted."""
         if self._given is None:
             self._given = self.read()
+            self._in_force = self._latest
         return self._given
 
     def read(self) -> JsonObject:
@@ -58,9 +59,9 @@ class NodeParameters:
         self._latest = self._master.parameter(self._node, {})
         if not isinstance(self._latest, dict):
             raise ConfigError(f"expected a mapping as the parameter {self._node}, got {describe(self._latest)}")
-        self._kept = self._latest.pop(_ACCEPTED_KEY, None)
-        if self._accepted is None and isinstance(self._kept, dict):
-            self._accepted = self._kept
+        kept = self._latest.pop(_ACCEPTED_KEY, None)
+        if self._accepted is None and isinstance(kept, dict):
+            self._accepted = kept
         private = {key: value for key, value in self._latest.items() if key != _FILE_KEY}
         from_file = self._latest.get(_FILE_KEY, {})
         if not isinstance(from_file, dict):
@@ -82,6 +83,7 @@ class NodeParameters:
             proposed = self.read()
             changes = apply(proposed)
             self._given = proposed
+            self._in_force = self._latest
             return changes
 
         with self._lock:
@@ -91,23 +93,23 @@ class NodeParameters:
                 faults.guard(_SERVER, self.keep)
                 faults.clear(PARAMETERS_FAULT)
             elif self._latest is not before:  # the master has answered
+                self._accepted = self._in_force  # this may be before `keep`
                 faults.guard(_SERVER, self.put_back)
         return {"success": accepted, "message": text}
 
     def keep(self) -> None:
-        """Keeps what was read last, if anything, as the values in force for this node and one that is started again."""
+        """Keeps the values in force, if there are any, for this node and one that is started again."""
         if self._given is None:
             return
-        self._accepted = self._latest
-        if self._kept != self._latest:
-            self._master.set_parameter(f"{self._node}/{_ACCEPTED_KEY}", self._latest)
+        self._accepted = self._in_force
+        self._master.set_parameter(f"{self._node}/{_ACCEPTED_KEY}", self._accepted)
 
     def put_back(self) -> bool:
         """Replaces what was read last by the values in force; returns whether that changed anything."""
         if self._accepted is None or self._accepted == self._latest:
             return False
         self._master.set_parameter(self._node, {**self._accepted, _ACCEPTED_KEY: self._accepted})
-        self._latest = self._accepted
+        self._latest = self._in_force = self._accepted
         return True
 
 

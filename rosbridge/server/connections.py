@@ -149,10 +149,9 @@ class HttpConnection(web.RequestHandler):
             self._tls_start = asyncio.ensure_future(self._start_tls(transport, self._connections.tls))
 
     async def _start_tls(self, tcp: asyncio.Transport, context: ssl.SSLContext) -> None:
-        timeout_s = self._connections.timeout_s
         try:
             transport = await asyncio.get_event_loop().start_tls(
-                tcp, self, context, server_side=True, ssl_handshake_timeout=timeout_s
+                tcp, self, context, server_side=True, ssl_handshake_timeout=self._connections.timeout_s
             )
         except OSError:
             transport = None

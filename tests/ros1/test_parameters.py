@@ -140,6 +140,27 @@ def test_a_node_that_is_started_again_can_go_back_to_the_last_good_parameters(
     assert again.parameters.put_back() is False  # these are the last good ones
 
 
+def test_a_reload_that_comes_while_the_node_starts_is_put_back_and_not_kept(node: Node, parameters: Any) -> None:
+    node.parameters.given()
+    parameters(BOUND, "low")
+    assert node.reload()["success"] is False
+    assert node.server.parameter(BOUND, None) == 900
+    node.parameters.keep()
+    in_force = {"ros__parameters": {"signals": {"fan": {"warn_below": 900}}}}
+    assert node.server.parameter(f"{NODE}/last_accepted", None) == in_force
+
+
+def test_a_node_that_went_back_keeps_what_it_went_back_to(node: Node, parameters: Any, master: Any) -> None:
+    node.start()
+    parameters(BOUND, "low")
+    again = Node(master)
+    again.parameters.given()
+    assert again.parameters.put_back() is True
+    again.parameters.keep()
+    in_force = {"ros__parameters": {"signals": {"fan": {"warn_below": 900}}}}
+    assert again.server.parameter(f"{NODE}/last_accepted", None) == in_force
+
+
 def test_a_first_start_has_nothing_to_go_back_to(node: Node) -> None:
     node.parameters.given()
     assert node.parameters.put_back() is False
