@@ -83,6 +83,7 @@ FAULT_TESTS = [
 """Programs that are killed, stopped, attacked and filled, and the page in a browser."""
 
 ROS1_LAUNCH_TESTS = ["tests/ros1/test_launch.py", "tests/ros1/test_process.py", "tests/chaos/test_ros1.py"]
+"""Launch files, and processes that are started, stopped and cut off."""
 
 RANDOM_TESTS = [
     *("tests/core/test_fast_path.py", "tests/core/test_invariants.py", "tests/core/judge/test_flapping.py"),

@@ -139,7 +139,6 @@ def test_a_message_that_was_cut_off_anywhere_is_an_error(form: str) -> None:
             read(form, data[:length])
 
 
-@pytest.mark.newest_python
 @FORMS
 def test_random_bytes_are_an_error_or_statuses(form: str) -> None:
     dice = random.Random(1)
