@@ -75,7 +75,7 @@ def test_the_readme_has_at_most_120_lines() -> None:
 @pytest.mark.parametrize("page", ["docs/architecture.md", "CONTRIBUTING.md"])
 def test_a_file_that_is_named_exists(page: str) -> None:
     text = (ROOT / page).read_text(encoding="utf-8")
-    folders = "core|runtime|ros1|ros2|rosbridge|recordings|ops|robot_health_monitor|docs"
+    folders = "cli|core|foxglove|runtime|ros1|ros2|rosbridge|recordings|ops|robot_health_monitor|docs"
     named = re.findall(rf"`((?:{folders})/[\w/]+\.\w+)`", text)
     assert [name for name in named if not (ROOT / name).exists()] == []
 

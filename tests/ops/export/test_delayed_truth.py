@@ -99,15 +99,16 @@ def test_what_vmagent_has_kept_on_its_disk_for_6_h_is_delivered_once_although_it
         for step in range(steps)
         for signal in range(signals)
     ]
-    answers = iter(["".join(lines).encode()])
-    robot = Scraped(lambda: next(answers, b""))
+    # The same at every scrape: series that end get stale markers with the stamps of their samples from this vmagent.
+    robot = Scraped("".join(lines).encode)
     with pushing_fleet(tmp_path, load_config({"signals": BATTERY}), free_port) as fleet:
         proxy = TcpProxy(fleet.port)
         proxy.refusing = True
         fleet.start("victoria-metrics")
         fleet.start_agent("r1", [robot.address], unit="vmagent", port=proxy.port)
-        until(lambda: robot.series == {"robot_health_value": steps * signals}, lambda: robot.series)
+        until(lambda: robot.series, lambda: robot.series)
         fleet.stop("r1 vmagent")
+        robot.stop()
         fleet.start_agent("r1", [robot.address], unit="vmagent", port=proxy.port)
         until(lambda: fleet.by_label("vector(1)"))
         stored = f"count_over_time(robot_health_value[{7 * HOUR_S}s])"
