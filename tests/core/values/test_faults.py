@@ -27,6 +27,13 @@ def test_a_later_report_replaces_that_of_the_same_part() -> None:
     assert faults.current() == {"log": Fault(Level.ERROR, "disk full")}
 
 
+def test_an_empty_text_ends_the_fault() -> None:
+    faults = Faults()
+    faults.report("log", "disk full")
+    faults.report("log", "")
+    assert faults.current() == {}
+
+
 def test_a_text_of_several_lines_becomes_one() -> None:
     faults = Faults()
     faults.report("log", "No space left\n  on device\n")
