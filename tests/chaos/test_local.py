@@ -244,15 +244,12 @@ def test_a_wrong_clock_that_is_set_right_costs_no_alert(
     )
     process.wait_for_text("serving on")
     trial = trial_of(robot("rosbridge_peer", f"http://127.0.0.1:{port}/"), seed)
-    try:
-        trial.change(trial.pause)
-        for offset in ("+0d", "-2d", "+1h", "+0d"):
-            clock.set(offset)
-            for _ in range(ROUNDS):
-                trial.change(lambda: trial.pause(0.6))
-        trial.finish()
-    except AssertionError as error:
-        raise AssertionError(f"{error}; the monitor wrote:\n{process.text}") from None
+    trial.change(trial.pause)
+    for offset in ("+0d", "-2d", "+1h", "+0d"):
+        clock.set(offset)
+        for _ in range(ROUNDS):
+            trial.change(lambda: trial.pause(0.6))
+    trial.finish()
     end(process)
 
 
